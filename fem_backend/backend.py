@@ -177,6 +177,10 @@ class FiniteElements:
                 kept = {k: v for k, v in kept.items() if k not in known or known[k].group != group}
         kept = drop_neutral(self.parameters, kept)
         plain = experiment.plain_settings(settings)
+        if settings.specimen.alike:
+            kept = {k: v for k, v in kept.items() if k not in MISALIGNED[:2]}
+            if not settings.profile:
+                plain["point"], settings = [0.0, 0.0], dataclasses.replace(settings, point=(0.0, 0.0))
         if settings.direction == "normal" and settings.point == (0.0, 0.0):
             plain["direction"] = "vertical"
         if "mullins" not in kept:
@@ -253,8 +257,10 @@ class FiniteElements:
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
         settings = experiment.read_settings(case.settings)
-        out = {"mesh": settings.recipe}
         knobs = self.knobs(values, settings)
+        if _of_revolution(settings, knobs):
+            return {}  # a grid of the meridian is made in no time
+        out = {"mesh": settings.recipe}
         # an anchor's state lies beside a ball that is off its nominal place: it would cost more than it saves
         moved = any(getattr(knobs, name) for name in MISALIGNED)
         if not moved and not path_dependent(settings, dataclasses.asdict(knobs)):
@@ -362,6 +368,14 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     rubbing = rubbing or settings.support.friction(values) != 0.0
     memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
     return bool(rubbing or memory)
+
+
+def _of_revolution(settings: Settings, knobs: Knobs) -> bool:
+    """Whether the meridian of a run is modelled alone."""
+    try:
+        return modelling.place(settings, knobs).meridian
+    except NotModelled:
+        return False  # the run itself will say why
 
 
 def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) -> int:

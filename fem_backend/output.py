@@ -9,16 +9,15 @@ import numpy as np
 from fem_backend import post
 from fem_backend.backend import Solved
 from fem_backend.contact import tractions
-from fem_backend.kinematics import tetrahedra
-from fem_backend.materials import stress
+from fem_backend.materials import response
 from fem_backend.solver.load_steps import LoadPoint
 
 
 def fields(solved: Solved, point: LoadPoint) -> post.Fields:
     """Stress and stretch at the quadrature points of one state, with the history that led there."""
     body, system, load = solved.model.body, solved.system, point.load
-    H = tetrahedra.displacement_gradients(body, point.evaluation.u)
-    state = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
+    H = point.evaluation.H
+    state = response.state(body, system.material, H, load.history, load.dt, system.scale)
     return post.fields(body, point.evaluation.u, system.material, state=state)
 
 

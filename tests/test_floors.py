@@ -34,23 +34,31 @@ LAYERS = {
     "fem_backend.contact": (
         "pointwise",
         "tractions",
+        "rings",
     ),
     "fem_backend.indenters": (
         "indenter spherical_patch",
         "*",
         "__init__",
     ),
-    "fem_backend.kinematics": ("tetrahedra voigt",),
+    "fem_backend.kinematics": (
+        "numbering voigt",
+        "axisymmetric tetrahedra",
+        "bodies",
+    ),
     "fem_backend.laws": (
         "fibre law mullins prony",
         "admissible material",
         "*",
         "__init__",
     ),
-    "fem_backend.materials": ("stress zones",),
+    "fem_backend.materials": (
+        "meridian_zones stress",
+        "response zones",
+    ),
     "fem_backend.meshing": (
         "mesh",
-        "mapped placing surface templates",
+        "mapped meridian placing surface templates",
         "recipes refined tetwild",
         "__init__",
     ),
@@ -77,11 +85,12 @@ LAYERS = {
     ),
     "fem_backend.specimens": (
         "specimen",
+        "flat",
         "*",
         "__init__",
     ),
     "fem_backend.supports": (
-        "support",
+        "holding support",
         "*",
         "__init__",
     ),

@@ -16,11 +16,11 @@ OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 @numba.njit(cache=True)
 def points(facets, N, x):  # type: ignore[no-untyped-def]
-    """Points (f, q, 3) of quadratic facets."""
+    """Points (f, q, 3) of quadratic facets: triangles or, of a meridian, edges."""
     points = np.zeros((len(facets), len(N), 3))
     for f in range(len(facets)):
         for q in range(len(N)):
-            for a in range(6):
+            for a in range(N.shape[1]):
                 for i in range(3):
                     points[f, q, i] += N[q, a] * x[facets[f, a], i]
     return points
@@ -122,7 +122,7 @@ def evaluate(  # type: ignore[no-untyped-def]
                     load[i] -= pull * n[i]
             for i in range(3):
                 force[i] -= w * load[i]
-                for a in range(6):
+                for a in range(N.shape[1]):
                     residual[facets[f, a], i] -= N[q, a] * w * load[i]
     return residual, force, pressure, traction, slipping, attraction, energy
 
@@ -154,7 +154,8 @@ def tangent(  # type: ignore[no-untyped-def]
     moving,
 ):
     m, nq = weights.shape
-    k, along_way, block = np.empty((3, 3)), np.empty((3, 3)), np.empty((18, 18))
+    size = 3 * N.shape[1]
+    k, along_way, block = np.empty((3, 3)), np.empty((3, 3)), np.empty((size, size))
     v, t, went = np.empty(3), np.empty(3), np.empty(3)
     for f in range(m):
         block[:, :] = 0.0
@@ -174,24 +175,24 @@ def tangent(  # type: ignore[no-untyped-def]
             if friction > 0.0 and p > 0.0:
                 share, growth, counts = _share(g, opened[f, q], met[f, q])
                 stick = share * TANGENTIAL * e
-                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)
+                square, along, long = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)
                 for i in range(3):
                     way = points[f, q, i] - start[f, q, i] - motion[i]
                     went[i] = growth * TANGENTIAL * e * way if geometric else 0.0
                 if counts < 1.0:  # of the rigid body's way less counts than of the point's
                     along_way[:, :] = k
                     part, own = counts * stick, bound[f, q]
-                    _friction(along_way, n, h, square, along, size, t, v, p, e, part, went, friction, own, geometric)
-                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound[f, q], geometric)
+                    _friction(along_way, n, h, square, along, long, t, v, p, e, part, went, friction, own, geometric)
+                _friction(k, n, h, square, along, long, t, v, p, e, stick, went, friction, bound[f, q], geometric)
             if counts == 1.0:
                 along_way[:, :] = k
             _add(block, k, N[q], w)
             for i in range(3):
                 rate = along_way[i, 0] * direction[0] + along_way[i, 1] * direction[1] + along_way[i, 2] * direction[2]
-                for a in range(6):
+                for a in range(N.shape[1]):
                     moving[facets[f, a], i] -= w * N[q, a] * rate
-        for r in range(18):
-            for c in range(18):
+        for r in range(size):
+            for c in range(size):
                 if place[f, r, c] >= 0:
                     data[place[f, r, c]] += block[r, c]
 
@@ -208,11 +209,11 @@ def _normal(k, n, h, stiff, turn, geometric):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _add(block, k, N, w):  # type: ignore[no-untyped-def]
-    """Add w N_a N_b k to the block (18, 18) of a facet."""
-    for a in range(6):
+    """Add w N_a N_b k to the block (3k, 3k) of a facet of k nodes."""
+    for a in range(len(N)):
         for i in range(3):
             wa = w * N[a]
-            for b in range(6):
+            for b in range(len(N)):
                 for j in range(3):
                     block[3 * a + i, 3 * b + j] += wa * N[b] * k[i, j]
 

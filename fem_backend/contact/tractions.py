@@ -14,14 +14,15 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from skfem import ElementTriP2, MeshTet2
+from skfem import ElementLineP2, ElementTriP2, MeshTet2
 from skfem.quadrature import get_quadrature
-from skfem.refdom import RefTri
+from skfem.refdom import RefLine, RefTri
 
 from fem_backend.contact import pointwise
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 
 ORDER = 6  # twelve points a facet
+ALONG = 11  # six Gauss points an edge of a meridian
 
 
 class Rigid(Protocol):
@@ -46,7 +47,9 @@ class Curved(Protocol):
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Quadratic facets (f, 6) that may touch, shape functions N (q, 6), area weights (f, q) mm², matrix places.
+    """Quadratic facets (f, k) that may touch, shape functions N (q, k), area weights (f, q) mm², matrix places.
+
+    Triangles have k = 6 nodes; of a meridian edges with k = 3 stand for rings, their weights hold 2πr.
 
     `offset` (f, q, 3) mm is what the true surface lies beyond the quadratic one: a large facet that rolls in a bowl of
     nearly its own shape would otherwise feel the error of its geometry.
@@ -151,18 +154,33 @@ def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
 
 
 def contact_surface(body: Body, facets: np.ndarray, true: Curved | None = None, order: int = ORDER) -> ContactSurface:
-    """Quadrature on the quadratic facets (f, 6) of the undeformed surface, which stand for the surface of `true`."""
+    """Quadrature on the quadratic facets (f, k) of the undeformed surface, which stand for the surface of `true`."""
+    facets = facets.astype(np.int64)
+    N, area = _along(body, facets) if facets.shape[1] == 3 else _across(body, facets, order)
+    dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 3 * facets.shape[1])]
+    points = pointwise.points(facets, N, body.nodes)
+    offset = np.zeros_like(points)
+    if true is not None:
+        offset = true.project(points.reshape(-1, 3)).reshape(points.shape) - points
+    return ContactSurface(facets, N, area, body.pattern.find(dofs), offset)
+
+
+def _across(body: Body, facets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """N (q, 6) and area weights (f, q) mm² of triangles."""
     X, weights = get_quadrature(RefTri, order)
     N, dN = (np.stack([ElementTriP2().lbasis(X, a)[k] for a in range(6)]) for k in (0, 1))
     tangent = np.einsum("fai,akq->fqki", body.nodes[facets], dN)
     area = np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=-1)
-    dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)]
-    facets = facets.astype(np.int64)
-    points = pointwise.points(facets, N.T.copy(), body.nodes)
-    offset = np.zeros_like(points)
-    if true is not None:
-        offset = true.project(points.reshape(-1, 3)).reshape(points.shape) - points
-    return ContactSurface(facets, N.T.copy(), area * weights, body.pattern.find(dofs), offset)
+    return N.T.copy(), area * weights
+
+
+def _along(body: Body, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """N (q, 3) and area weights (f, q) mm² of edges of a meridian, 2πr ds."""
+    X, weights = get_quadrature(RefLine, ALONG)
+    N, dN = (np.stack([ElementLineP2().lbasis(X, a)[k] for a in range(3)]) for k in (0, 1))
+    corners = body.nodes[facets]
+    length = np.linalg.norm(np.einsum("fai,aq->fqi", corners, dN[:, 0]), axis=-1)
+    return N.T.copy(), 2.0 * np.pi * (corners[:, :, 0] @ N) * length * weights
 
 
 def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
@@ -270,6 +288,8 @@ def first_touch(
     The least travel over the quadratic facets at nodal positions x (n, 3): a grid on every facet, then ever finer
     grids on the best ones, so that the answer follows the deformation without steps; ∞ when it passes by.
     """
+    if surface.facets.shape[1] == 3:
+        return _first_along(surface, x, rigid, centre, direction)
     i, j = np.indices((9, 9)).reshape(2, -1)[:, [k for k in range(81) if k // 9 + k % 9 <= 8]] / 8.0
     travel = rigid.travel(np.einsum("aq,fai->fqi", _quadratic(i, j), x[surface.facets]), centre, direction)
     best = np.argsort(travel.min(1), kind="stable")[:8]
@@ -283,6 +303,27 @@ def first_touch(
         at = grid[:, np.arange(len(best)), travel.argmin(1)]
         width, least = 0.5 * width, min(least, float(travel.min()))
     return least
+
+
+def _first_along(
+    surface: ContactSurface, x: np.ndarray, rigid: Rigid, centre: np.ndarray, direction: np.ndarray
+) -> float:
+    """As `first_touch`, of the edges of a meridian."""
+    t = np.linspace(0.0, 1.0, 9)
+    travel = rigid.travel(np.einsum("aq,fai->fqi", _on_edge(t), x[surface.facets]), centre, direction)
+    best = np.argsort(travel.min(1), kind="stable")[:8]
+    nodes, at, width, least = x[surface.facets[best]], t[travel[best].argmin(1)], 0.2, float(travel.min())
+    for _ in range(26):
+        grid = np.clip(at[:, None] + width * np.linspace(-1.0, 1.0, 7), 0.0, 1.0)
+        travel = rigid.travel(np.einsum("afq,fai->fqi", _on_edge(grid), nodes), centre, direction)
+        at = grid[np.arange(len(best)), travel.argmin(1)]
+        width, least = 0.5 * width, min(least, float(travel.min()))
+    return least
+
+
+def _on_edge(t: np.ndarray) -> np.ndarray:
+    """Shape functions (3, …) of a quadratic edge: ends, then the middle."""
+    return np.stack([(1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0), 4.0 * t * (1.0 - t)])
 
 
 def _quadratic(r: np.ndarray, s: np.ndarray) -> np.ndarray:

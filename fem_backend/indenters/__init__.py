@@ -2,8 +2,8 @@
 
 import sys
 
-from fem_backend.indenters.indenter import INDENTERS, Indenter
+from fem_backend.indenters.indenter import INDENTERS, Contact, Indenter
 
 INDENTERS.discover(sys.modules[__name__])
 
-__all__ = ["INDENTERS", "Indenter"]
+__all__ = ["INDENTERS", "Contact", "Indenter"]

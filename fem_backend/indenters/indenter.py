@@ -39,6 +39,8 @@ class Indenter(Rigid, Protocol):
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
     exponents: ClassVar[tuple[float, ...]]
+    of_revolution: ClassVar[bool]
+    """Whether it is of revolution about its path."""
 
     @property
     def length(self) -> float: ...
@@ -67,6 +69,9 @@ class Indenter(Rigid, Protocol):
 
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0 when it goes down along z."""
+
+    def spacing(self, r: np.ndarray) -> np.ndarray:
+        """Wanted size (mm) of elements of the surface at distances r (mm) from its axis, at unit fineness."""
 
     def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Whether points (…, 3) lie inside of it at some place of its reference point between two (3,)."""

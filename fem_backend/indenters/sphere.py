@@ -70,6 +70,7 @@ class Sphere:
     noun: ClassVar[str] = "ball"
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
+    of_revolution: ClassVar[bool] = True
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
@@ -113,6 +114,11 @@ class Sphere:
     def planes(self) -> tuple[bool, bool]:
         """It is of revolution about its path."""
         return True, True
+
+    def spacing(self, r: np.ndarray) -> np.ndarray:
+        """R/33 at the axis, r/8 up to R, from there on growing by 0.3: a contact of any radius has as many elements."""
+        R = self.R
+        return np.clip(0.12 * r, 0.03 * R, 0.12 * R) + 0.3 * np.maximum(r - R, 0.0)
 
     def gap(
         self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL

@@ -4,9 +4,11 @@ fTetWild gives the better elements but is not reproducible, so its mesh is an ar
 shipped (`templates`), others are made once and stored under their hash.  The mapped mesh is the same to the bit
 everywhere.  All give a `Mesh` of vertices and tetrahedra of the quarter x ≥ 0, y ≥ 0, graded towards the top;
 `assemble` makes of it the quadratic mesh of any specimen, point and symmetry, `refined` cuts it for convergence checks.
+Bodies of revolution touched on their axis have graded grids of their meridian, see `meridian`.
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
+from fem_backend.meshing.meridian import MeridianMesh, Size, graded, triangulated
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import (
@@ -30,11 +32,14 @@ __all__ = [
     "MAKERS",
     "RADIUS",
     "BadMesh",
+    "MeridianMesh",
     "Mesh",
+    "Size",
     "Sizing",
     "arrays",
     "assemble",
     "cached",
+    "graded",
     "kuhn_simplex",
     "make",
     "mapped_quarter",
@@ -48,5 +53,6 @@ __all__ = [
     "template_mesh",
     "template_recipe",
     "tetwild_recipe",
+    "triangulated",
     "volumes",
 ]

@@ -9,8 +9,9 @@ import numpy as np
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend.kinematics import tetrahedra
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics import axisymmetric
+from fem_backend.kinematics.axisymmetric import Meridian
+from fem_backend.kinematics.bodies import Body, displacement_gradients
 from fem_backend.kinematics.voigt import PLACE
 from fem_backend.materials import stress
 from fem_backend.materials.stress import PointState
@@ -49,7 +50,7 @@ def fields(
     the `state` of the step, whose stress is taken as it is.  For small strain σ = S, J = 1 + tr ε and the stretches are
     1 + eig(ε).  Raises stress.Inverted if any J ≤ 0.  Source: Holzapfel 2000, eq. 3.65, 2.124.
     """
-    H = tetrahedra.displacement_gradients(body, u)
+    H = displacement_gradients(body, u)
     F = H + np.eye(3)
     stretches: np.ndarray
     if state is None:
@@ -81,20 +82,25 @@ def to_nodes(body: Body, values: np.ndarray) -> np.ndarray:
     mid-edge node has the mean of its ends.  Linear fields are exact.  Across a jump of stiffness the stress is smeared
     over one row of cells.
     """
-    xi = get_quadrature(RefTet, 2)[0].T
-    at = np.column_stack([1.0 - xi.sum(1), xi])
-    corners = np.einsum("cq,mq...->mc...", np.linalg.inv(at), values)
+    if isinstance(body, Meridian):
+        at, middles = axisymmetric.linear_functions(), np.array(axisymmetric.MIDDLES)
+    else:
+        xi = get_quadrature(RefTet, 2)[0].T
+        at, middles = np.column_stack([1.0 - xi.sum(1), xi]), MIDDLES
+    corners = np.einsum("cq,mq...->mc...", np.linalg.pinv(at), values)
     volume = body.w.sum(1)
     count = len(body.nodes)
     weight = np.zeros(count)
     out = np.zeros((count, *values.shape[2:]))
-    for c in range(4):
+    for c in range(at.shape[1]):
         np.add.at(weight, body.cells[:, c], volume)
         np.add.at(out, body.cells[:, c], corners[:, c] * volume.reshape(-1, *[1] * (values.ndim - 2)))
     used = weight > 0.0
     out[used] /= weight[used].reshape(-1, *[1] * (values.ndim - 2))
-    for k, (i, j) in enumerate(MIDDLES):
-        out[body.cells[:, 4 + k]] = 0.5 * (out[body.cells[:, i]] + out[body.cells[:, j]])
+    for k, (i, j) in enumerate(middles):
+        out[body.cells[:, at.shape[1] + k]] = 0.5 * (out[body.cells[:, i]] + out[body.cells[:, j]])
+    if isinstance(body, Meridian):
+        out[body.cells[:, 6]] = out[body.cells[:, :3]].mean(1)
     return out
 
 

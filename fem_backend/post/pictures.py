@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from matplotlib.tri import Triangulation
 
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 from fem_backend.materials.zones import divided, shape
 
 

@@ -12,7 +12,10 @@ OUTSIDE = 1e-9  # how far out of its triangle, in its coordinates, a point may l
 
 @dataclass(frozen=True)
 class Probes:
-    """Material points: nodes (k, 6) of the facet of each, its shape functions N (k, 6), mirror signs (k, 3)."""
+    """Material points: nodes (k, a) of the facet of each, its shape functions N (k, a), mirror signs (k, 3).
+
+    Of a meridian facets are edges (a = 3) and displacements those in the half-plane of the point.
+    """
 
     facets: np.ndarray
     N: np.ndarray
@@ -29,6 +32,8 @@ def surface_points(
     mirrored back.  Raises ValueError for a point that is not above the modelled upper surface.
     """
     points = np.atleast_2d(np.asarray(points, float))
+    if facets.shape[1] == 3:
+        return _on_meridian(nodes, facets, points)
     sign = np.ones((len(points), 3))
     for k in range(2):
         if planes[k]:
@@ -48,6 +53,31 @@ def surface_points(
             raise ValueError(f"the point ({points[i, 0]:g}, {points[i, 1]:g}) mm is not on the upper surface")
         found[i], N[i] = upper[near[best]], _shape(xi[best : best + 1])[0][0]
     return Probes(found, N, sign)
+
+
+def _on_meridian(nodes: np.ndarray, edges: np.ndarray, points: np.ndarray) -> Probes:
+    """Points of the top as far from the axis as `points` (k, 2): Σ N_a(t) r_a = r, the highest edge counts."""
+    r, height = nodes[edges, 0], nodes[edges, 2]
+    found, N = np.empty((len(points), 3), int), np.empty((len(points), 3))
+    for i, at in enumerate(np.hypot(*points.T)):
+        t = np.full(len(edges), 0.5)
+        for _ in range(20):
+            M, dM = _edge(t)
+            slope = (dM * r).sum(1)
+            t = np.clip(t - ((M * r).sum(1) - at) / np.where(slope == 0.0, np.inf, slope), -1.0, 2.0)
+        M = _edge(t)[0]
+        hit = (np.abs((M * r).sum(1) - at) <= 1e-9 * r.max()) & (t >= -OUTSIDE) & (t <= 1.0 + OUTSIDE)
+        if not hit.any():
+            raise ValueError(f"the point ({points[i, 0]:g}, {points[i, 1]:g}) mm is not on the upper surface")
+        best = int(np.where(hit, (M * height).sum(1), -np.inf).argmax())
+        found[i], N[i] = edges[best], M[best]
+    return Probes(found, N, np.ones((len(points), 3)))
+
+
+def _edge(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions (e, 3) of a quadratic edge, ends then middle, and their derivatives by t (e,)."""
+    N = [(1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0), 4.0 * t * (1.0 - t)]
+    return np.stack(N, axis=1), np.stack([4.0 * t - 3.0, 4.0 * t - 1.0, 4.0 - 8.0 * t], axis=1)
 
 
 def displacements(probes: Probes, u: np.ndarray) -> np.ndarray:

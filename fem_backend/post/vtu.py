@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 
 QUADRATIC_TETRA = 24  # VTK's cell type; its mid-edge nodes 01, 12, 02, 03, 13, 23 come in our order
 TURNED = [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]  # the same cell seen from the other side

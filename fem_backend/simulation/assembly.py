@@ -20,10 +20,11 @@ from fem_backend.contact.tractions import (
     quadratic_facets,
 )
 from fem_backend.indenters import Indenter
-from fem_backend.kinematics import tetrahedra
+from fem_backend.kinematics import axisymmetric, bodies, tetrahedra
+from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
-from fem_backend.meshing import Mesh
+from fem_backend.meshing import MeridianMesh, Mesh
 from fem_backend.simulation import symmetry
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
@@ -35,9 +36,11 @@ from fem_backend.specimens import Specimen
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
+STIFF = 3000.0  # the same of a meridian, over μ/h: see `penalty`
 FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
+STIFFEST_MERIDIAN = 2e4  # the same where volume changes are projected
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
 SPRINGS = 1e-4  # grounding springs of a loose body, all together, over μ times the length of the indenter
 
@@ -55,7 +58,8 @@ class Placement:
     """Where and how the indenter moves, in the specimen's frame; lengths in mm.
 
     `rotation` (3, 3) takes machine to specimen; `touch` is the indenter's reference point at first contact with
-    the undeformed body, `direction` its way; `planes` says which of x = 0, y = 0 are planes of symmetry of everything.
+    the undeformed body, `direction` its way; `planes` says which of x = 0, y = 0 are planes of symmetry of everything,
+    and `meridian` whether all is of revolution about z, so that the meridian alone is modelled.
     """
 
     specimen: Specimen
@@ -64,6 +68,7 @@ class Placement:
     touch: np.ndarray
     direction: np.ndarray
     planes: tuple[bool, bool]
+    meridian: bool = False
 
     @property
     def contact(self) -> np.ndarray:
@@ -90,15 +95,18 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
         rotation = turned(knobs)
         direction = np.array([0.0, 0.0, -1.0])
         through = np.array([settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y, 0.0])
+        if specimen.alike:
+            on, through = specimen.top, np.zeros(3)
         if settings.direction == "normal":
             direction = -normal
-            through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
+            through = on + (0.0 if specimen.alike else np.array([knobs.offset_x, knobs.offset_y, 0.0]))
         direction, through = rotation @ direction, rotation @ through
         touch = indenter.first_contact(specimen, through, direction)
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
     planes = symmetry.planes(settings, knobs, direction, through)
-    return Placement(specimen, indenter, rotation, touch, direction, planes)
+    meridian = symmetry.axisymmetric(settings, knobs, direction, through)
+    return Placement(specimen, indenter, rotation, touch, direction, planes, meridian)
 
 
 def turned(knobs: Knobs) -> np.ndarray:
@@ -148,16 +156,30 @@ def material(settings: Settings, knobs: Knobs) -> Material:
 class AssembledModel:
     """A discretised specimen that every material and every place of the indenter near its fine mesh can share.
 
-    `facets` (f, 6) are those of the specimen's surface, `held` the nodes of the support, `N` (q, 10) the shape
-    functions at the quadrature points of `body`.
+    `facets` (f, 6), or edges (f, 3) of a meridian, are those of the specimen's surface, `held` nodes of the support.
     """
 
-    mesh: MeshTet2
-    body: tetrahedra.Body
+    mesh: MeshTet2 | MeridianMesh
+    body: Body
     facets: np.ndarray
     factor: direct.Factor
     held: np.ndarray
     condenser: Callable[[np.ndarray], Condense | None]
+
+
+def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
+    """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
+    mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
+    points, facets = mesh.points, mesh.outline()
+    X = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
+    carried = settings.support.held(specimen, X, np.unique(facets))
+    try:
+        discrete = axisymmetric.discretise(points, mesh.cells, carried, symmetric)
+    except ValueError as error:
+        raise meshing.BadMesh(str(error)) from error
+    factor = direct.solver(discrete.pattern, settings.solver)
+    condenser = condensation.condenser(discrete.pattern, settings.solver)
+    return AssembledModel(mesh, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
 
 def build(
@@ -199,9 +221,10 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
             f'"{LAWS.default}", which agrees to first order, or support = {holding}',
         )
     ratio = stuff.bulk_modulus / stuff.shear_modulus
-    if ratio > STIFFEST:
+    stiffest = STIFFEST_MERIDIAN if placement.meridian else STIFFEST
+    if ratio > stiffest:
         raise NotModelled(
-            "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
+            "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
         )
     if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
         raise NotModelled(
@@ -223,8 +246,11 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         recipe=settings.recipe,
         control=Control(),
         solver=settings.solver,
+        fineness=settings.fineness,
     )
     try:
+        if placement.meridian:
+            return _meridian(replace(shared, point=(0.0, 0.0)), placement.specimen, symmetric)
         return _model(shared, placement.specimen, placement.planes, symmetric, mesh)
     except meshing.BadMesh as error:
         raise NotModelled("bad_geometry", f"no mesh: {error}") from error
@@ -237,6 +263,12 @@ def _model(
     """Shared by all runs of a worker on one mesh."""
     made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
     return build(settings, made, specimen, planes, symmetric)
+
+
+@functools.lru_cache(maxsize=4)
+def _meridian(settings: Settings, specimen: Specimen, symmetric: bool) -> AssembledModel:
+    """Shared by all runs of a worker: two of one experiment, see `accuracy.two_grid`."""
+    return revolved(settings, specimen, symmetric)
 
 
 def system(
@@ -255,7 +287,7 @@ def system(
     else:
         surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
-    epsilon = np.full(surface.weights.shape, PENALTY * mu / length)
+    epsilon = penalty(placement, body, surface, mu)
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion)
     # multipliers stay with points of the body: where that turns, they do not hold its weight in place
     soft = knobs.weight > 0.0 and not all(placement.planes)
@@ -272,6 +304,19 @@ def system(
     return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
 
+def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float) -> np.ndarray:
+    """ε (f, q) MPa/mm: on a meridian by the length of each edge, as fine elements give way to a soft penalty.
+
+    Pressed by p on a foundation of ε per undeformed area, a surface of modulus μ buckles in waves shorter than p²/(με):
+    no element may be that short up to p = √STIFF μ.
+    """
+    if not placement.meridian:
+        return np.full(surface.weights.shape, PENALTY * mu / placement.indenter.length)
+    ends = body.nodes[surface.facets[:, :2]]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return np.repeat((STIFF * mu / length)[:, None], surface.weights.shape[1], axis=1)
+
+
 def touching(
     settings: Settings, placement: Placement, model: AssembledModel
 ) -> tuple[ContactSurface, tuple[ContactSurface, ...]]:
@@ -282,36 +327,39 @@ def touching(
     return contact_surface(model.body, model.facets[near], placement.specimen), below
 
 
-def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray | None:
-    """Factor (m, q) of skin, inclusion and cavity on all moduli, None without them; raises NotModelled."""
+def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: Body) -> np.ndarray | None:
+    """Factor (m, q) of layers, skin, inclusion and cavity on all moduli, None without them; raises NotModelled."""
+    N = bodies.shape_functions(body)
+    layers = placement.specimen.stiffness(np.einsum("qa,mai->mqi", N, body.nodes[body.cells]))
     inclusion = (knobs.inclusion_x, knobs.inclusion_y, float(placement.specimen.top[2]) - knobs.inclusion_depth)
     try:
-        return zones.scale(
+        other = zones.scale(
             body,
             placement.specimen,
             (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
             (inclusion, knobs.inclusion_radius, knobs.inclusion_ratio) if knobs.inclusion_ratio != 1.0 else None,
             placement.specimen.hole(knobs.cavity) if knobs.cavity else None,
         )
+        return layers if other is None else other if layers is None else layers * other
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
 
 
-def filled(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray:
+def filled(settings: Settings, knobs: Knobs, placement: Placement, body: Body) -> np.ndarray:
     """Share (m, q) of the volume that is no cavity: what weighs."""
     whole = np.ones_like(body.w)
     return whole - zones.cavity(body, *placement.specimen.hole(knobs.cavity)) if knobs.cavity else whole
 
 
 def multiplicity(placement: Placement) -> int:
-    """How many images of the modelled part make the whole: 1, 2 or 4."""
-    return 2 ** sum(placement.planes)
+    """How many images of the modelled part make the whole: 1, 2 or 4; a meridian has the whole turn in its weights."""
+    return 1 if placement.meridian else 2 ** sum(placement.planes)
 
 
-def lumped(body: tetrahedra.Body, density: np.ndarray) -> np.ndarray:
+def lumped(body: Body, density: np.ndarray) -> np.ndarray:
     """∫ ρ N_a dV (n,) of a density (m, q): the consistent nodal share of a body force."""
     out = np.zeros(len(body.nodes))
-    np.add.at(out, body.cells, (density * body.w) @ tetrahedra.shape_functions())
+    np.add.at(out, body.cells, (density * body.w) @ bodies.shape_functions(body))
     return out
 
 
@@ -343,12 +391,14 @@ def load(system: System, placement: Placement, travel: float, lag: float = 0.0) 
     return Load(Touch(centre, placement.direction, nothing, factor, None), tuple(seat))
 
 
-def raised(surface: ContactSurface, body: tetrahedra.Body, placement: Placement, travel: float) -> np.ndarray | float:
+def raised(surface: ContactSurface, body: Body, placement: Placement, travel: float) -> np.ndarray | float:
     """Factor (f, q) on ε around the first contact: 1 to a travel of the indenter's length, 1 + RAISED from twice it.
 
     ε acts per reference area, and the skin under a deep indenter stretches up to twenty times in area: with a uniform ε
     it would pierce the surface at depths beyond twice its length.
     """
+    if placement.meridian:  # its ε is stiff enough
+        return 1.0
     length = placement.indenter.length
     deep = min(max(travel / length - 1.0, 0.0), 1.0)
     if deep == 0.0:

@@ -40,7 +40,8 @@ class Settings:
     `profile` are reference places (x, y) of surface points whose displacement is asked for; `earlier` is the deepest
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
-    exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set.
+    exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
+    `fineness` multiplies all element sizes of a meridian.
     """
 
     specimen: Specimen
@@ -62,6 +63,7 @@ class Settings:
     defaults: tuple[tuple[str, float], ...] = ()
     derivatives: bool = True
     multipliers: bool = True
+    fineness: float = 1.0
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -225,6 +227,7 @@ def together(made: Mapping[str, Any], read: Any) -> list[str]:
 def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     specimen, indenter, support = (made[noun] for noun in ("specimen", "indenter", "support"))
     mesh, material = read.mesh, made["material"]
+    specimen = specimen.under(indenter)
     meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
     control = Control().scaled(indenter.length)
     return Settings(
@@ -247,6 +250,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         tuple(support.defaults().items()),
         read.derivatives,
         read.multipliers,
+        meshed.fineness,
     )
 
 

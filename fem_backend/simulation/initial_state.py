@@ -62,7 +62,8 @@ def initial_state(
     probes = None
     if settings.profile:
         try:
-            probes = post.surface_points(model.body.nodes, model.facets, np.array(settings.profile), placement.planes)
+            marks = np.array(settings.profile) - (settings.point if placement.specimen.alike else (0.0, 0.0))
+            probes = post.surface_points(model.body.nodes, model.facets, marks, placement.planes)
         except ValueError as error:
             raise modelling.NotModelled("bad_geometry", f"profile: {error}") from error
     ready = InitialState(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0, probes)

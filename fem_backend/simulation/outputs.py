@@ -9,6 +9,8 @@ import numpy as np
 
 from fem_backend import post
 from fem_backend.contact import tractions
+from fem_backend.contact.rings import ring_patch
+from fem_backend.indenters import Contact
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import Placement
 from fem_backend.simulation.experiment import Settings, profile_name
@@ -45,15 +47,13 @@ def channels(
     moved = (evaluation.u - at.seated) @ up
     touching, surface = evaluation.contact, system.pressing.surface
     centre = load.pressing.centre
-    patch = placement.indenter.patch(
-        surface,
-        body.nodes + evaluation.u,
-        touching.pressure,
-        centre,
-        placement.normal,
-        placement.planes,
-        touching.attraction,
-    )
+    x = body.nodes + evaluation.u
+    patch: Contact
+    if placement.meridian:
+        patch = ring_patch(surface, x, touching.pressure, touching.attraction)
+    else:
+        normal, planes = placement.normal, placement.planes
+        patch = placement.indenter.patch(surface, x, touching.pressure, centre, normal, planes, touching.attraction)
     active = touching.pressure > 0
     share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
     out = {

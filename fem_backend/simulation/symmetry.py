@@ -19,6 +19,13 @@ def planes(settings: Settings, knobs: Knobs, direction: np.ndarray, through: np.
     return x, y
 
 
+def axisymmetric(settings: Settings, knobs: Knobs, direction: np.ndarray, through: np.ndarray) -> bool:
+    """Whether all of it is of revolution about z: specimen, indenter, support, path, inclusion, and no fibres."""
+    members = settings.specimen, settings.indenter, settings.support
+    on_axis = all(_path(knobs, direction, through)) and all(_inclusion(knobs))
+    return all(m.of_revolution for m in members) and on_axis and knobs.fibre == 0.0
+
+
 def _path(knobs: Knobs, direction: np.ndarray, through: np.ndarray) -> tuple[bool, bool]:
     """The way of the indenter lies in the plane, and so does gravity."""
     tilt = (knobs.tilt_y, knobs.tilt_x)

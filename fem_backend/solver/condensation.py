@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from fem_backend.kinematics.tetrahedra import Pattern
+from fem_backend.kinematics.numbering import Pattern
 from fem_backend.solver.direct import NotPositiveDefinite, Schur, available
 
 Kept = Callable[[np.ndarray], Callable[[np.ndarray], np.ndarray]]  # data of C → (b → x)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from fem_backend.kinematics.tetrahedra import Pattern
+from fem_backend.kinematics.numbering import Pattern
 
 EXACT = 1e-12  # relative correction at which a solution counts as that of double precision
 ROUGH = 1e-2  # accuracy that a factor in single precision has without a check

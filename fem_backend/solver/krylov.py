@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import sparse
 
-from fem_backend.kinematics.tetrahedra import Pattern
+from fem_backend.kinematics.numbering import Pattern
 from fem_backend.solver.direct import NotPositiveDefinite, Solve, precise, raw
 
 SHIFTS = (1e-7, 1e-5)  # of the diagonal, added in the factor only: above the noise of single precision

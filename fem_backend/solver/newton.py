@@ -11,10 +11,9 @@ import numpy as np
 
 from fem_backend.contact import tractions
 from fem_backend.contact.tractions import ContactState, Pair, Touch
-from fem_backend.kinematics import tetrahedra
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import Material
-from fem_backend.materials import stress
+from fem_backend.materials import response, stress
 from fem_backend.materials.stress import History
 from fem_backend.solver.condensation import Condense, Kept
 from fem_backend.solver.direct import EXACT, ROUGH, Factor, NotPositiveDefinite, Solve
@@ -179,10 +178,8 @@ class Equilibrium:
 def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     """Potential and residual; raises stress.Inverted when an element is inside out."""
     body = system.body
-    H = tetrahedra.displacement_gradients(body, u)
-    stressed = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
-    residual = tetrahedra.internal_force(body, stressed.F, stressed.S)
-    energy = float((body.w * stressed.energy).sum())
+    answer = response.answer(body, system.material, u, load.history, load.dt, system.scale)
+    residual, energy = answer.force, answer.energy
     contacts, outside = touching(system, u, load), 0.0
     for state in contacts:
         residual += state.residual
@@ -197,7 +194,7 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
         residual += pull
         energy += 0.5 * float((pull * u).sum())
     scale = max(float(np.sqrt(outside)), system.least_force)
-    return Evaluation(u, energy, residual, contacts, H, stressed.history, scale)
+    return Evaluation(u, energy, residual, contacts, answer.H, answer.history, scale)
 
 
 def touching(system: System, u: np.ndarray, load: Load) -> tuple[ContactState, ...]:
@@ -253,9 +250,7 @@ def contact_tangent(
 def bulk_tangent(system: System, at: Evaluation, load: Load) -> np.ndarray:
     """Data of the tangent of the body and its springs."""
     body = system.body
-    state = stress.evaluate(system.material, at.H, True, load.history, load.dt, system.scale)
-    assert state.C is not None  # which was asked for
-    bulk = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
+    bulk = response.tangent(body, system.material, at.H, load.history, load.dt, system.scale)
     if system.loose:
         held = body.free.reshape(-1, 3)
         springs = np.repeat(load.springs * system.grounded, 3)[(held >= 0).ravel()]

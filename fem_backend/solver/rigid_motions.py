@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 from fem_backend.materials import stress
 from fem_backend.solver import newton
 from fem_backend.solver.direct import EXACT, NotPositiveDefinite, Solve

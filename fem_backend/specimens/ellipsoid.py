@@ -12,7 +12,7 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import closed_forms, geometry, members, meshing
-from fem_backend.meshing import Mesh
+from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
 from rso.contract import knob
 
@@ -86,10 +86,17 @@ class Ellipsoid(geometry.EllipsoidShape):
     gauges: ClassVar[Mapping[str, float]] = {"delta_a": 0.1, "delta_b": 0.1, "delta_c": 0.1}
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}  # those of `meshing.recipes`
     smallest_words: ClassVar[str] = "smallest semi-axis"
+    parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
+    of_revolution: ClassVar[bool] = False  # its meshes are those of three dimensions, also where it is a sphere
+    alike: ClassVar[bool] = False
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
         return {"shape": self.name, "semi_axes": self.semi_axes.tolist(), "cavity": list(self.cavity)}
+
+    def under(self, indenter: Any) -> Ellipsoid:
+        """As it is."""
+        return self
 
     def actual(self, knobs: Any) -> Ellipsoid:
         """The body with the errors of its semi-axes; ValueError for sizes that describe none."""
@@ -199,6 +206,14 @@ class Ellipsoid(geometry.EllipsoidShape):
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
         return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
+
+    def meridian(self, actual: Ellipsoid, spacing: Size, fineness: float) -> MeridianMesh:
+        """None is made."""
+        raise BadMesh("an ellipsoid has no mesh of a meridian")
+
+    def stiffness(self, X: np.ndarray) -> None:
+        """It has no layers."""
+        return None
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

@@ -14,7 +14,7 @@ from skfem import MeshTet2
 
 from fem_backend import meshing
 from fem_backend.members import MemberTable, OpenSet
-from fem_backend.meshing import Mesh
+from fem_backend.meshing import MeridianMesh, Mesh, Size
 
 
 class Specimens(OpenSet):
@@ -31,20 +31,25 @@ SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks
 
 @dataclass(frozen=True)
 class Meshing:
-    """How a specimen is meshed: recipe of the mesh, keys of the mesh table that count, element size at the contact."""
+    """How a specimen is meshed: recipe of the mesh, keys of the mesh table that count, element size at the contact.
+
+    `fineness` multiplies all sizes of a meridian.
+    """
 
     recipe: str
     used: tuple[tuple[str, Any], ...]
     h0: float
     level: str
+    fineness: float = 1.0
 
 
 class Specimen(Protocol):
     """A specimen; lengths in mm, in its own frame: z up, origin on its axis.
 
     Parts of the surface are `upper`, what an indenter may meet and a camera sees, and `lower`, what a support holds or
-    carries.  `smallest_words` say what its smallest length is; `makers` make a mesh from the data of a recipe, by the
-    name of the mesher in it; `gauges` as of an indenter.
+    carries; those with a flat base have `base` and `side` too, `parts` names all.  `smallest_words` say what its
+    smallest length is; `makers` make a mesh from the data of a recipe, by the name of the mesher in it; `gauges` as of
+    an indenter.
     """
 
     name: ClassVar[str]
@@ -53,6 +58,11 @@ class Specimen(Protocol):
     gauges: ClassVar[Mapping[str, float]]
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]]
     smallest_words: ClassVar[str]
+    parts: ClassVar[tuple[str, ...]]
+    of_revolution: ClassVar[bool]
+    """Whether it is of revolution about z and has a mesh of its meridian."""
+    alike: ClassVar[bool]
+    """Whether all places (x, y) of its top are alike, so that a place and a misalignment say nothing."""
     smallest: float
     largest: float
     skin_limit: float
@@ -60,6 +70,9 @@ class Specimen(Protocol):
 
     def plain(self) -> dict[str, Any]:
         """Its table as it enters the key of a run, with all defaults written out."""
+
+    def under(self, indenter: Any) -> Specimen:
+        """Itself, if it has no end to some sides as far as it must be modelled for an indenter."""
 
     def actual(self, knobs: Any) -> Specimen:
         """Itself with the errors that knobs give it; ValueError naming knob, value and unit where nothing is left."""
@@ -136,6 +149,15 @@ class Specimen(Protocol):
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
+
+    def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
+        """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
+
+        `spacing` is that of the indenter, `fineness` multiplies all sizes.
+        """
+
+    def stiffness(self, X: np.ndarray) -> np.ndarray | None:
+        """Factor (…) of its layers on all moduli at points X (…, 3); None where it has none."""
 
     # ------------------------------------------------------------------------------------------------- proposals
 

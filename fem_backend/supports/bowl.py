@@ -14,7 +14,7 @@ from pydantic import BeforeValidator
 from fem_backend import members
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
 from fem_backend.geometry import STILL, EllipsoidShape, arrays, closest_point
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 from fem_backend.supports.support import SUPPORTS
 from rso.contract import knob
 
@@ -81,6 +81,7 @@ class BowlSupport:
     words: ClassVar[str] = "in a bowl"
     group: ClassVar[str] = "bowl"
     seconds: ClassVar[tuple[float, float, float]] = (51.0, 31.0, 7.0)
+    of_revolution: ClassVar[bool] = True
     way: ClassVar[float] = 1.0  # its seconds hold that
     marks: ClassVar[tuple[str, ...]] = ("rolling",)
 

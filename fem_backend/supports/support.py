@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
-from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.bodies import Body
 from fem_backend.members import MemberTable, OpenSet
 
 SUPPORTS: OpenSet[Support] = OpenSet("support", "kind", "fixed", marks={"rolling": 3})
@@ -37,6 +37,8 @@ class Support(Protocol):
     group: ClassVar[str]
     seconds: ClassVar[tuple[float, float, float]]
     way: ClassVar[float]
+    of_revolution: ClassVar[bool]
+    """Whether it is of revolution about z where the specimen is."""
 
     def plain(self) -> dict[str, Any]:
         """Its table as far as it enters the key of a run: what sets a knob is among the values."""

@@ -17,6 +17,8 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from fem_backend.indenters import INDENTERS
+from fem_backend.specimens import SPECIMENS
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
 from rso.evaluation import Source
 from rso.evaluation.store import RunStore
@@ -49,6 +51,7 @@ HERTZ = {
     "other_setting": {"radius": 2.0},
     "failing": ({"mu": 0.01, "D1": 5.8}, {"radius": 0.9}, (0.5, 1.0)),
 }
+SLAB = {"specimen": {"shape": "slab", "thickness": 6.0}, "support": {"kind": "bonded"}, "mesh": {"level": "coarse"}}
 MAPPED = {"mesher": "mapped", "n": 6, "slip": 0.3}  # the same to the bit everywhere, and coarse
 SUBJECTS = {
     "hertz": Subject(Source(use="hertz_backend:BACKEND", base=str(HERE)), **HERTZ),
@@ -61,6 +64,15 @@ SUBJECTS = {
         settings={"mesh": MAPPED},
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
+        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere"),
+    ),
+    "finite elements of a slab": Subject(
+        Source(use="fem_backend.backend:BACKEND"),
+        values={"mu": 0.01, "D1": 5.8},
+        settings=SLAB,
+        other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
+        failing=({"mu": 0.01, "D1": 1e-6}, SLAB, (0.5, 1.0)),  # K/mu = 2e8
+        inert=SPECIMENS.of_others("slab") | INDENTERS.of_others("sphere") | {"offset_x", "offset_y"},
     ),
 }
 

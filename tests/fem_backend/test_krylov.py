@@ -10,7 +10,7 @@ from scipy import sparse
 from skfem import MeshTet, MeshTet2
 
 from fem_backend.kinematics import tetrahedra
-from fem_backend.kinematics.tetrahedra import Pattern
+from fem_backend.kinematics.numbering import Pattern
 from fem_backend.laws import NeoHooke
 from fem_backend.materials import stress
 from fem_backend.solver import direct, history_steps, krylov, load_steps, rigid_motions

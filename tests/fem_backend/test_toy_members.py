@@ -49,9 +49,9 @@ class Block:
     height: float
 
     class Table(members.MemberTable):
-        """{ shape = "block", half = 20.0, height = 15.0 }"""
+        """{ shape = "brick", half = 20.0, height = 15.0 }"""
 
-        shape: Literal["block"] = "block"
+        shape: Literal["brick"] = "brick"
         half: members.Length = 20.0
         height: members.Length = 15.0
 
@@ -62,7 +62,7 @@ class Block:
     class Knobs:
         """The error of its height."""
 
-        delta_height: float = knob(
+        delta_brick: float = knob(
             "error of the height",
             "mm",
             -5.0,
@@ -73,10 +73,13 @@ class Block:
             label="wrong height of the block",
         )
 
-    name: ClassVar[str] = "block"
-    gauges: ClassVar[Mapping[str, float]] = {"delta_height": 0.05}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {"toy block": made}
+    name: ClassVar[str] = "brick"
+    gauges: ClassVar[Mapping[str, float]] = {"delta_brick": 0.05}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {"toy brick": made}
     smallest_words: ClassVar[str] = "height"
+    parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
+    of_revolution: ClassVar[bool] = False
+    alike: ClassVar[bool] = False
 
     smallest = largest = property(lambda self: self.height)
     skin_limit = property(lambda self: 0.5 * self.height)
@@ -88,14 +91,20 @@ class Block:
     def plain(self):
         return {"shape": self.name, "half": self.half, "height": self.height}
 
+    def under(self, indenter):
+        return self
+
+    def stiffness(self, X):
+        return None
+
     def actual(self, knobs):
-        return replace(self, height=self.height + knobs.delta_height)
+        return replace(self, height=self.height + knobs.delta_brick)
 
     def planes(self):
         return True, True
 
     def factors(self):
-        return {"delta_height": self.height / 15.0}
+        return {"delta_brick": self.height / 15.0}
 
     def above(self, x, y):
         return np.array([x, y, self.height]), np.array([0.0, 0.0, 1.0])
@@ -137,7 +146,7 @@ class Block:
         return 0.0
 
     def meshing(self, length, mesher, level, n, slip):
-        recipe = json.dumps({"mesher": "toy block", "half": self.half, "height": self.height}, sort_keys=True)
+        recipe = json.dumps({"mesher": "toy brick", "half": self.half, "height": self.height}, sort_keys=True)
         return Meshing(recipe, (("mesher", mesher), ("level", level)), 0.06 * self.half, level)
 
     def quadratic(self, mesh, recipe, point, planes):
@@ -187,6 +196,7 @@ class Paraboloid:
     noun: ClassVar[str] = "paraboloid"
     exponents: ClassVar[tuple[float, ...]] = (1.5,)
     gauges: ClassVar[Mapping[str, float]] = {"delta_tip": 0.02}
+    of_revolution: ClassVar[bool] = True
 
     length = property(lambda self: self.tip)
     size = property(lambda self: ("tip", self.tip))
@@ -272,7 +282,7 @@ class Smooth(Fixed):
     words: ClassVar[str] = "on a smooth plate"
 
     def refusal(self, specimen):
-        return None if specimen.name == "block" else f'support.kind = "smooth" carries no {specimen.name}'
+        return None if specimen.name == "brick" else f'support.kind = "smooth" carries no {specimen.name}'
 
     def held(self, specimen, X, surface):
         held = np.zeros(X.shape, bool)
@@ -327,7 +337,7 @@ class Exponential(Isotropic):
 
 
 TOYS = {
-    "specimen": {"shape": "block", "half": 20.0, "height": 15.0},
+    "specimen": {"shape": "brick", "half": 20.0, "height": 15.0},
     "indenter": {"shape": "paraboloid", "tip": 4.0},
     "support": {"kind": "smooth"},
     "material": {"law": "exponential"},
@@ -368,7 +378,7 @@ def test_toys_are_run_end_to_end(toys):
     softer = BACKEND({**VALUES, "stiffens": 0.0}, case(toys)).channels["Fz"]
     slope = found.gradients["stiffens"]["Fz"]
     assert np.all(softer < F) and np.all(np.abs((F - softer) / slope - 1.0) < 0.5)
-    for name, value in (("delta_height", -2.0), ("delta_tip", 0.5)):
+    for name, value in (("delta_brick", -2.0), ("delta_tip", 0.5)):
         assert BACKEND({**VALUES, name: value}, case(toys)).channels["Fz"][1] > F[1]
     stuck = BACKEND(VALUES, case({**toys, "support": {"kind": "fixed"}})).channels["Fz"]
     assert stuck[1] > F[1]
@@ -385,13 +395,13 @@ def test_toys_mix_with_the_others(toys):
 def test_toys_have_keys_of_their_own_and_change_no_other(toys):
     plain = case({})
     values, at = BACKEND.canonical({"mu": 0.01, "D1": 5.0}, plain)
-    assert "delta_height" not in values and "stiffens" not in values
+    assert "delta_brick" not in values and "stiffens" not in values
     key = run_key(BACKEND, values, at)
     own = run_key(BACKEND, *BACKEND.canonical(VALUES, case(toys)))
     assert own != key
     canonical = BACKEND.canonical(VALUES, case(toys))[1]
     assert run_key(BACKEND, *BACKEND.canonical(VALUES, canonical)) == own
-    SPECIMENS.members.pop("block")
+    SPECIMENS.members.pop("brick")
     assert run_key(BACKEND, *BACKEND.canonical({"mu": 0.01, "D1": 5.0}, plain)) == key
 
 
@@ -402,12 +412,12 @@ def test_toys_stand_in_the_schema(toys, capsys):
     for noun, toy in toys.items():
         assert (toy.get("shape") or toy.get("kind") or toy.get("law")) in settings[noun]
     names = {p["name"] for p in said["parameters"]}
-    assert {"delta_height", "delta_tip", "stiffens", "delta_a"} <= names
+    assert {"delta_brick", "delta_tip", "stiffens", "delta_a"} <= names
 
 
 def test_wrong_toys_are_refused_all_at_once(toys):
     wrong = {
-        "specimen": {"shape": "blok"},
+        "specimen": {"shape": "brik"},
         "indenter": {"shape": "paraboloid", "tip": -1},
         "support": {"kind": "smooth", "x": 1},
     }
@@ -415,7 +425,7 @@ def test_wrong_toys_are_refused_all_at_once(toys):
         BACKEND.check(case(wrong))
     lines = str(refused.value).splitlines()
     assert len(lines) == 3
-    assert "specimen.shape = 'blok'" in lines[0] and "did you mean 'block'" in lines[0]
+    assert "specimen.shape = 'brik'" in lines[0] and "did you mean 'brick'" in lines[0]
     assert lines[1] == "indenter.tip = -1.0 mm: must be positive" and "support.x = 1: unknown" in lines[2]
     with pytest.raises(ValueError, match="carries no ellipsoid"):
         BACKEND.check(case({"support": {"kind": "smooth"}}))
@@ -427,13 +437,13 @@ def test_a_diagnosis_is_offered_the_toys(toys):
     held = {**toys, "support": {"kind": "fixed"}}
     assert BACKEND.variants(held)["smooth"]["description"] == "on a smooth plate instead of held"
     assert set(BACKEND.variants({})) == {"bowl"}
-    assert "paraboloid on the bench" in BACKEND.gauges(toys)["delta_tip"][0] and "delta_height" in BACKEND.gauges(toys)
+    assert "paraboloid on the bench" in BACKEND.gauges(toys)["delta_tip"][0] and "delta_brick" in BACKEND.gauges(toys)
     assert "a blunter paraboloid" in BACKEND.tests(toys) and "marks on the block" in BACKEND.marks(toys)
     levels = BACKEND.levels(toys)
     assert [one["name"] for one in levels[0]] == ["linear_elastic"]  # no closed form for a paraboloid
     assert "exponential" in [one["name"] for one in levels[-1]]
     known = {p.name: p for p in BACKEND.parameters}
-    assert known["delta_height"].label == "wrong height of the block" and known["stiffens"].cause == "strain stiffening"
+    assert known["delta_brick"].label == "wrong height of the block" and known["stiffens"].cause == "strain stiffening"
     assert BACKEND.cost({"mu": 0.01, "D1": 5.0}, case(toys)) > 0.0
 
 
@@ -475,7 +485,7 @@ runs = 16
 """
 
 
-def study(folder, shape: str = "block", tip: float = 4.0):
+def study(folder, shape: str = "brick", tip: float = 4.0):
     """A study of toys, written and read."""
     depth = np.linspace(0.0, 1.0, 21)
     rows = "\n".join(f"{d:.4f},{0.1 * d**1.5:.6f}" for d in depth)
@@ -486,10 +496,10 @@ def study(folder, shape: str = "block", tip: float = 4.0):
 
 def test_toys_stand_in_a_check(toys, tmp_path):
     said = "\n".join(check(study(tmp_path), tmp_path / "results", False))
-    for words in ('specimen.shape = "block"', "indenter.tip = 4.0", 'support.kind = "smooth"', "stiffens"):
+    for words in ('specimen.shape = "brick"', "indenter.tip = 4.0", 'support.kind = "smooth"', "stiffens"):
         assert words in said
     with pytest.raises(StudyError) as refused:
-        check(study(tmp_path, "blok", -1.0), tmp_path / "results", False)
+        check(study(tmp_path, "brik", -1.0), tmp_path / "results", False)
     assert len(refused.value.problems) == 2  # both at once, each with its line
-    assert any("did you mean 'block'" in p for p in refused.value.problems)
+    assert any("did you mean 'brick'" in p for p in refused.value.problems)
     assert any("indenter.tip = -1.0 mm" in p for p in refused.value.problems)

@@ -1,0 +1,85 @@
+"""What a body answers to a displacement, whatever its elements: energy, nodal forces, history, tangent."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem_backend.kinematics import axisymmetric, tetrahedra
+from fem_backend.kinematics.bodies import Body
+from fem_backend.kinematics.voigt import COL, ROW
+from fem_backend.laws import Material
+from fem_backend.materials import stress
+from fem_backend.materials.stress import History, PointState
+
+LOCAL = 20.0  # K/μ up to which quadratic triangles do not lock, see `split`
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Displacement gradients H (m, q, 3, 3), energy (N mm), nodal forces (n, 3) N, history should the step end here."""
+
+    H: np.ndarray
+    energy: float
+    force: np.ndarray
+    history: History | None
+
+
+def answer(
+    body: Body, material: Material, u: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+) -> Answer:
+    """The answer to displacements u (n, 3) mm at the end of a step of Δt = dt s; raises stress.Inverted."""
+    if isinstance(body, tetrahedra.Body):
+        H = tetrahedra.displacement_gradients(body, u)
+        state = stress.evaluate(material, H, False, history, dt, scale)
+        force = tetrahedra.internal_force(body, state.F, state.S)
+        return Answer(H, float((body.w * state.energy).sum()), force, state.history)
+    H = axisymmetric.displacement_gradients(body, u)
+    pointwise, K = split(material)
+    state = stress.evaluate(pointwise, H, False, history, dt, scale)
+    volume = axisymmetric.volume(body, H, K, scale, material.small_strain)
+    force = axisymmetric.internal_force(body, state.F, state.S, volume.p)
+    return Answer(H, float((body.w * state.energy).sum()) + volume.energy, force, state.history)
+
+
+def state(
+    body: Body, material: Material, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+) -> PointState:
+    """Stress at the quadrature points, with the pressure that a meridian's elements project: S + p J C⁻¹."""
+    if isinstance(body, tetrahedra.Body):
+        return stress.evaluate(material, H, False, history, dt, scale)
+    pointwise, K = split(material)
+    found = stress.evaluate(pointwise, H, False, history, dt, scale)
+    volume = axisymmetric.volume(body, H, K, scale, material.small_strain)
+    p = volume.p @ axisymmetric.linear_functions().T
+    F = found.F
+    pull = (p * np.linalg.det(F))[..., None, None] * np.linalg.inv(np.swapaxes(F, -1, -2) @ F)
+    return replace(found, S=found.S + pull[..., ROW, COL])
+
+
+def tangent(
+    body: Body, material: Material, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+) -> np.ndarray:
+    """Tangent of the nodal forces at displacement gradients H (m, q, 3, 3) as `data` of the pattern, N/mm."""
+    if isinstance(body, tetrahedra.Body):
+        state = stress.evaluate(material, H, True, history, dt, scale)
+        assert state.C is not None  # which was asked for
+        return tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
+    (pointwise, K), small = split(material), material.small_strain
+    state = stress.evaluate(pointwise, H, True, history, dt, scale)
+    volume = axisymmetric.volume(body, H, K, scale, small)
+    assert state.C is not None
+    return axisymmetric.stiffness(body, state.F, state.S_geometric, state.C, volume.p, K, scale, small)
+
+
+@functools.lru_cache(maxsize=64)
+def split(material: Material) -> tuple[Material, float]:
+    """The material with a bulk modulus of at most LOCAL μ, and the rest of it (MPa), which elements project.
+
+    Only by the projection, J would be free to go up and down within an element at large strain.
+    """
+    K = material.bulk_modulus
+    local = min(K, LOCAL * material.shear_modulus)
+    return replace(material, law=replace(material.law, D1=2.0 / local)), K - local  # type: ignore[type-var]

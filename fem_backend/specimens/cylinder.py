@@ -1,0 +1,154 @@
+"""A puck: an upright cylinder with a rounded upper edge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, model_validator
+
+from fem_backend import members
+from fem_backend.specimens.flat import Flat, Layers, fitting
+from fem_backend.specimens.specimen import SPECIMENS
+from rso.contract import knob
+
+USUAL = (10.0, 5.0)  # radius and height (mm) that declared ranges of knobs are meant for
+SMALLEST = 0.2  # of a size over that of the settings
+
+
+@SPECIMENS.register
+@dataclass(frozen=True)
+class Cylinder(Flat):
+    """x² + y² ≤ radius², 0 ≤ z ≤ height (mm), its upper edge rounded by `fillet` (mm)."""
+
+    radius: float
+    tall: float
+    fillet: float = 0.0
+    layers: tuple[tuple[float, float], ...] = ()
+
+    class Table(members.MemberTable):
+        """{ shape = "cylinder", radius = 10, height = 5, fillet = 0, layers = [{ thickness, ratio }, …] }"""
+
+        shape: Literal["cylinder"] = "cylinder"
+        """An upright cylinder, a puck."""
+        radius: members.Length = USUAL[0]
+        """Radius, mm."""
+        height: members.Length = USUAL[1]
+        """Height, mm."""
+        fillet: Annotated[float, BeforeValidator(members.at_least(0.0, "the radius of the upper edge, at least 0"))] = (
+            0.0
+        )
+        """Radius of the rounded upper edge, mm."""
+        layers: Layers = ()
+        """Layers from the top down; the rest has ratio 1."""
+
+        @model_validator(mode="after")
+        def _fit(self) -> Cylinder.Table:
+            fitting(self.layers, self.height, "specimen.height")
+            if self.fillet >= 0.5 * min(self.radius, self.height):
+                raise members.refused(" mm: less than half of the radius and of the height", "fillet", self.fillet)
+            return self
+
+        def build(self) -> Cylinder:
+            """The specimen of these settings."""
+            return Cylinder(self.radius, self.height, self.fillet, tuple((v.thickness, v.ratio) for v in self.layers))
+
+    @dataclass(frozen=True)
+    class Knobs:
+        """Errors of its sizes."""
+
+        delta_radius: float = knob(
+            "error of the radius of the cylinder",
+            "mm",
+            -1e3,
+            1e3,
+            neutral=0.0,
+            typical=0.1,
+            plausible=(-0.5, 0.5),
+            label="wrong radius of the specimen",
+        )
+        delta_height: float = knob(
+            "error of the height of the cylinder",
+            "mm",
+            -1e3,
+            1e3,
+            neutral=0.0,
+            typical=0.1,
+            plausible=(-0.4, 0.4),
+            label="wrong height",
+        )
+
+    name: ClassVar[str] = "cylinder"
+    smallest_words: ClassVar[str] = "height"
+    gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02}
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """The height (mm)."""
+        return self.tall
+
+    @property
+    def half_width(self) -> float:  # type: ignore[override]
+        """The radius (mm)."""
+        return self.radius
+
+    @property
+    def edge(self) -> float:  # type: ignore[override]
+        """The radius of the upper edge (mm)."""
+        return self.fillet
+
+    def plain(self) -> dict[str, Any]:
+        """The table of the canonical settings."""
+        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        sizes = {"radius": self.radius, "height": self.tall, "fillet": self.fillet}
+        return {"shape": self.name, **sizes, "layers": layers}
+
+    def actual(self, knobs: Any) -> Cylinder:
+        """The cylinder with the errors of its sizes, layers and edge in proportion."""
+        radius, tall = self.radius + knobs.delta_radius, self.tall + knobs.delta_height
+        for name, now, was in (("delta_radius", radius, self.radius), ("delta_height", tall, self.tall)):
+            if now <= SMALLEST * was:
+                raise ValueError(
+                    f"{name} = {getattr(knobs, name):g} mm: a cylinder of {now:g} mm, must be larger than "
+                    f"{SMALLEST * was:g} mm ({SMALLEST:g} of that asked for)"
+                )
+        k = tall / self.tall
+        fillet = self.fillet * min(k, radius / self.radius)
+        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=tuple((k * t, v) for t, v in self.layers))
+
+    def factors(self) -> Mapping[str, float]:
+        """Each error goes with its size."""
+        return {"delta_radius": self.radius / USUAL[0], "delta_height": self.tall / USUAL[1]}
+
+    @property
+    def ratio(self) -> float:
+        """Cube root of the volume over the usual one."""
+        return ((self.radius / USUAL[0]) ** 2 * self.tall / USUAL[1]) ** (1.0 / 3.0)
+
+    def rings(self) -> list[float]:
+        """Axis, where the rounding begins, side."""
+        return [0.0, *([self.radius - self.fillet] if self.fillet else []), self.radius]
+
+    def interfaces(self) -> list[float]:
+        """Those of the layers, and where the rounding begins."""
+        return sorted({*self.planes_of_layers(), self.tall - self.fillet})
+
+    def rounded(self, points: np.ndarray) -> np.ndarray:
+        """The square of the corner becomes the quarter of a disc: by the map of Shirley and Chiu (1997)."""
+        f = self.fillet
+        if not f:
+            return points
+        r0, z0 = self.radius - f, self.tall - f
+        a, b = (points[:, 0] - r0) / f, (points[:, 1] - z0) / f
+        corner = (a > 0.0) & (b > 0.0)
+        out = points.copy()
+        a, b = a[corner], b[corner]
+        big, small = np.maximum(a, b), np.minimum(a, b)
+        angle = 0.25 * math.pi * small / big
+        first, second = f * big * np.cos(angle), f * big * np.sin(angle)
+        out[corner, 0] = r0 + np.where(a >= b, first, second)
+        out[corner, 1] = z0 + np.where(a >= b, second, first)
+        return out

@@ -1,0 +1,258 @@
+"""What slabs, pucks and half-spaces share: a flat top at z = height, a base at z = 0, layers from the top down."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import BeforeValidator
+from skfem import MeshTet2
+
+from fem_backend import members
+from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
+from fem_backend.specimens.specimen import Meshing
+
+LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
+GROWTH = 0.3  # of the element size per distance from the contact, in depth
+ACROSS = 5.0  # elements through the height at least, at unit fineness
+BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
+DEEPEST = 0.75  # of the height
+ON = 1e-9  # of the height: what lies this near a plane lies in it
+
+
+class Layer(members.MemberTable):
+    """{ thickness = 0.3, ratio = 5.0 }: a layer, from the top down."""
+
+    thickness: members.Length
+    """Thickness, mm."""
+    ratio: Annotated[float, BeforeValidator(members.above(0.0, "the stiffness of the layer over the rest, above 0"))]
+    """All moduli of the layer over those of the rest."""
+
+
+def _listed(value: Any) -> Any:
+    """A list of tables."""
+    if not isinstance(value, list | tuple):
+        raise members.refused(": a list of { thickness, ratio } from the top down is expected")
+    return tuple(value)
+
+
+Layers = Annotated[tuple[Layer, ...], BeforeValidator(_listed)]
+
+
+def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
+    """Refuse layers that are as thick as the specimen."""
+    total = sum(layer.thickness for layer in layers)
+    if total >= height:
+        raise members.refused(
+            f": layers of {total:g} mm in all; the rest below them, with ratio 1, must have a thickness: "
+            f"{words} = {height:g} mm",
+            "layers",
+            [layer.model_dump() for layer in layers],
+        )
+
+
+class Flat:
+    """A specimen between z = 0 and z = `height` (mm); a base class, no member.
+
+    `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
+    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.
+    """
+
+    name: ClassVar[str]
+    gauges: ClassVar[Mapping[str, float]] = {}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}
+    parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
+    of_revolution: ClassVar[bool] = True
+    alike: ClassVar[bool] = False
+    smallest_words: ClassVar[str] = "thickness"
+    height: float
+    half_width: float
+    edge: float = 0.0
+    layers: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def smallest(self) -> float:
+        """The height or the half width (mm), whichever is less."""
+        return min(self.height, self.half_width)
+
+    @property
+    def largest(self) -> float:
+        """The height or the half width (mm), whichever is more, as far as that matters for an approach from above."""
+        return self.height if self.alike else max(self.height, self.half_width)
+
+    @property
+    def skin_limit(self) -> float:
+        """Half the smallest length (mm)."""
+        return 0.5 * self.smallest
+
+    def under(self, indenter: Any) -> Flat:
+        """As it is."""
+        return self
+
+    def planes(self) -> tuple[bool, bool]:
+        """Both vertical planes through the axis."""
+        return True, True
+
+    # ------------------------------------------------------------------------------------------------- surface
+
+    def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """Point and normal of the top; ValueError beside its flat part."""
+        if not self.alike and math.hypot(x, y) > self.half_width - self.edge:
+            raise ValueError(f"point {(x, y)} mm is not above the flat top, whose radius is {self.half_width:g} mm")
+        return np.array([x, y, self.height]), np.array([0.0, 0.0, 1.0])
+
+    def part(self, name: str, X: np.ndarray) -> np.ndarray:
+        """`upper` is the top with its rounded edge, `lower` and `base` are the base, `side` is the rest."""
+        base, top = X[:, 2] <= ON * self.height, X[:, 2] >= self.height * (1.0 - ON) - self.edge
+        return {"upper": top, "lower": base, "base": base, "side": ~(base | top)}[name]
+
+    def closest(self, x: np.ndarray) -> np.ndarray:
+        """Nearest point of the core that the rounding of the edge stands on, moved out by the radius of that."""
+        x = np.asarray(x, float)
+        core = np.array(x)
+        core[2] = min(max(x[2], 0.0), self.height - self.edge)
+        if not self.alike:
+            r, limit = math.hypot(x[0], x[1]), self.half_width - self.edge
+            core[:2] *= min(1.0, limit / max(r, 1e-300))
+        away = x - core
+        return core + self.edge * away / max(float(np.linalg.norm(away)), 1e-300)
+
+    def distance(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Distance to `closest` and its direction."""
+        away = np.asarray(x, float) - self.closest(x)
+        d = float(np.linalg.norm(away))
+        return d, away if d > 0.0 else np.array([0.0, 0.0, 1.0])
+
+    def depth(self, X: np.ndarray) -> np.ndarray:
+        """Distance (…,) to the top or the side; the base is no skin."""
+        X = np.asarray(X, float)
+        below = self.height - X[..., 2]
+        return below if self.alike else np.minimum(below, self.half_width - np.hypot(X[..., 0], X[..., 1]))
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """Its surface is that of its mesh."""
+        return x.copy()
+
+    def on_surface(self, X: np.ndarray) -> np.ndarray:
+        """Nodes of the top or the side."""
+        return np.abs(self.depth(X)) < ON * self.height
+
+    def mean_curvature(self, x: float, y: float) -> float:
+        """None."""
+        return 0.0
+
+    def volume(self) -> float:
+        """π w² h."""
+        return math.pi * self.half_width**2 * self.height
+
+    @property
+    def top(self) -> np.ndarray:
+        """(0, 0, h)."""
+        return np.array([0.0, 0.0, self.height])
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """(0, 0, 0)."""
+        return np.zeros(3)
+
+    def hole(self, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """A hollow half ball in the middle of the base, a third as high as the specimen."""
+        return self.lowest, np.full(3, size * self.smallest / 3.0)
+
+    # ------------------------------------------------------------------------------------------------- what is modelled
+
+    def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
+        """A place beside the top."""
+        if self.alike or math.hypot(*point) <= self.half_width - self.edge:
+            return []
+        return [f"point = {list(point)} mm: beside the flat top, whose radius is {self.half_width - self.edge:g} mm"]
+
+    def beside(self, x: float, y: float) -> str | None:
+        """A mark lies on the top."""
+        if self.alike or math.hypot(x, y) <= self.half_width - self.edge:
+            return None
+        return f"profile: the mark ({x:g}, {y:g}) mm lies beside the flat top of radius {self.half_width:g} mm"
+
+    @property
+    def deepest(self) -> tuple[float, str]:
+        """Three quarters of the height (mm)."""
+        return DEEPEST * self.height, f"{DEEPEST:g} of the {self.smallest_words}"
+
+    def off_top(self, x: float, y: float) -> float:
+        """All places of the top are alike for elements."""
+        return 0.0
+
+    # ------------------------------------------------------------------------------------------------- mesh
+
+    def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
+        """A level of the meridian; other meshers and levels are refused."""
+        if mesher != "tetwild":
+            raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
+        if level not in LEVELS:
+            raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
+        return Meshing("", (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
+
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """Only bodies of revolution, touched on their axis, are meshed so far."""
+        raise BadMesh(f"a {self.name} is modelled on its axis, upright and without fibres only")
+
+    def interfaces(self) -> list[float]:
+        """Heights (mm) that the grid must hit, from the base to the top."""
+        return self.planes_of_layers()
+
+    def planes_of_layers(self) -> list[float]:
+        """Heights (mm) of base, interfaces between layers and top, from below."""
+        down = np.cumsum([t for t, _ in self.layers])
+        return [0.0, *(self.height - float(d) for d in down[::-1]), self.height]
+
+    def meridian(self, actual: Flat, spacing: Size, fineness: float) -> MeridianMesh:
+        """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
+        near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
+        reach = BEYOND * self.height
+
+        def across(r: np.ndarray) -> np.ndarray:
+            return fineness * (spacing(r) + GROWTH * np.maximum(r - reach, 0.0))
+
+        def down(z: np.ndarray) -> np.ndarray:
+            return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)
+
+        own, other = self.interfaces(), actual.interfaces()
+        r, z = graded(across, tuple(self.rings())), graded(down, tuple(own))
+
+        def moved(points: np.ndarray) -> np.ndarray:
+            wide = np.interp(points[:, 0], self.rings(), actual.rings())
+            return actual.rounded(np.column_stack([wide, np.interp(points[:, 1], own, other)]))
+
+        return triangulated(r, z, moved)
+
+    def rings(self) -> list[float]:
+        """Radii (mm) that the grid must hit, from the axis to the side."""
+        return [0.0, self.half_width]
+
+    def rounded(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 2) of the grid of a sharp-edged body, moved into the rounded one."""
+        return points
+
+    def stiffness(self, X: np.ndarray) -> np.ndarray | None:
+        """The ratio of the layer that a point lies in."""
+        if all(ratio == 1.0 for _, ratio in self.layers):
+            return None
+        ratios = np.array([1.0, *(ratio for _, ratio in self.layers[::-1])])
+        return ratios[np.searchsorted(self.planes_of_layers()[1:-1], X[..., 2])]
+
+    # ------------------------------------------------------------------------------------------------- proposals
+
+    def places(self) -> tuple[tuple[float, float], ...]:
+        """No other ones."""
+        return ()
+
+    def lines(self, point: tuple[float, float], beside: float, unit: float) -> dict[str, list[list[float]]]:
+        """Thirteen marks on a line through the axis of the test, over six heights or the width."""
+        reach = min(3.0 * self.height, 0.9 * (self.half_width - self.edge) - math.hypot(*point))
+        if reach <= beside:
+            return {}
+        x = np.linspace(-1.0, 1.0, 13) * reach
+        row = [[float(f"{unit * round(float(point[0] + v) / unit, 2):.12g}"), point[1] + beside] for v in x]
+        return {"surface marks along x": [m for m in row if self.beside(m[0], m[1]) is None]}

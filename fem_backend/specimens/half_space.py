@@ -1,0 +1,73 @@
+"""A body without end below and beside what presses on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+from fem_backend import members
+from fem_backend.specimens.flat import Flat
+from fem_backend.specimens.specimen import SPECIMENS
+
+FAR = 1000.0  # lengths of the indenter that are modelled, see `HalfSpace`
+USUAL = 3.0  # length (mm) of the indenter where none is known yet
+
+
+@SPECIMENS.register
+@dataclass(frozen=True)
+class HalfSpace(Flat):
+    """z ≤ height (mm), held 1000 lengths L of the indenter below the top and modelled as far beside it.
+
+    What is beyond would give way by F/(2πμ·1000 L), which is 16a/(6π·1000 L) of the travel: less than 0.1 % for a
+    contact of radius a ≤ L (Johnson 1985, eq. 3.19, ν = 1/2; Hertz's F = 16 μ a d/3).
+    """
+
+    height: float = FAR * USUAL
+
+    class Table(members.MemberTable):
+        """{ shape = "half_space" }"""
+
+        shape: Literal["half_space"] = "half_space"
+        """A half-space."""
+
+        def build(self) -> HalfSpace:
+            """The specimen of these settings."""
+            return HalfSpace()
+
+    name: ClassVar[str] = "half_space"
+    Knobs: ClassVar[type | None] = None
+    alike: ClassVar[bool] = True
+    smallest_words: ClassVar[str] = "depth of the model"
+
+    @property
+    def half_width(self) -> float:  # type: ignore[override]
+        """As far as it is deep (mm)."""
+        return self.height
+
+    def under(self, indenter: Any) -> HalfSpace:
+        """Deep enough for an indenter."""
+        return replace(self, height=FAR * indenter.length)
+
+    def plain(self) -> dict[str, Any]:
+        """The table of the canonical settings."""
+        return {"shape": self.name}
+
+    def actual(self, knobs: Any) -> HalfSpace:
+        """It has no sizes."""
+        return self
+
+    def factors(self) -> Mapping[str, float]:
+        """It has no sizes."""
+        return {}
+
+    @property
+    def ratio(self) -> float:
+        """That of the indenter it was made for."""
+        return self.height / (FAR * USUAL)
+
+    @property
+    def deepest(self) -> tuple[float, str]:
+        """No limit of its own."""
+        return math.inf, self.smallest_words

@@ -1,0 +1,109 @@
+"""A slab that is wide beside its thickness and what presses on it: a gel in a dish, a layer on a stiff base."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
+
+from pydantic import model_validator
+
+from fem_backend import members
+from fem_backend.specimens.flat import Flat, Layers, fitting
+from fem_backend.specimens.specimen import SPECIMENS
+from rso.contract import knob
+
+USUAL = 5.0  # thickness (mm) that declared ranges of knobs are meant for
+WIDE, BESIDE = 20.0, 8.0  # thicknesses and lengths of the indenter from the axis that are modelled: see `Slab`
+THINNEST = 0.2  # thickness over that of the settings
+
+
+@SPECIMENS.register
+@dataclass(frozen=True)
+class Slab(Flat):
+    """0 ≤ z ≤ thickness (mm), without end to the sides; all its places are alike.
+
+    The model ends 20 thicknesses and 8 lengths of the indenter, `around` (mm), from the axis: on a bonded base what
+    is beyond has no share (the field decays exponentially), on a sliding one a share of the square of the ratio.
+    """
+
+    thickness: float
+    layers: tuple[tuple[float, float], ...] = ()
+    around: float = 0.0
+
+    class Table(members.MemberTable):
+        """{ shape = "slab", thickness = 2.3, layers = [{ thickness = 0.3, ratio = 5.0 }, …] }"""
+
+        shape: Literal["slab"] = "slab"
+        """A slab, wide beside its thickness and the indenter."""
+        thickness: members.Length = USUAL
+        """Thickness, mm."""
+        layers: Layers = ()
+        """Layers from the top down; the rest has ratio 1."""
+
+        @model_validator(mode="after")
+        def _fit(self) -> Slab.Table:
+            fitting(self.layers, self.thickness, "specimen.thickness")
+            return self
+
+        def build(self) -> Slab:
+            """The specimen of these settings."""
+            return Slab(self.thickness, tuple((v.thickness, v.ratio) for v in self.layers))
+
+    @dataclass(frozen=True)
+    class Knobs:
+        """Errors of its sizes."""
+
+        delta_thickness: float = knob(
+            "error of the thickness of the slab",
+            "mm",
+            -1e3,
+            1e3,
+            neutral=0.0,
+            typical=0.1,
+            plausible=(-0.4, 0.4),
+            label="wrong thickness",
+        )
+
+    name: ClassVar[str] = "slab"
+    alike: ClassVar[bool] = True
+    gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """The thickness (mm)."""
+        return self.thickness
+
+    @property
+    def half_width(self) -> float:  # type: ignore[override]
+        """How far the model reaches (mm)."""
+        return WIDE * self.thickness + self.around
+
+    def under(self, indenter: Any) -> Slab:
+        """Wide enough for an indenter."""
+        return replace(self, around=BESIDE * indenter.length)
+
+    def plain(self) -> dict[str, Any]:
+        """The table of the canonical settings."""
+        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        return {"shape": self.name, "thickness": self.thickness, "layers": layers}
+
+    def actual(self, knobs: Any) -> Slab:
+        """The slab with the error of its thickness, layers in proportion; ValueError where hardly any is left."""
+        thickness = self.thickness + knobs.delta_thickness
+        if thickness <= THINNEST * self.thickness:
+            raise ValueError(
+                f"delta_thickness = {knobs.delta_thickness:g} mm: a slab of {thickness:g} mm, must be thicker than "
+                f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
+            )
+        k = thickness / self.thickness
+        return replace(self, thickness=thickness, layers=tuple((k * t, v) for t, v in self.layers))
+
+    def factors(self) -> Mapping[str, float]:
+        """The error goes with the thickness."""
+        return {"delta_thickness": self.ratio}
+
+    @property
+    def ratio(self) -> float:
+        """The thickness over the usual one."""
+        return self.thickness / USUAL
