@@ -302,10 +302,11 @@ class FiniteElements:
             if anchor is not None:
                 guess = warm_starts.guess(str(anchor), model, closed_forms.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
             elastic = not path_dependent(settings, dataclasses.asdict(knobs))
-            if guess is None and elastic and two_grid.worthwhile(settings, knobs):
+            if guess is None and elastic and not placement.meridian and two_grid.worthwhile(settings, knobs):
                 guess = two_grid.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
             how = two_grid.limit if settings.level == meshing.LIMIT else indentation.solve
+            how = two_grid.checked if placement.meridian else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             if indentation.unstable(result) is not None:

@@ -110,6 +110,10 @@ class Ellipsoid(geometry.EllipsoidShape):
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
 
+    def beyond(self, length: float) -> float:
+        """Nothing: all of it is modelled."""
+        return 0.0
+
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""
         return True, True

@@ -91,6 +91,10 @@ class Flat:
         """As it is."""
         return self
 
+    def beyond(self, length: float) -> float:
+        """Nothing."""
+        return 0.0
+
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
         return True, True

@@ -87,6 +87,9 @@ class Specimen(Protocol):
     def ratio(self) -> float:
         """Its size over the usual one, which other declared ranges are meant for."""
 
+    def beyond(self, length: float) -> float:
+        """Share of the force that what is not modelled adds under an indenter, at a contact radius of its `length`."""
+
     # ------------------------------------------------------------------------------------------------- surface
 
     def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:

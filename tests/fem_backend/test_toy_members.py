@@ -94,6 +94,9 @@ class Block:
     def under(self, indenter):
         return self
 
+    def beyond(self, length):
+        return 0.0
+
     def stiffness(self, X):
         return None
 
