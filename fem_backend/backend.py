@@ -170,17 +170,15 @@ class FiniteElements:
             (INDENTERS, settings.indenter),
             (SUPPORTS, settings.support),
         ):
-            absent = kind.of_others(present.name)
+            absent = kind.of_others(present.name) | settings.specimen.absent()
             kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
                 kept = {k: v for k, v in kept.items() if k not in known or known[k].group != group}
         kept = drop_neutral(self.parameters, kept)
         plain = experiment.plain_settings(settings)
-        if settings.specimen.alike:
-            kept = {k: v for k, v in kept.items() if k not in MISALIGNED[:2]}
-            if not settings.profile:
-                plain["point"], settings = [0.0, 0.0], dataclasses.replace(settings, point=(0.0, 0.0))
+        if settings.specimen.alike and not settings.profile:
+            plain["point"], settings = [0.0, 0.0], dataclasses.replace(settings, point=(0.0, 0.0))
         if settings.direction == "normal" and settings.point == (0.0, 0.0):
             plain["direction"] = "vertical"
         if "mullins" not in kept:

@@ -17,6 +17,7 @@ from fem_backend.supports import SUPPORTS
 
 OF_THE_SPECIMEN = ("offset_x", "offset_y", "inclusion_radius", "inclusion_depth", "inclusion_x")  # lengths like it
 OF_THE_INDENTER = ("skin_thickness", "adhesion", "adhesion_range")
+
 POSE = {"offset_x": 0.1, "offset_y": 0.1, "tilt_x": 0.1, "tilt_y": 0.1}  # uncertainties, mm and degrees
 BALANCE = {"weight": 2e-7}  # N/mm³
 PREVENTED = {
@@ -40,6 +41,7 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
     if LAWS.members[law].small_strain:  # no stretch to relax, soften or stiffen with
         others += [next(iter(next(iter(each.switches.values())))) for each in ADDITIONS]
     others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
+    others += own.specimen.absent()
     return {**_lengths(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
 
 

@@ -67,7 +67,7 @@ def _below(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centre = np.where(np.arange(3) == lone, 0.0, t / 3.0)
     centre = np.where(np.arange(3) == lone, 1.0 - centre.sum(-1, keepdims=True), centre)
     third = np.full(3, 1.0 / 3.0)
-    rest = (third - part[..., None] * centre) / np.maximum(1.0 - part, 1e-300)[..., None]
+    rest = (third - part[..., None] * centre) / np.where(part < 1.0, 1.0 - part, 1.0)[..., None]
     cut = (negative == 1) | flipped
     part = np.where(cut, np.where(flipped, 1.0 - part, part), (negative == 3).astype(float))
     centre = np.where(cut[..., None], np.where(flipped[..., None], rest, centre), third)

@@ -37,6 +37,26 @@ class Common:
     skin_thickness: float = knob(
         "thickness of the skin", "mm", 0.0, 1e3, default=0.5, group="skin", typical=0.5, plausible=(0.25, 2.0)
     )
+    delta_layer: float = knob(
+        "error of the thickness of the uppermost layer",
+        "mm",
+        -1e3,
+        1e3,
+        neutral=0.0,
+        typical=0.05,
+        plausible=(-0.2, 0.2),
+        label="wrong thickness of the layer",
+    )
+    layer_ratio: float = knob(
+        "stiffness of the uppermost layer over what the settings say",
+        "1",
+        1e-3,
+        1e3,
+        neutral=1.0,
+        typical=1.5,
+        plausible=(0.3, 3.0),
+        label="wrong stiffness of the layer",
+    )
     inclusion_ratio: float = knob(
         "stiffness of the inclusion over that of the body",
         "1",

@@ -117,7 +117,7 @@ class Cylinder(Flat):
                 )
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
-        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=tuple((k * t, v) for t, v in self.layers))
+        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k))
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

@@ -13,7 +13,7 @@ from skfem import MeshTet2
 
 from fem_backend import closed_forms, geometry, members, meshing
 from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size
-from fem_backend.specimens.specimen import SPECIMENS, Meshing
+from fem_backend.specimens.specimen import LAYER, SPECIMENS, Meshing
 from rso.contract import knob
 
 USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
@@ -113,6 +113,10 @@ class Ellipsoid(geometry.EllipsoidShape):
     def beyond(self, length: float) -> float:
         """Nothing: all of it is modelled."""
         return 0.0
+
+    def absent(self) -> frozenset[str]:
+        """It has no layers."""
+        return frozenset(LAYER)
 
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""

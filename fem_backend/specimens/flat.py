@@ -12,7 +12,7 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
-from fem_backend.specimens.specimen import Meshing
+from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
@@ -94,6 +94,10 @@ class Flat:
     def beyond(self, length: float) -> float:
         """Nothing."""
         return 0.0
+
+    def absent(self) -> frozenset[str]:
+        """Those of a layer where it has none, and of a place where all are alike."""
+        return frozenset((() if self.layers else LAYER) + (PLACE if self.alike else ()))
 
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
@@ -208,8 +212,9 @@ class Flat:
 
     def planes_of_layers(self) -> list[float]:
         """Heights (mm) of base, interfaces between layers and top, from below."""
-        down = np.cumsum([t for t, _ in self.layers])
-        return [0.0, *(self.height - float(d) for d in down[::-1]), self.height]
+        down, ratios = np.cumsum([t for t, _ in self.layers]), [*(k for _, k in self.layers), 1.0]
+        seen = [float(d) for d, a, b in zip(down, ratios, ratios[1:], strict=False) if a != b]
+        return [0.0, *(self.height - d for d in seen[::-1]), self.height]
 
     def meridian(self, actual: Flat, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
@@ -243,8 +248,22 @@ class Flat:
         """The ratio of the layer that a point lies in."""
         if all(ratio == 1.0 for _, ratio in self.layers):
             return None
-        ratios = np.array([1.0, *(ratio for _, ratio in self.layers[::-1])])
-        return ratios[np.searchsorted(self.planes_of_layers()[1:-1], X[..., 2])]
+        ratios = np.array([*(k for _, k in self.layers), 1.0])
+        return ratios[np.searchsorted(np.cumsum([t for t, _ in self.layers]), self.height - X[..., 2])]
+
+    def changed(self, knobs: Any, k: float) -> tuple[tuple[float, float], ...]:
+        """Layers of a specimen `k` times as high, the uppermost with its own errors; ValueError where one vanishes."""
+        layers = [(k * t, ratio) for t, ratio in self.layers]
+        if not layers:
+            return ()
+        t, ratio = layers[0]
+        left = self.height - sum(v for v, _ in self.layers)
+        if not 0.0 < t + knobs.delta_layer < t + k * left:
+            raise ValueError(
+                f"delta_layer = {knobs.delta_layer:g} mm: the uppermost layer, {t:g} mm thick, would leave nothing of "
+                "itself or of what is below"
+            )
+        return ((t + knobs.delta_layer, ratio * knobs.layer_ratio), *layers[1:])
 
     # ------------------------------------------------------------------------------------------------- proposals
 

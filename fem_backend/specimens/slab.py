@@ -96,8 +96,7 @@ class Slab(Flat):
                 f"delta_thickness = {knobs.delta_thickness:g} mm: a slab of {thickness:g} mm, must be thicker than "
                 f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
             )
-        k = thickness / self.thickness
-        return replace(self, thickness=thickness, layers=tuple((k * t, v) for t, v in self.layers))
+        return replace(self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness))
 
     def factors(self) -> Mapping[str, float]:
         """The error goes with the thickness."""

@@ -28,6 +28,9 @@ class Specimens(OpenSet):
 
 SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 2})
 
+LAYER = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
+PLACE = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
+
 
 @dataclass(frozen=True)
 class Meshing:
@@ -76,6 +79,9 @@ class Specimen(Protocol):
 
     def actual(self, knobs: Any) -> Specimen:
         """Itself with the errors that knobs give it; ValueError naming knob, value and unit where nothing is left."""
+
+    def absent(self) -> frozenset[str]:
+        """Knobs of all specimens that say nothing of this one."""
 
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0."""

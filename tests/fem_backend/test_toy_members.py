@@ -94,6 +94,9 @@ class Block:
     def under(self, indenter):
         return self
 
+    def absent(self):
+        return frozenset(("delta_layer", "layer_ratio"))
+
     def beyond(self, length):
         return 0.0
 
