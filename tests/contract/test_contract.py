@@ -65,7 +65,7 @@ SUBJECTS = {
         settings={"mesh": MAPPED},
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
-        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere") | {"delta_layer", "layer_ratio"},
+        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere") | {*LAYER},
     ),
     "finite elements of a slab": Subject(
         Source(use="fem_backend.backend:BACKEND"),
@@ -73,9 +73,7 @@ SUBJECTS = {
         settings=SLAB,
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 1e-6}, SLAB, (0.5, 1.0)),  # K/mu = 2e8
-        inert=SPECIMENS.of_others("slab")
-        | INDENTERS.of_others("sphere")
-        | {"offset_x", "offset_y", "delta_layer", "layer_ratio"},
+        inert=SPECIMENS.of_others("slab") | INDENTERS.of_others("sphere") | {*PLACE, *LAYER},
     ),
 }
 
