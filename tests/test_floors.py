@@ -36,7 +36,8 @@ LAYERS = {
         "tractions",
     ),
     "fem_backend.indenters": (
-        "indenter spherical_patch",
+        "indenter meridian spherical_patch",
+        "revolution",
         "*",
         "__init__",
     ),

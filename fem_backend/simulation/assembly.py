@@ -67,13 +67,13 @@ class Placement:
 
     @property
     def contact(self) -> np.ndarray:
-        """Point of first contact (3,)."""
-        return self.indenter.contact(self.specimen, self.touch)
+        """Point (3,) of the specimen about which contact grows."""
+        return self.indenter.contact(self.specimen, self.touch, self.direction)
 
     @property
     def normal(self) -> np.ndarray:
-        """Unit normal (3,) of the specimen there."""
-        return self.indenter.normal(self.specimen, self.touch)
+        """Unit vector (3,) out of the specimen there, about which its contact is reported."""
+        return self.indenter.normal(self.specimen, self.touch, self.direction)
 
     @property
     def down(self) -> np.ndarray:
@@ -325,7 +325,7 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
         return system
     pair, c = system.pressing, [load.pressing.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)
-    nodes = np.unique(pair.surface.facets[pair.rigid.swept(points, *c).any(1)])
+    nodes = np.unique(pair.surface.facets[pair.rigid.swept(points, *c, end.pressing.direction).any(1)])
     dofs = model.body.free.reshape(-1, 3)[nodes]
     dofs = dofs[dofs >= 0]
     if len(dofs) ** 2 > len(model.body.pattern.indices):

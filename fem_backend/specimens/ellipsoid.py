@@ -137,17 +137,21 @@ class Ellipsoid(geometry.EllipsoidShape):
         return self.lowest, np.multiply(size, self.cavity)
 
     def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
-        """Indenters of 1/70 of the largest to half the smallest semi-axis are meshed, to 0.8 semi-axes off the top."""
+        """Indenters of 1/70 of the largest to half the smallest semi-axis are meshed, to 0.8 semi-axes off the top.
+
+        Its meshes are fine in proportion to the indenter's length, of which `size` may be a share.
+        """
         out, (key, size) = [], indenter.size
+        least = self.largest / LARGEST * size / indenter.length
         if size > 0.5 * self.smallest:
             out.append(
-                f"indenter.{key} = {size} mm: only indenters much smaller than the specimen are modelled, at most "
+                f"indenter.{key} = {size} mm: this specimen is meshed for indenters much smaller than it, at most "
                 f"{0.5 * self.smallest:g} mm (half of its {self.smallest_words})"
             )
-        if size < self.largest / LARGEST:
+        if size < least:
             out.append(
                 f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen, at "
-                f"least {self.largest / LARGEST:.3g} mm (1/{LARGEST} of its largest semi-axis); it takes a smaller "
+                f"least {least:.3g} mm (1/{self.largest / least:.3g} of its largest semi-axis); it takes a smaller "
                 "specimen for the same half-space"
             )
         if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.FARTHEST:

@@ -1,0 +1,90 @@
+"""A rigid plate that compresses the specimen from above."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from fem_backend import closed_forms, members
+from fem_backend.indenters.indenter import INDENTERS
+from fem_backend.indenters.meridian import Meridian, outline
+from fem_backend.indenters.revolution import LARGEST, OfRevolution
+
+SPAN = 1.0 / 3.0  # length over the smallest length of the specimen
+WIDE = outline([(0.0, math.inf)])
+
+
+@INDENTERS.register
+@dataclass(frozen=True)
+class Plate(OfRevolution):
+    """Rigid plane without an end, across its way; it takes its length (mm) from the specimen.
+
+    Contact is unilateral: frictionless, or with Coulomb's friction by the knob `friction`.
+    """
+
+    contact_kind: str = "slip"
+    span: float = 3.0
+
+    class Table(members.MemberTable):
+        """{ shape = "plate", contact = "slip" }"""
+
+        shape: Literal["plate"] = "plate"
+        """A rigid plate, larger than the specimen."""
+        contact: Annotated[str, BeforeValidator(members.one_of(("slip",)))] = "slip"
+        """slip: the specimen slides on it, with the knob `friction`."""
+
+        def build(self) -> Plate:
+            """The indenter of these settings."""
+            return Plate(self.contact)
+
+    name: ClassVar[str] = "plate"
+    noun: ClassVar[str] = "plate"
+    exponents: ClassVar[tuple[float, ...]] = (1.0, 2.0)  # uniform compression, and the first of what stiffens
+    meridian: ClassVar[Meridian] = WIDE
+    gauges: ClassVar[Mapping[str, float]] = {}
+
+    def plain(self) -> dict[str, Any]:
+        """The table of the canonical settings."""
+        return {"shape": self.name, "contact": self.contact_kind}
+
+    def on(self, specimen: Any) -> Plate:
+        """The plate with a third of the specimen's smallest length as its own."""
+        return replace(self, span=SPAN * float(specimen.smallest))
+
+    def actual(self, knobs: Any, specimen: Any) -> Plate:
+        """Itself: it has no size that errs."""
+        return self
+
+    @property
+    def size(self) -> tuple[str, float]:
+        """It has no size that must be small."""
+        return "contact", self.span
+
+    @property
+    def length(self) -> float:
+        """A third of the smallest length of the specimen (mm)."""
+        return self.span
+
+    def contact(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Point (3,) of the specimen that it touches first."""
+        return self.first_touched(specimen, touch, direction)
+
+    def spacing(self, r: np.ndarray) -> np.ndarray:
+        """Wanted element size (…) mm at distances r (…) mm from the axis: the same everywhere, 0.12 of its length."""
+        return np.full(np.shape(r), LARGEST * self.span)
+
+    def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray | None:
+        """Hertz's F (N) at depths (mm) of a plane on a body of mean curvature H > 0 (1/mm), R = 1/H; None on a plane.
+
+        Assumptions: half-space, small strain, no friction.  Source: Johnson 1985, eq. 4.23.
+        """
+        return closed_forms.hertz_force(depth, 1.0 / curvature, E, nu) if curvature > 0.0 else None
+
+    def tests(self) -> dict[str, Mapping[str, Any]]:
+        """No other one."""
+        return {}
