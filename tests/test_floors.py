@@ -32,7 +32,7 @@ LAYERS = {
     ),
     "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
     "fem_backend.contact": (
-        "pointwise",
+        "bonded pointwise",
         "tractions",
     ),
     "fem_backend.indenters": (

@@ -91,6 +91,12 @@ class Indenter(Rigid, Protocol):
     def contact(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Point (3,) of the specimen about which contact grows, for the reference point `touch` (3,) on its way."""
 
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """Places (…, 3) mm relative to the reference point at which points (…, 3) are glued to it from the first
+        contact on, nan where they are free; None of an indenter that lets go of all.  Raises ValueError where it ought
+        to hold and touches none.
+        """
+
     def normal(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Unit vector (3,) out of the specimen about which its contact is reported: the axis of `patch`."""
 

@@ -15,6 +15,7 @@ from fem_backend.indenters.indenter import INDENTERS
 from fem_backend.indenters.meridian import Meridian, outline
 from fem_backend.indenters.revolution import LARGEST, OfRevolution
 
+LEVEL = 1e-6  # of its length: points that near to the plate lie on it
 SPAN = 1.0 / 3.0  # length over the smallest length of the specimen
 WIDE = outline([(0.0, math.inf)])
 
@@ -24,7 +25,8 @@ WIDE = outline([(0.0, math.inf)])
 class Plate(OfRevolution):
     """Rigid plane without an end, across its way; it takes its length (mm) from the specimen.
 
-    Contact is unilateral: frictionless, or with Coulomb's friction by the knob `friction`.
+    Contact "slip" is unilateral: frictionless, or with Coulomb's friction by the knob `friction`.  "bonded": what lies
+    on the plate at first contact is glued to it, in every direction and also when it pulls; the rest may touch.
     """
 
     contact_kind: str = "slip"
@@ -35,8 +37,8 @@ class Plate(OfRevolution):
 
         shape: Literal["plate"] = "plate"
         """A rigid plate, larger than the specimen."""
-        contact: Annotated[str, BeforeValidator(members.one_of(("slip",)))] = "slip"
-        """slip: the specimen slides on it, with the knob `friction`."""
+        contact: Annotated[str, BeforeValidator(members.one_of(("slip", "bonded")))] = "slip"
+        """slip: the specimen slides on it, with the knob `friction`; bonded: its flat top is glued to it."""
 
         def build(self) -> Plate:
             """The indenter of these settings."""
@@ -53,7 +55,12 @@ class Plate(OfRevolution):
         return {"shape": self.name, "contact": self.contact_kind}
 
     def on(self, specimen: Any) -> Plate:
-        """The plate with a third of the specimen's smallest length as its own."""
+        """The plate with a third of the specimen's smallest length as its own; ValueError for one that holds nothing."""
+        if self.contact_kind == "bonded" and specimen.mean_curvature(0.0, 0.0) != 0.0:
+            raise ValueError(
+                f'indenter.contact = "bonded": a plate is glued to a flat top, that of specimen.shape = '
+                f'"{specimen.name}" is curved; take "slip", with the knob friction'
+            )
         return replace(self, span=SPAN * float(specimen.smallest))
 
     def actual(self, knobs: Any, specimen: Any) -> Plate:
@@ -73,6 +80,16 @@ class Plate(OfRevolution):
     def contact(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Point (3,) of the specimen that it touches first."""
         return self.first_touched(specimen, touch, direction)
+
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """Of a bonded plate the points (…, 3) of the specimen that lie on it at first contact, from its tip."""
+        if self.contact_kind != "bonded":
+            return None
+        v = points - touch
+        on = np.abs(v @ np.asarray(direction, float)) <= LEVEL * self.span
+        if not on.any():
+            raise ValueError('indenter.contact = "bonded": the top is tilted against the plate and touches it nowhere')
+        return np.where(on[..., None], v, np.nan)
 
     def spacing(self, r: np.ndarray) -> np.ndarray:
         """Wanted element size (…) mm at distances r (…) mm from the axis: the same everywhere, 0.12 of its length."""

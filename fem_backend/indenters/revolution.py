@@ -126,6 +126,10 @@ class OfRevolution:
         """Point (3,) of the specimen that it touches first, with the tip at `touch` (3,)."""
         return _meeting(self, specimen, tuple(map(float, touch)), tuple(map(float, direction)))[1].copy()
 
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """It lets go of everything."""
+        return None
+
     def normal(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Its axis (3,), out of the specimen."""
         return -np.asarray(direction, float)

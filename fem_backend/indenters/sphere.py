@@ -176,6 +176,10 @@ class Sphere:
         """Point (3,) of the specimen that the sphere around `touch` (3,) meets first."""
         return specimen.closest(touch)
 
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """It lets go of everything."""
+        return None
+
     def normal(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Unit normal (3,) there, out of the specimen."""
         return (touch - self.contact(specimen, touch, direction)) / self.R

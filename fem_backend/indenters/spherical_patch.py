@@ -107,7 +107,7 @@ def patch_on(
 ) -> Patch:
     """The contact patch of :func:`contact_patch` on another surface of revolution, about the unit axis `up` (3,).
 
-    Where it is not rounded the peak is the largest pressure at a point.
+    Where it is not rounded, area and radius are those counted, and the peak is the largest pressure at a point.
     """
     X, w = get_quadrature(RefTri, ORDER)
     dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
@@ -143,16 +143,18 @@ def patch_on(
     outermost = np.full(sectors, -np.inf)
     np.maximum.at(outermost, sector, r[on])
     order, copies = np.argsort(r[on]), 2 ** sum(planes)
+    counted_area = copies * float(area[on].sum())
+    counted_radius = float(np.sqrt(copies * np.abs(vector[on] @ up).sum() / np.pi))
     return Patch(
-        area=float(np.pi * rim.mean()),
-        radius=float(cap.plan(rim).mean()),
+        area=float(np.pi * rim.mean()) if cap.rounded else counted_area,
+        radius=float(cap.plan(rim).mean()) if cap.rounded else counted_radius,
         edge=cap.plan(rim),
         peak=float(net.max()) if cap.rounded else float(current.max()),
         profile_radius=cap.plan(xi * rim.mean()),
         profile_pressure=smooth,
         directions=theta,
-        counted_area=copies * float(area[on].sum()),
-        counted_radius=float(np.sqrt(copies * np.abs(vector[on] @ up).sum() / np.pi)),
+        counted_area=counted_area,
+        counted_radius=counted_radius,
         outermost=np.where(np.isfinite(outermost), outermost, np.nan),
         largest=float(current.max()),
         points_radius=r[on][order],

@@ -256,7 +256,13 @@ def system(
         surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
     epsilon = np.full(surface.weights.shape, PENALTY * mu / length)
-    indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion)
+    try:
+        held = placement.indenter.held(contact_points(surface, body.nodes), placement.touch, placement.direction)
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+    if held is not None and knobs.weight:
+        raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
+    indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
     # multipliers stay with points of the body: where that turns, they do not hold its weight in place
     soft = knobs.weight > 0.0 and not all(placement.planes)
     seat = settings.support.pairs(settings.specimen, placement.specimen, below, knobs, mu, length, soft)

@@ -233,6 +233,9 @@ class Paraboloid:
     def contact(self, specimen, touch, direction):
         return touch
 
+    def held(self, points, touch, direction):
+        return None
+
     def normal(self, specimen, touch, direction):
         return specimen.above(*touch[:2])[1]
 
