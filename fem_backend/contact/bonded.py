@@ -3,19 +3,19 @@
     t = −ε_b (x − c − h),   Π_b = ∫ ε_b |x − c − h|²/2 dA₀
 
 with the reference point c of the rigid body and the place h (mm) of each point relative to it.  As this is linear, ε_b
-is so much larger than the penalty of contact that nothing of it is left to see: no multipliers.
+may be so much larger than the penalty of contact that nothing is left to multipliers.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-BOND = 1e3  # ε_b/ε: of strains, 1e-6 go into the glue
+BOND = 30.0  # ε_b/ε: some 1e-5 of a travel go into the glue; with much more, its round-off is larger than small forces
 
 
-def bonded(held: np.ndarray | None) -> np.ndarray | None:
-    """Whether points are glued (f, q), by their places `held` (f, q, 3), nan where they are free; None without any."""
-    return None if held is None else np.isfinite(held[..., 0])
+def glued(held: np.ndarray) -> np.ndarray:
+    """Whether points are glued (f, q), by their places `held` (f, q, 3), nan where they are free."""
+    return np.isfinite(held[..., 0])
 
 
 def traction(held: np.ndarray, points: np.ndarray, centre: np.ndarray, epsilon: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def stiffness(
     held: np.ndarray, N: np.ndarray, weights: np.ndarray, place: np.ndarray, epsilon: np.ndarray, data: np.ndarray
 ) -> None:
     """Add ∫ ε_b N_a N_b dA₀ I of the glued points to `data` at the places (f, 3a, 3a), −1 for none."""
-    w = np.where(bonded(held), BOND * epsilon * weights, 0.0)
+    w = np.where(glued(held), BOND * epsilon * weights, 0.0)
     some = np.nonzero(w.any(1))[0]
     block = np.einsum("fq,qa,qb,ij->faibj", w[some], N, N, np.eye(3)).reshape(place[some].shape)
     free = place[some] >= 0

@@ -203,14 +203,14 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
     points = contact_points(surface, x)
     gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
     before, motion = _before(pair, touch)
-    epsilon, glued = _epsilon(pair, touch), bonded.bonded(pair.held)
+    epsilon = _epsilon(pair, touch)
     residual, force, pressure, traction, slipping, attraction, energy = pointwise.evaluate(
         surface.facets,
         surface.N,
         surface.weights,
         len(x),
         points,
-        gap if glued is None else np.where(glued, np.inf, gap),  # glued points do not touch besides
+        gap if pair.held is None else np.where(bonded.glued(pair.held), np.inf, gap),  # what is glued does not touch
         normal,
         epsilon,
         _full(touch.multiplier, gap.shape),
@@ -241,7 +241,7 @@ def tangent(
     surface, pressure, gap = pair.surface, state.pressure, state.gap
     moving = np.zeros(x.shape)
     if pair.held is not None:
-        glued, epsilon = bonded.bonded(pair.held), _epsilon(pair, touch)
+        glued, epsilon = bonded.glued(pair.held), _epsilon(pair, touch)
         bonded.stiffness(pair.held, surface.N, surface.weights, surface.place, epsilon, data)
         rate = np.where(glued[..., None], bonded.BOND * epsilon[..., None] * np.asarray(touch.direction, float), 0.0)
         moving -= bonded.loads(surface.facets, surface.N, surface.weights, rate, len(x))

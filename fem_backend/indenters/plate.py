@@ -55,7 +55,7 @@ class Plate(OfRevolution):
         return {"shape": self.name, "contact": self.contact_kind}
 
     def on(self, specimen: Any) -> Plate:
-        """The plate with a third of the specimen's smallest length as its own; ValueError for one that holds nothing."""
+        """The plate, its length a third of the smallest of the specimen; ValueError where it can hold nothing."""
         if self.contact_kind == "bonded" and specimen.mean_curvature(0.0, 0.0) != 0.0:
             raise ValueError(
                 f'indenter.contact = "bonded": a plate is glued to a flat top, that of specimen.shape = '

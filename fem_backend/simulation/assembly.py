@@ -39,6 +39,7 @@ FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over 
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
+BULKY = 30.0  # K/μ beyond which glue goes with K
 SPRINGS = 1e-4  # grounding springs of a loose body, all together, over μ times the length of the indenter
 
 
@@ -262,6 +263,8 @@ def system(
         raise NotModelled("bad_geometry", str(error)) from error
     if held is not None and knobs.weight:
         raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
+    if held is not None:  # a layer between two that hold it is as stiff as K
+        epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
     # multipliers stay with points of the body: where that turns, they do not hold its weight in place
     soft = knobs.weight > 0.0 and not all(placement.planes)
