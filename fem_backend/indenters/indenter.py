@@ -35,6 +35,8 @@ class Indenter(Rigid, Protocol):
 
     name: ClassVar[str]
     noun: ClassVar[str]
+    theory: ClassVar[str]
+    """Whose closed form `force` is."""
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]

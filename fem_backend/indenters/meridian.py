@@ -121,18 +121,18 @@ class Meridian:
         the unit vector `direction` (3,).  C¹ outside, and inside to the depth of the least radius of curvature.
         """
         flat, tip, direction = arrays(x, tip, direction)
-        g, n, hessian = _gap(flat, tip, direction, self.pieces)
+        g, n, hessian = _gap(flat, tip, direction, self.pieces, self.starts)
         return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
 
     def line(self, farthest: float) -> np.ndarray:
-        """Points (k, 2) of the outline (r, h) mm from the axis to where either exceeds `farthest`."""
+        """Points (k, 2) of the outline (r, h) mm from the axis, some `farthest` (mm) far."""
         out = [np.zeros((1, 2))]
         for kind, r, h, size, c0, s0, c1, s1 in self.pieces:
             if kind == ARC:
                 a = np.linspace(math.atan2(s0, c0), math.atan2(s1, c1), 25)[1:]
                 out.append(np.column_stack([r + size * np.sin(a), h - size * np.cos(a)]))
             else:
-                out.append(np.array([[r, h]]) + min(size, 2.0 * farthest) * np.array([[c0, s0]]))
+                out.append(np.array([[r, h]]) + min(size, farthest) * np.array([[c0, s0]]))
         points = np.concatenate(out)
         return points[(points <= 2.0 * farthest).all(1)]
 
@@ -202,7 +202,39 @@ def _needed(meridian: Meridian, curvature: float, widest: float) -> tuple[np.nda
 
 
 @numba.njit(cache=True)
-def _gap(x, tip, d, pieces):  # type: ignore[no-untyped-def]
+def _away(p, r, h):  # type: ignore[no-untyped-def]
+    """Distance of a point (r, h) from a piece."""
+    u, v, size, c0, s0, c1, s1 = r - p[1], h - p[2], p[3], p[4], p[5], p[6], p[7]
+    if p[0] == ARC:
+        if c0 * u + s0 * v >= 0.0 and c1 * u + s1 * v <= 0.0:
+            return abs(np.sqrt(u * u + v * v) - size)
+        return min(np.hypot(u - size * s0, v + size * c0), np.hypot(u - size * s1, v + size * c1))
+    along = c0 * u + s0 * v
+    return np.hypot(s0 * u - c0 * v, along - min(max(along, 0.0), size))
+
+
+@numba.njit(cache=True)
+def _closest(pieces, starts, r, h):  # type: ignore[no-untyped-def]
+    """The piece closest to a point (r, h): that at r, or one whose distances from the axis are near enough."""
+    k = max(np.searchsorted(starts, r, side="right") - 1, 0)
+    best, least = k, _away(pieces[k], r, h)
+    p = k - 1
+    while p >= 0 and starts[p + 1] >= r - least:
+        away = _away(pieces[p], r, h)
+        if away < least:
+            best, least = p, away
+        p -= 1
+    p = k + 1
+    while p < len(pieces) and starts[p] <= r + least:
+        away = _away(pieces[p], r, h)
+        if away < least:
+            best, least = p, away
+        p += 1
+    return best
+
+
+@numba.njit(cache=True)
+def _gap(x, tip, d, pieces, starts):  # type: ignore[no-untyped-def]
     count = len(x)
     g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
     across = np.empty(3)
@@ -229,20 +261,7 @@ def _gap(x, tip, d, pieces):  # type: ignore[no-untyped-def]
             size = np.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
             for i in range(3):
                 across[i] /= size
-        best, least = 0, np.inf
-        for p in range(len(pieces)):
-            u, v, size = r - pieces[p, 1], h - pieces[p, 2], pieces[p, 3]
-            c0, s0, c1, s1 = pieces[p, 4], pieces[p, 5], pieces[p, 6], pieces[p, 7]
-            if pieces[p, 0] == ARC:
-                if c0 * u + s0 * v >= 0.0 and c1 * u + s1 * v <= 0.0:
-                    away = abs(np.sqrt(u * u + v * v) - size)
-                else:
-                    away = min(np.hypot(u - size * s0, v + size * c0), np.hypot(u - size * s1, v + size * c1))
-            else:
-                along = c0 * u + s0 * v
-                away = np.hypot(s0 * u - c0 * v, along - min(max(along, 0.0), size))
-            if away < least:
-                best, least = p, away
+        best = _closest(pieces, starts, r, h)
         u, v, size = r - pieces[best, 1], h - pieces[best, 2], pieces[best, 3]
         if pieces[best, 0] == ARC:
             reach = max(np.sqrt(u * u + v * v), 1e-300)

@@ -46,6 +46,7 @@ class Plate(OfRevolution):
 
     name: ClassVar[str] = "plate"
     noun: ClassVar[str] = "plate"
+    theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.0, 2.0)  # uniform compression, and the first of what stiffens
     meridian: ClassVar[Meridian] = WIDE
     gauges: ClassVar[Mapping[str, float]] = {}

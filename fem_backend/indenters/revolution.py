@@ -28,6 +28,7 @@ class OfRevolution:
     """A convex rigid body of revolution about its way; its reference point is its tip, the lowest on the axis."""
 
     of_revolution: ClassVar[bool] = True
+    theory: ClassVar[str] = "Sneddon"
     Knobs: ClassVar[type | None] = None
     gauges: ClassVar[Mapping[str, float]] = {}
 

@@ -68,6 +68,7 @@ class Sphere:
 
     name: ClassVar[str] = "sphere"
     noun: ClassVar[str] = "ball"
+    theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
     of_revolution: ClassVar[bool] = True

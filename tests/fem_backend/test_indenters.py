@@ -229,6 +229,18 @@ def test_the_area_of_a_cap_is_that_of_a_surface_of_revolution(name):
     np.testing.assert_allclose(shape.meridian.radius_of_cap(area[some]), curve[some, 0], rtol=1e-4, atol=1e-3)
 
 
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_drawn_outline_is_the_surface(name):
+    """Every point of the cut lies on the surface, on both sides of the axis, and a flat end has its side."""
+    shape, tip, d = SHAPES[name], np.array([1.0, 0.5, 2.0]), np.array([0.6, 0.0, -0.8])
+    drawn = shape.outline(tip, d, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    points = np.column_stack([drawn[:, 0], np.full(len(drawn), 0.5), drawn[:, 1]])
+    np.testing.assert_allclose(shape.gap(points, tip, d)[0], 0.0, atol=1e-12)
+    beside, up = (points - tip) @ [0.8, 0.0, 0.6], -(points - tip) @ d
+    assert beside.min() == pytest.approx(-beside.max()) and beside.max() > 0.4
+    assert up.max() > 2.0 * shape.length or name not in ("flat", "slim cone")
+
+
 def test_elements_are_small_where_a_surface_bends():
     """A third of the fillet at the edge, and growing from there; never needlessly fine at the axis; as the unit."""
     r = np.linspace(0.0, 6.0, 400)

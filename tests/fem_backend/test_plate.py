@@ -42,8 +42,10 @@ def compressed(contact: str, kind: str, D1: float = 5.0, asked=ASKED, **values):
 
 
 def uniaxial(stretch: float, D1: float) -> float:
-    """Nominal stress (MPa) of the compressible neo-Hookean body, W = mu/2 (I1 J^(-2/3) - 3) + (J - 1)^2/D1, free beside:
-    dW/d(side) = 0 is solved for the side, dW/d(stretch) is the stress, both by central differences of W."""
+    """Nominal stress (MPa) of the neo-Hookean body, W = mu/2 (I1 J^(-2/3) - 3) + (J - 1)^2/D1, free beside.
+
+    dW/d(side) = 0 is solved for the side, dW/d(stretch) is the stress, both by central differences of W.
+    """
 
     def W(a: float, b: float) -> float:
         J = a * b * b

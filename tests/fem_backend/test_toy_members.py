@@ -185,6 +185,7 @@ class Paraboloid:
 
     name: ClassVar[str] = "paraboloid"
     noun: ClassVar[str] = "paraboloid"
+    theory: ClassVar[str] = "none"
     exponents: ClassVar[tuple[float, ...]] = (1.5,)
     gauges: ClassVar[Mapping[str, float]] = {"delta_tip": 0.02}
 
