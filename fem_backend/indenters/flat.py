@@ -105,8 +105,11 @@ class Flat(OfRevolution):
     def actual(self, knobs: Any, specimen: Any) -> Flat:
         """The cylinder with the errors of its sizes; ValueError where these are none of a rounded flat end."""
         radius, fillet = self.radius + knobs.delta_punch_radius, self.fillet + knobs.delta_punch_fillet
-        if radius <= 0.0:
-            raise ValueError(f"delta_punch_radius = {knobs.delta_punch_radius:g} mm: a flat end of {radius:g} mm")
+        if not 0.0 < radius <= specimen.fattest:
+            raise ValueError(
+                f"delta_punch_radius = {knobs.delta_punch_radius:g} mm: a flat end of {radius:g} mm, must be larger "
+                f"than 0 and at most {specimen.fattest:g} mm on this specimen"
+            )
         if not SHARPEST * radius <= fillet <= radius:
             raise ValueError(
                 f"delta_punch_fillet = {knobs.delta_punch_fillet:g} mm: a fillet of {fillet:g} mm, must be "

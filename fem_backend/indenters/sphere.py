@@ -78,10 +78,13 @@ class Sphere:
         return {"shape": self.name, "radius": self.R, "shaft": self.shaft}
 
     def actual(self, knobs: Any, specimen: Any) -> Sphere:
-        """The sphere with the error of its radius; ValueError where that leaves none."""
+        """The sphere with the error of its radius; ValueError where that leaves none, or none that a mesh takes."""
         R = self.R + knobs.delta_R
-        if R <= 0.0:
-            raise ValueError(f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0")
+        if not 0.0 < R <= specimen.fattest:
+            raise ValueError(
+                f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at most "
+                f"{specimen.fattest:g} mm on this specimen"
+            )
         return replace(self, R=R)
 
     def on(self, specimen: Any) -> Sphere:

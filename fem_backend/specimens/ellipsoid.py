@@ -19,6 +19,7 @@ from rso.contract import knob
 USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
 THINNEST = 0.2  # smallest semi-axis over that of the settings
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
+FATTEST = 0.6  # size of the indenter with its errors, over the smallest semi-axis
 DEEPEST = 0.3  # of the smallest semi-axis
 HOLLOW = (4.0, 3.5, 3.5)  # semi-axes over those of the cavity where nobody says otherwise
 SEEN = 0.8  # squared distance from the top in semi-axes within which a camera from above sees a mark
@@ -102,6 +103,11 @@ class Ellipsoid(geometry.EllipsoidShape):
                 f"({THINNEST:g} of the smallest asked for)"
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
+
+    @property
+    def fattest(self) -> float:
+        """0.6 of the smallest semi-axis (mm): settings say 0.5, errors may exceed it."""
+        return FATTEST * self.smallest
 
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""

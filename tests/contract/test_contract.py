@@ -17,6 +17,8 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from fem_backend.indenters import INDENTERS
+from fem_backend.specimens import SPECIMENS
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
 from rso.evaluation import Source
 from rso.evaluation.store import RunStore
@@ -61,6 +63,7 @@ SUBJECTS = {
         settings={"mesh": MAPPED},
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
+        inert=SPECIMENS.of_others(SPECIMENS.default) | INDENTERS.of_others(INDENTERS.default),
     ),
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -421,12 +422,13 @@ def knobs(**values: float):
 
 
 def test_knobs_change_what_they_name():
-    assert Flat(2.0, 0.1).actual(knobs(delta_punch_radius=0.1, delta_punch_fillet=0.05), None) == Flat(2.1, 0.1 + 0.05)
+    body = SPECIMENS.read({})
+    assert Flat(2.0, 0.1).actual(knobs(delta_punch_radius=0.1, delta_punch_fillet=0.05), body) == Flat(2.1, 0.1 + 0.05)
     assert Cone(60.0, 0.1).actual(knobs(delta_half_angle=-1.0, delta_tip_radius=0.02), None) == Cone(59.0, 0.1 + 0.02)
     scaled = Profile(BOWL).actual(knobs(profile_scale=1.1), None)
     np.testing.assert_allclose(scaled.points, 1.1 * np.array(BOWL), rtol=1e-14)
     for shape in SHAPES.values():
-        assert shape.actual(knobs(), None) == shape
+        assert shape.actual(knobs(), body) == shape
 
 
 @pytest.mark.parametrize(
@@ -444,9 +446,14 @@ def test_errors_that_leave_no_indenter_are_refused(shape, values, said):
         shape.actual(knobs(**values), SPECIMENS.read({}))
 
 
-def test_a_ball_may_be_larger_than_the_specimen():
-    """What a mesh takes is the specimen's to say, and the ellipsoid does."""
-    assert Sphere(3.0).actual(knobs(delta_R=90.0), SPECIMENS.read({})) == Sphere(93.0)
+def test_what_limits_the_size_of_an_indenter_is_the_specimen():
+    """A specimen whose meshes take any lets a ball be larger than itself; those of the ellipsoid do not."""
+    body = SPECIMENS.read({})
+    assert Sphere(3.0).actual(knobs(delta_R=90.0), SimpleNamespace(fattest=math.inf)) == Sphere(93.0)
+    assert Sphere(3.0).actual(knobs(delta_R=18.0), body) == Sphere(21.0)
+    for shape, values in ((Sphere(3.0), {"delta_R": 18.1}), (Flat(3.0, 1.0), {"delta_punch_radius": 18.1})):
+        with pytest.raises(ValueError, match=r"of 21\.1 mm, must be larger than 0 and at most 21 mm on this specimen"):
+            shape.actual(knobs(**values), body)
     with pytest.raises(ValueError, match=r"indenter\.radius = 20\.0 mm: this specimen is meshed for"):
         BACKEND.check(Case("a", Programme.ramp((1.0,)), {"indenter": {"radius": 20.0}}))
 

@@ -77,6 +77,7 @@ class Block:
     gauges: ClassVar[Mapping[str, float]] = {"delta_height": 0.05}
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {"toy block": made}
     smallest_words: ClassVar[str] = "height"
+    fattest: ClassVar[float] = math.inf
 
     smallest = largest = property(lambda self: self.height)
     skin_limit = property(lambda self: 0.5 * self.height)
