@@ -110,8 +110,14 @@ def choose(word: str, choices: Sequence[str]) -> str:
 # ------------------------------------------------------------------------------------------------- problems in words
 
 
+MISSING = object()  # the value of a key that is not there
+
+
 def refused(text: str, key: str = "", value: Any = None) -> PydanticCustomError:
-    """An error whose sentence is `key = value` and the text: of a `key` below the place, with the `value` as read."""
+    """An error whose sentence is `key = value` and the text: of a `key` below the place, with the `value` as read.
+
+    With the value `MISSING` the sentence is the key and the text.
+    """
     return PydanticCustomError("refused", "{text}", {"text": text, "key": key, "value": value})
 
 
@@ -136,7 +142,7 @@ def problems(
         if e["type"] == "refused":
             place = (*place, own["key"]) if own["key"] else place
             given = given if own["value"] is None else own["value"]
-            out.append(f"{'.'.join(place)} = {given!r}{own['text']}")
+            out.append(f"{'.'.join(place)}{own['text'] if given is MISSING else f' = {given!r}' + own['text']}")
         elif e["type"] == "extra_forbidden":
             text = f"{'.'.join(place)} = {given!r}: unknown" if place[1:] else f"unknown setting {place[0]!r}"
             out.append(f"{text}; {choose(place[-1], keys)}")

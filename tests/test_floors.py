@@ -32,12 +32,13 @@ LAYERS = {
     ),
     "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
     "fem_backend.contact": (
-        "pointwise",
+        "bonded pointwise",
         "tractions",
         "rings",
     ),
     "fem_backend.indenters": (
-        "indenter spherical_patch",
+        "indenter meridian spherical_patch",
+        "revolution",
         "*",
         "__init__",
     ),

@@ -65,7 +65,8 @@ def _factors(own: Settings) -> dict[str, float]:
     """What knobs that hold a length belong to, over its usual size, where that is another."""
     of_it = (*(k for support in SUPPORTS.members.values() for k in support.lengths), *OF_THE_SPECIMEN)
     factors = {**own.specimen.factors(), **dict.fromkeys(of_it, own.specimen.ratio)}
-    factors |= dict.fromkeys((*own.indenter.gauges, *OF_THE_INDENTER), own.indenter.ratio)
+    lengths = {f.name for f in fields(known()) if f.metadata["parameter"].unit == "mm"}  # not angles or shares
+    factors |= dict.fromkeys((*lengths.intersection(own.indenter.gauges), *OF_THE_INDENTER), own.indenter.ratio)
     return {name: k for name, k in factors.items() if abs(k - 1.0) > 1e-9}
 
 

@@ -18,10 +18,10 @@ from fem_backend.indenters.spherical_patch import Patch, contact_patch
 from rso.contract import knob
 
 USUAL = 3.0  # radius (mm) that declared ranges of knobs are meant for
-FATTEST = 0.6  # radius over the smallest length of the specimen; settings say 0.5, knobs that err may exceed it
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
 GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
+FINE, COARSE, GRADED = 0.03, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
 VERIFIED = 2.0  # of R: depth up to which runs reach more than that
 
 
@@ -68,6 +68,7 @@ class Sphere:
 
     name: ClassVar[str] = "sphere"
     noun: ClassVar[str] = "ball"
+    theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
     of_revolution: ClassVar[bool] = True
@@ -77,14 +78,27 @@ class Sphere:
         return {"shape": self.name, "radius": self.R, "shaft": self.shaft}
 
     def actual(self, knobs: Any, specimen: Any) -> Sphere:
-        """The sphere with the error of its radius; ValueError where that is none to press this specimen with."""
-        R, fattest = self.R + knobs.delta_R, 1e9
-        if not 0 < R <= fattest:
+        """The sphere with the error of its radius; ValueError where that leaves none, or none that a mesh takes."""
+        R = self.R + knobs.delta_R
+        if not 0.0 < R <= specimen.fattest:
             raise ValueError(
                 f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at most "
-                f"{fattest:g} mm ({FATTEST:g} of the {specimen.smallest_words})"
+                f"{specimen.fattest:g} mm on this specimen"
             )
         return replace(self, R=R)
+
+    def on(self, specimen: Any) -> Sphere:
+        """Itself: it takes no size from the specimen."""
+        return self
+
+    def spacing(self, r: np.ndarray) -> np.ndarray:
+        """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.03 R and 0.12 R.
+
+        Beyond R it grows by 0.3 of the distance.
+        """
+        r = np.asarray(r, float)
+        fine, coarse = FINE * self.R, COARSE * self.R
+        return np.clip(COARSE * r, fine, coarse) + GRADED * np.maximum(r - self.R, 0.0)
 
     @property
     def size(self) -> tuple[str, float]:
@@ -115,11 +129,6 @@ class Sphere:
         """It is of revolution about its path."""
         return True, True
 
-    def spacing(self, r: np.ndarray) -> np.ndarray:
-        """R/33 at the axis, r/8 up to R, from there on growing by 0.3: a contact of any radius has as many elements."""
-        R = self.R
-        return np.clip(0.12 * r, 0.03 * R, 0.12 * R) + 0.3 * np.maximum(r - R, 0.0)
-
     def gap(
         self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -141,7 +150,7 @@ class Sphere:
         inside = self.R**2 - ((v - along[..., None] * direction) ** 2).sum(-1)
         return np.where(inside >= 0.0, along - np.sqrt(np.maximum(inside, 0.0)), np.inf)
 
-    def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Whether points (…, 3) lie inside the sphere somewhere between two centres (3,)."""
         share = np.clip((points - start) @ (end - start) / max(float((end - start) @ (end - start)), 1e-300), 0.0, 1.0)
         return np.linalg.norm(points - start - share[..., None] * (end - start), axis=-1) < self.R
@@ -167,13 +176,17 @@ class Sphere:
                 return origin + s * d
         raise ValueError(f"a sphere of radius {self.R} mm on the line through {origin} along {d} passes by the body")
 
-    def contact(self, specimen: Any, touch: np.ndarray) -> np.ndarray:
+    def contact(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Point (3,) of the specimen that the sphere around `touch` (3,) meets first."""
         return specimen.closest(touch)
 
-    def normal(self, specimen: Any, touch: np.ndarray) -> np.ndarray:
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """It lets go of everything."""
+        return None
+
+    def normal(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Unit normal (3,) there, out of the specimen."""
-        return (touch - self.contact(specimen, touch)) / self.R
+        return (touch - self.contact(specimen, touch, direction)) / self.R
 
     def patch(
         self,

@@ -19,6 +19,7 @@ from rso.contract import knob
 USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
 THINNEST = 0.2  # smallest semi-axis over that of the settings
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
+FATTEST = 0.6  # size of the indenter with its errors, over the smallest semi-axis
 DEEPEST = 0.3  # of the smallest semi-axis
 HOLLOW = (4.0, 3.5, 3.5)  # semi-axes over those of the cavity where nobody says otherwise
 SEEN = 0.8  # squared distance from the top in semi-axes within which a camera from above sees a mark
@@ -118,6 +119,11 @@ class Ellipsoid(geometry.EllipsoidShape):
         """It has no layers."""
         return frozenset(LAYER)
 
+    @property
+    def fattest(self) -> float:
+        """0.6 of the smallest semi-axis (mm): settings say 0.5, errors may exceed it."""
+        return FATTEST * self.smallest
+
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""
         return True, True
@@ -152,17 +158,21 @@ class Ellipsoid(geometry.EllipsoidShape):
         return self.lowest, np.multiply(size, self.cavity)
 
     def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
-        """Indenters of 1/70 of the largest to half the smallest semi-axis are meshed, to 0.8 semi-axes off the top."""
+        """Indenters of 1/70 of the largest to half the smallest semi-axis are meshed, to 0.8 semi-axes off the top.
+
+        Its meshes are fine in proportion to the indenter's length, of which `size` may be a share.
+        """
         out, (key, size) = [], indenter.size
+        least = self.largest / LARGEST * size / indenter.length
         if size > 0.5 * self.smallest:
             out.append(
-                f"indenter.{key} = {size} mm: only indenters much smaller than the specimen are modelled, at most "
+                f"indenter.{key} = {size} mm: this specimen is meshed for indenters much smaller than it, at most "
                 f"{0.5 * self.smallest:g} mm (half of its {self.smallest_words})"
             )
-        if size < self.largest / LARGEST:
+        if size < least:
             out.append(
                 f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen, at "
-                f"least {self.largest / LARGEST:.3g} mm (1/{LARGEST} of its largest semi-axis); it takes a smaller "
+                f"least {least:.3g} mm (1/{self.largest / least:.3g} of its largest semi-axis); it takes a smaller "
                 "specimen for the same half-space"
             )
         if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.FARTHEST:

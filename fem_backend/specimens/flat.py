@@ -67,6 +67,7 @@ class Flat:
     of_revolution: ClassVar[bool] = True
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
+    fattest: ClassVar[float] = math.inf
     height: float
     half_width: float
     edge: float = 0.0

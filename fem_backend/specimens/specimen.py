@@ -70,6 +70,8 @@ class Specimen(Protocol):
     largest: float
     skin_limit: float
     """Thickness (mm) that a skin stays below."""
+    fattest: float
+    """Size (mm) of an indenter, with its errors, that its meshes take at most; ∞ where they take any."""
 
     def plain(self) -> dict[str, Any]:
         """Its table as it enters the key of a run, with all defaults written out."""
