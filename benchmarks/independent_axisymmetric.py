@@ -49,7 +49,8 @@ class Problem:
 
     `indenter` is ("ball", R), ("flat", radius, fillet) or ("cone", half angle in degrees, tip radius); `base` is
     "bonded", "slip" (u_z = 0) or "unilateral"; `edge` of the outer radius is "free" or "fixed".  Elements measure
-    `h0` mm within `near` mm of the first contact and grow by `growth` of the distance from there.
+    `h0` mm within `near` mm of the first contact and grow by `growth` of the distance from there; `fine` = (h, left, right) are
+    those of size h at radii between left and right.  `degree` of the pressures in an element: None, pointwise.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Problem:
     edge: str = "free"
     step: float = 0.2
     degree: int | None = None
+    fine: tuple[float, float, float] | None = None
 
 
 def mesh(p: Problem) -> MeshTri:
@@ -80,11 +82,16 @@ def mesh(p: Problem) -> MeshTri:
         x, z = m.p[:, m.t].mean(axis=1)
         d = np.hypot(np.maximum(x - p.near, 0.0), p.height - z)
         e = m.p[:, m.t]
+        wanted = p.h0 + p.growth * d
+        if p.fine:
+            least, left, right = p.fine
+            beside = np.maximum(np.maximum(left - x, x - right), 0.0)
+            wanted = np.minimum(wanted, least + p.growth * np.hypot(beside, p.height - z))
         size = np.sqrt(
             np.abs((e[0, 1] - e[0, 0]) * (e[1, 2] - e[1, 0]) - (e[0, 2] - e[0, 0]) * (e[1, 1] - e[1, 0]))
         )  # legs of a right-angled triangle of the same area
         size = np.where(x > 6.0 * t, 0.0, size)  # far away the columns are long, and the fields smooth
-        large = np.flatnonzero(size > 1.2 * (p.h0 + p.growth * d))
+        large = np.flatnonzero(size > 1.2 * wanted)
         if not large.size:
             return m
         m = m.refined(large)
@@ -308,12 +315,17 @@ def cases() -> list[Problem]:
     for base, wide in (("bonded", 50.0), ("slip", 600.0)):
         for key, D1 in D1S.items():
             a, depths = (wide, 5.0, MU, D1, base), (0.25, 0.5, 1.0, 1.5)
-            out.append(Problem(f"flat_{base}_{key}", ("flat", 2.0, 0.2), *a, depths, 0.05, 2.2, 0.25, step=0.05))
-            out.append(Problem(f"cone_{base}_{key}", ("cone", 60.0, 0.2), *a, depths, 0.1, 2.0, 0.25, step=0.05))
+            how = {"growth": 0.3, "step": 0.1}
+            flat = Problem(
+                f"flat_{base}_{key}", ("flat", 2.0, 0.2), *a, depths, 0.35, 2.2, fine=(0.05, 1.6, 2.2), **how
+            )
+            cone = Problem(f"cone_{base}_{key}", ("cone", 60.0, 0.2), *a, depths, 0.3, 2.0, fine=(0.07, 0, 0.3), **how)
+            out += [flat, cone]
     for key, D1 in D1S.items():
         puck = (10.0, 5.0, MU, D1, "bonded", (0.75, 1.5, 2.25, 3.0), 0.15 * R, 1.3 * R)
         out.append(Problem(f"puck_bonded_{key}", ball, *puck))
-    return sorted(out, key=lambda p: list(D1S.values()).index(p.D1))
+    first = [p for p in out if p.name.startswith("slab")]
+    return first + [p for p in out if p not in first]
 
 
 def extrapolated(F: np.ndarray) -> np.ndarray:
@@ -322,13 +334,18 @@ def extrapolated(F: np.ndarray) -> np.ndarray:
     return F[:, 1] + (F[:, 1] - F[:, 0]) * a / (b - a)
 
 
+def scaled(p: Problem, by: float) -> Problem:
+    """The same on a mesh that is coarser by a factor."""
+    return replace(p, h0=by * p.h0, growth=by * p.growth, fine=p.fine and (by * p.fine[0], *p.fine[1:]))
+
+
 def stated(p: Problem, h0: float) -> dict:
     """A case's entry: forces, and their error from a coarser mesh, the penalty and where the body ends."""
     start = time.process_time()
-    finer = replace(p, h0=h0 * p.h0, growth=h0 * p.growth)
+    finer = scaled(p, h0)
     F, about = forces(finer)
     best = extrapolated(F)
-    rough = replace(p, h0=1.5 * finer.h0, growth=1.5 * finer.growth)
+    rough = scaled(p, 1.5 * h0)
     coarse = extrapolated(forces(rough)[0])
     error = {"mesh": np.abs(best - coarse), "penalty": 0.1 * np.abs(best - F[:, -1])}
     if p.name.startswith("half"):  # what the size of the block adds falls as 1/size
