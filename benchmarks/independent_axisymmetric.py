@@ -49,8 +49,8 @@ class Problem:
 
     `indenter` is ("ball", R), ("flat", radius, fillet) or ("cone", half angle in degrees, tip radius); `base` is
     "bonded", "slip" (u_z = 0) or "unilateral"; `edge` of the outer radius is "free" or "fixed".  Elements measure
-    `h0` mm within `near` mm of the first contact and grow by `growth` of the distance from there; `fine` = (h, left, right) are
-    those of size h at radii between left and right.  `degree` of the pressures in an element: None, pointwise.
+    `h0` mm within `near` mm of the first contact and grow by `growth` of the distance from there; with `fine`
+    = (h, left, right) they measure h at radii between left and right.  `degree` of the pressures in an element: None, pointwise.
     """
 
     name: str

@@ -10,17 +10,26 @@ with w₁ = 1 and w₂ the Abel transform of the profile; a smooth profile touch
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import legendre
 from numpy.polynomial.chebyshev import Chebyshev
-from numpy.polynomial.legendre import leggauss
 
-NODES = 64
+NODES = 40
 """Chebyshev nodes of depth and force over the contact radius; δ and F are smooth in it."""
 FAR = 24.0
 """1 − L falls as k² exp(−2k): nothing is left beyond."""
+
+
+@functools.lru_cache(maxsize=256)
+def _gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points and weights of Gauss and Legendre on (0, 1); an eigenvalue problem each time, so kept."""
+    x, g = legendre.leggauss(n)
+    return 0.5 * (x + 1.0), 0.5 * g
 
 
 def layer_compliance(k: np.ndarray, nu: float, base: str) -> np.ndarray:
@@ -101,8 +110,7 @@ def rounded_flat(radius: float, fillet: float) -> Profile:
     w₂ by quadrature; the contact ends short of the radius.  Source: Ciavarella, Hills & Monno 1998 for half-spaces.
     """
     c = radius - fillet
-    x, g = leggauss(48)
-    x, g = 0.5 * (x + 1.0), 0.5 * g
+    x, g = _gauss(48)
 
     def transform(s: np.ndarray) -> np.ndarray:
         far = np.maximum(s, c)[..., None]
@@ -136,16 +144,14 @@ def layer_contact(
 def _solved(a: float, profile: Profile, t: float | None, nu: float, base: str) -> tuple[np.ndarray, np.ndarray]:
     """∫φ ds (2,) and φ(a) (2,) of the right sides 1 and w₂."""
     ratio = 0.0 if t is None else a / t
-    x, g = leggauss(int(40 + 6 * ratio))
-    if profile.edge is None:  # φ may turn sharply where a profile has an edge: more points towards the rim
-        x, g = 1.0 - 2.0 * (0.5 - 0.5 * x) ** 2, g * 2.0 * (0.5 - 0.5 * x)
-    s, g = 0.5 * (x + 1.0), 0.5 * g
+    s, g = _gauss(40 + 6 * math.ceil(ratio))
+    if profile.edge is None:  # φ may turn sharply where a profile has a corner: more points towards the rim
+        s, g = 1.0 - (1.0 - s) ** 2, g * 2.0 * (1.0 - s)
     right = np.stack([np.ones_like(s), profile.transform(a * s)], axis=-1)
     end = np.array([1.0, profile.transform(np.array([a]))[0]])
     if t is None:
         return a * (g @ right), end
-    k, v = leggauss(int(160 + 12 * ratio))
-    k, v = 0.5 * FAR * (k + 1.0), 0.5 * FAR * v
+    k, v = (FAR * x for x in _gauss(160 + 12 * math.ceil(ratio)))
     D = 2.0 / np.pi * (1.0 - layer_compliance(k, nu, base)) * v
     C = np.cos(np.outer(s * ratio, k))
     phi = np.linalg.solve(np.eye(len(s)) - (C * D) @ C.T * (g * ratio), right)

@@ -121,10 +121,10 @@ def test_ball_on_a_layer_by_finite_elements(base):
     nu, a, t = 0.45, 1.0, 1.0  # contact as wide as the layer is thick
     (h,), (reduced,) = closed_forms.layer_contact([a], closed_forms.paraboloid(1.0), t, nu, base)
     near = a * np.sin(0.5 * np.pi * np.linspace(0, 1, 17))  # fine towards the rim
-    r = np.concatenate([near, a + np.geomspace(0.01, 1.0, 28) * (6.0 if base == "bonded" else 60.0)])
+    r = np.concatenate([near, a + np.geomspace(0.005, 6.0 if base == "bonded" else 20.0, 56)])
     z = 1.0 - np.linspace(1, 0, 15) ** 1.5
     F = pressed(r, z, nu, base, a, lambda x: h - 0.5 * x**2)
-    assert reduced / (1 - nu**2) == pytest.approx(F, rel=2e-3)  # the elements' own error: halved meshes change 1e-3
+    assert reduced / (1 - nu**2) == pytest.approx(F, rel=1e-3)  # twice what a halved mesh and width change
     half_space = closed_forms.hertz_force(h, 1.0, 1.0, nu)
     assert abs(half_space / F - 1) > 0.3  # the layer is felt
 
@@ -205,10 +205,10 @@ def test_thinner_is_stiffer_and_sliding_softer():
 
 
 @pytest.mark.parametrize(
-    "base, nu, t, near", [("bonded", 0.3, 0.05, 1e-3), ("slip", 0.5, 0.05, 1e-4), ("bonded", 0.5, 0.02, 0.05)]
+    "base, nu, t, near", [("bonded", 0.3, 0.02, 1e-3), ("slip", 0.5, 0.05, 1e-3), ("bonded", 0.5, 0.02, 0.03)]
 )
 def test_thin_layers_are_confined(base, nu, t, near):
-    h, big = 0.3 * t, 100.0
+    h, big = 0.3 * t, 20.0
     exact = closed_forms.layer_force(np.array([h]), closed_forms.paraboloid(big), t, E, nu, base)[0]
     assert closed_forms.confined_ball(h, big, t, E, nu, base) == pytest.approx(exact, rel=near)
     thick = closed_forms.layer_force(np.array([h]), closed_forms.paraboloid(big), 200 * t, E, nu, base)[0]
@@ -270,7 +270,9 @@ def test_integral_equation_against_finite_elements():
         nu = closed_forms.poisson_ratio(case["mu"], 2 / case["D1"])
         h, F = case["depth"][0], case["force"][0]
         own = closed_forms.layer_force(np.array([h]), closed_forms.ball(R), case["height"], young, nu, case["base"])[0]
-        assert own == pytest.approx(F, rel=0.4 * h / case["height"])  # large strain: it softens
+        assert own == pytest.approx(F, rel=0.15 * h / R)  # large strain: it softens by about that
+        if case["height"] > 2 * R:
+            continue  # bonded or not is a smaller matter there than large strain
         wrong = {"bonded": "slip", "slip": "bonded"}[case["base"]]
         other = closed_forms.layer_force(np.array([h]), closed_forms.ball(R), case["height"], young, nu, wrong)[0]
         assert abs(other / F - 1) > abs(own / F - 1)
