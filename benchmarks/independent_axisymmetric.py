@@ -49,8 +49,9 @@ class Problem:
 
     `indenter` is ("ball", R), ("flat", radius, fillet) or ("cone", half angle in degrees, tip radius); `base` is
     "bonded", "slip" (u_z = 0) or "unilateral"; `edge` of the outer radius is "free" or "fixed".  Elements measure
-    `h0` mm within `near` mm of the first contact and grow by `growth` of the distance from there; with `fine`
-    = (h, left, right) they measure h at radii between left and right.  `degree` of the pressures in an element: None, pointwise.
+    `h0` mm within `near` mm of the first contact and grow by `growth` of the distance from there; with `fine` =
+    (h, left, right) they measure h at radii between left and right.  `degree` is that of the pressures in an element,
+    None for a pressure at each quadrature point.
     """
 
     name: str
@@ -354,6 +355,8 @@ def stated(p: Problem, h0: float) -> dict:
     elif not p.name.startswith("puck"):
         wide = replace(rough, edge="fixed") if p.base == "slip" else replace(rough, radius=2.0 * p.radius)
         error["outer radius"] = np.abs(extrapolated(forces(wide)[0]) - coarse)
+    # contact ends within an element: other meshes move shallow forces by more than two of them differ by chance
+    error["floor"] = best * np.where(np.array(p.depths) < 0.3 * max(p.indenter[1], 2.0), 4e-4, 1e-4)
     return {
         "indenter": list(p.indenter),
         **{k: getattr(p, k) for k in ("radius", "height", "mu", "D1", "base")},
@@ -394,10 +397,11 @@ def main() -> None:
 
 def liftoff() -> None:
     """Force of a ball on a slab 2 R thick and 10 R wide that may leave its frictionless base, and of one held down."""
+    depths = (0.25 * R, 0.5 * R, R)
     for D1 in (5.8, 0.2):
         row = {}
         for base in ("slip", "unilateral"):
-            p = Problem("", ("ball", R), 10.0 * R, 2.0 * R, MU, D1, base, (0.25 * R, 0.5 * R, R), 0.15 * R, 1.3 * R)
+            p = Problem("", ("ball", R), 10.0 * R, 2.0 * R, MU, D1, base, depths, 0.2 * R, 1.3 * R, step=0.1)
             row[base] = extrapolated(forces(p)[0])
         for d, a, b in zip((0.25, 0.5, 1.0), row["slip"], row["unilateral"], strict=True):
             print(f"D1 {D1:g}, depth {d:g} R: held down {a:.6f} N, free to leave {b:.6f} N, {100 * (b / a - 1):+.2f} %")
@@ -408,7 +412,8 @@ ABOUT = (
     "bonded or u_z = 0 (slip); the outer side is free. indenter: ball R | flat radius fillet | cone half angle, tip "
     "radius. relative_error: sum of the difference from a mesh 1.5 times coarser, a tenth of the extrapolation in the "
     "penalty, and (on the coarser mesh) the difference with the outer radius doubled (bonded) or the outer edge held "
-    "in r (slip). Half-space: blocks of 1000 R and 2000 R, extrapolated, with a fifth of that in the error."
+    "in r (slip). Half-space: blocks of 1000 R and 2000 R, extrapolated, with a fifth of that in the error. floor: by "
+    "how much repeats on other meshes scatter."
 )
 
 if __name__ == "__main__":
