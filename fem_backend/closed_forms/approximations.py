@@ -96,7 +96,8 @@ def gent_lindley(depth: np.ndarray, radius: float, height: float, E: float, nu: 
     """F = π R² E_a/3 · (λ⁻² − λ) (N), 1/E_a = 1/(E(1 + 2S²)) + 1/K, S = R/2H, λ = 1 − h/H: puck bonded to both plates.
 
     Depth h, radius R, height H in mm; K = E/(3(1 − 2ν)), no such term for ν = 0.5.  Assumptions: ν ≥ 0.49,
-    compression up to about 20 %; within 12 % of linear finite elements for S from 1/8 to 4.  Source: Gent & Lindley 1959.
+    compression up to about 20 %; within 12 % of linear finite elements for S from 1/8 to 4.
+    Source: Gent & Lindley 1959.
     """
     S = radius / (2.0 * height)
     apparent = 1.0 / (1.0 / (E * (1.0 + 2.0 * S**2)) + 3.0 * (1.0 - 2.0 * nu) / E)
@@ -105,9 +106,10 @@ def gent_lindley(depth: np.ndarray, radius: float, height: float, E: float, nu: 
 
 
 def bonded_puck(depth: np.ndarray, radius: float, height: float, E: float, nu: float) -> np.ndarray:
-    """F = π R² E_a h/H (N), E_a = E + (M − E)(1 − (2/β) I₁(β)/I₀(β)), β = (R/H) √(12(1 − 2ν)): puck bonded to both plates.
+    """F = π R² E_a h/H (N), E_a = E + (M − E)(1 − (2/β) I₁(β)/I₀(β)), β = (R/H) √(12(1 − 2ν)), of a bonded puck.
 
-    M = E(1 − ν)/((1 + ν)(1 − 2ν)).  Depth h, radius R, height H in mm; ν = 0.5 is the limit E_a = E (1 + 2S²), S = R/2H.
+    M = E(1 − ν)/((1 + ν)(1 − 2ν)).  Depth h, radius R, height H in mm; both plates are bonded.  ν = 0.5 is the limit
+    E_a = E (1 + 2S²), S = R/2H.
     Assumptions: small strain.  Against linear finite elements, S from 1/8 to 4: within 3 % for S ≥ 0.5, 6 % below.
     Source: Chalhoub & Kelly 1990 for discs with ν near 0.5; M − E and the β of every ν, which give the tall and the
     flat limit, are this project's.

@@ -46,7 +46,7 @@ def stiffness(u, v, w):
     """Linear elasticity about the axis, E = 1, per radian."""
     r = w.x[0]
     lame, mu = w.nu / ((1 + w.nu) * (1 - 2 * w.nu)), 0.5 / (1 + w.nu)
-    a, b = ([f.grad[0, 0], f.grad[1, 1], f.value[0] / r, f.grad[0, 1] + f.grad[1, 0]] for f in (u, v))
+    a, b = ([f.grad[0, 0], f.grad[1, 1], f[0] / r, f.grad[0, 1] + f.grad[1, 0]] for f in (u, v))
     normal = sum(x * y for x, y in zip(a[:3], b[:3], strict=True))
     return r * (lame * sum(a[:3]) * sum(b[:3]) + 2 * mu * normal + mu * a[3] * b[3])
 
@@ -258,8 +258,7 @@ def test_long_against_finite_elements(ratio):
     h, F, case = reference(f"slab_{ratio:g}_bonded_K1e4")
     own = closed_forms.long_ball(h, R, ratio * R, 3 * case["mu"])
     np.testing.assert_allclose(own, F, rtol=0.03)  # they claim a few per cent for the fit
-    linear = closed_forms.layer_force(h, closed_forms.ball(R), ratio * R, 3 * case["mu"], 0.5)
-    assert abs(linear[-1] / F[-1] - 1) > 0.05  # strains count
+    assert np.all(abs(closed_forms.hertz_force(h, R, 3 * case["mu"], 0.5) / F - 1) > 0.15)
 
 
 def test_integral_equation_against_finite_elements():
