@@ -164,7 +164,7 @@ def _length(meridian: Meridian, width: float) -> float:
 
 @INDENTERS.register
 @dataclass(frozen=True)
-class Profile(OfRevolution):
+class MeasuredProfile(OfRevolution):
     """Rigid body of revolution through points (r, z) mm from its tip (0, 0), its reference point, outwards."""
 
     points: Points
@@ -208,10 +208,10 @@ class Profile(OfRevolution):
                     raise members.refused(f": {wrong}", "points", f"{len(points)} points")
             return {k: v for k, v in value.items() if k != "file"} | {"points": points}
 
-        def build(self) -> Profile:
+        def build(self) -> MeasuredProfile:
             """The indenter of these settings."""
             assert self.points is not None  # of the file, if they were not given
-            return Profile(self.points)
+            return MeasuredProfile(self.points)
 
     @dataclass(frozen=True)
     class Knobs:
@@ -237,7 +237,7 @@ class Profile(OfRevolution):
         """The table of the canonical settings: the points, wherever they come from."""
         return {"shape": self.name, "points": [list(p) for p in self.points]}
 
-    def actual(self, knobs: Any, specimen: Any) -> Profile:
+    def actual(self, knobs: Any, specimen: Any) -> MeasuredProfile:
         """The profile with the error of its scale."""
         k = knobs.profile_scale
         return self if k == 1.0 else replace(self, points=tuple((k * r, k * z) for r, z in self.points))

@@ -10,12 +10,12 @@ from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.kinematics.axisymmetric import ORDER, Meridian
+from fem_backend.kinematics.axisymmetric import ORDER, MeridianBody
 
 SPLIT = 8  # pieces along an edge of a cut cell
 
 
-def fractions(body: Meridian, level: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def fractions(body: MeridianBody, level: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Fraction (m, q) of each weight with φ < 0, φ = `level` (…,) at points X (…, 3) mm.
 
     Cells are divided into 64 pieces, each cut exactly by the line through the values at its corners and counted with

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
-from fem_backend.specimens.flat import Flat, Layers, fitting
+from fem_backend.specimens.flat import FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -21,7 +21,7 @@ SMALLEST = 0.2  # of a size over that of the settings
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Cylinder(Flat):
+class Cylinder(FlatTopped):
     """x² + y² ≤ radius², 0 ≤ z ≤ height (mm), its upper edge rounded by `fillet` (mm)."""
 
     radius: float

@@ -53,7 +53,7 @@ def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
         )
 
 
-class Flat:
+class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
     `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
@@ -88,7 +88,7 @@ class Flat:
         """Half the smallest length (mm)."""
         return 0.5 * self.smallest
 
-    def under(self, indenter: Any) -> Flat:
+    def under(self, indenter: Any) -> FlatTopped:
         """As it is."""
         return self
 
@@ -217,7 +217,7 @@ class Flat:
         seen = [float(d) for d, a, b in zip(down, ratios, ratios[1:], strict=False) if a != b]
         return [0.0, *(self.height - d for d in seen[::-1]), self.height]
 
-    def meridian(self, actual: Flat, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
         near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height

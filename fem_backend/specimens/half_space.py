@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from fem_backend import members
-from fem_backend.specimens.flat import Flat
+from fem_backend.specimens.flat import FlatTopped
 from fem_backend.specimens.specimen import SPECIMENS
 
 FAR = 400.0  # lengths of the indenter that are modelled, see `HalfSpace`
@@ -17,7 +17,7 @@ USUAL = 3.0  # length (mm) of the indenter where none is known yet
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class HalfSpace(Flat):
+class HalfSpace(FlatTopped):
     """z ≤ height (mm), held 400 lengths L of the indenter below the top and modelled as far beside it.
 
     What is beyond would give way by F/(2πμ·400 L), which is 16a/(6π·400 L) of the travel: 0.2 % for a contact of

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import model_validator
 
 from fem_backend import members
-from fem_backend.specimens.flat import Flat, Layers, fitting
+from fem_backend.specimens.flat import FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -20,7 +20,7 @@ THINNEST = 0.2  # thickness over that of the settings
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Slab(Flat):
+class Slab(FlatTopped):
     """0 ≤ z ≤ thickness (mm), without end to the sides; all its places are alike.
 
     The model ends 20 thicknesses and 8 lengths of the indenter, `around` (mm), from the axis: on a bonded base what

@@ -17,7 +17,7 @@ from fem_backend.indenters.cone import Cone, equivalent_half_angle
 from fem_backend.indenters.flat import Flat
 from fem_backend.indenters.meridian import UPRIGHT, Meridian, outline
 from fem_backend.indenters.plate import Plate
-from fem_backend.indenters.profile import Profile
+from fem_backend.indenters.profile import MeasuredProfile
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import experiment
 from fem_backend.simulation.knobs import known
@@ -32,7 +32,7 @@ SHAPES = {
     "hemisphere with a shaft": Flat(1.0, 1.0),
     "cone": Cone(60.0, 0.2),
     "slim cone": Cone(20.0, 0.5),
-    "profile": Profile(MEASURED),
+    "profile": MeasuredProfile(MEASURED),
     "plate": Plate(),
 }
 
@@ -319,13 +319,13 @@ def written(folder, text: str) -> str:
 def test_points_of_a_circle_give_the_circle():
     """Arcs through points of a sphere are that sphere: gap, normal and curvature to round-off."""
     x = np.random.default_rng(13).uniform(-1.5, 1.5, (200, 3)) - [0.0, 0.0, 1.5]
-    found, ball = Profile(BOWL).gap(x, np.zeros(3), DOWN), Sphere(3.0).gap(x, np.array([0.0, 0.0, 3.0]), DOWN)
+    found, ball = MeasuredProfile(BOWL).gap(x, np.zeros(3), DOWN), Sphere(3.0).gap(x, np.array([0.0, 0.0, 3.0]), DOWN)
     for a, b in zip(found, ball, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-11)
 
 
 def test_a_profile_goes_through_its_points_and_is_convex():
-    made = Profile(MEASURED).meridian
+    made = MeasuredProfile(MEASURED).meridian
     r, z = np.array(MEASURED).T
     np.testing.assert_allclose(made.height(r), z, atol=1e-12)
     fine = made.height(np.linspace(0.0, 1.6, 4001))
@@ -425,7 +425,7 @@ def test_knobs_change_what_they_name():
     body = SPECIMENS.read({})
     assert Flat(2.0, 0.1).actual(knobs(delta_punch_radius=0.1, delta_punch_fillet=0.05), body) == Flat(2.1, 0.1 + 0.05)
     assert Cone(60.0, 0.1).actual(knobs(delta_half_angle=-1.0, delta_tip_radius=0.02), None) == Cone(59.0, 0.1 + 0.02)
-    scaled = Profile(BOWL).actual(knobs(profile_scale=1.1), None)
+    scaled = MeasuredProfile(BOWL).actual(knobs(profile_scale=1.1), None)
     np.testing.assert_allclose(scaled.points, 1.1 * np.array(BOWL), rtol=1e-14)
     for shape in SHAPES.values():
         assert shape.actual(knobs(), body) == shape

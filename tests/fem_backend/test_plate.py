@@ -33,7 +33,7 @@ def block():
 
 def compressed(contact: str, kind: str, D1: float = 5.0, asked=ASKED, **values):
     settings = {
-        "specimen": {"shape": "block", "half": HALF, "height": HEIGHT},
+        "specimen": {"shape": "brick", "half": HALF, "height": HEIGHT},
         "indenter": {"shape": "plate", "contact": contact},
         "support": {"kind": kind},
         "mesh": {"level": "coarse"},
@@ -89,7 +89,7 @@ def test_what_is_glued_follows_the_plate_and_pulls():
 
 def compressed_on(way: Programme, contact: str, values: dict[str, float]) -> np.ndarray:
     settings = {
-        "specimen": {"shape": "block", "half": HALF, "height": HEIGHT},
+        "specimen": {"shape": "brick", "half": HALF, "height": HEIGHT},
         "indenter": {"shape": "plate", "contact": contact},
         "support": {"kind": "fixed"},
         "mesh": {"level": "coarse"},

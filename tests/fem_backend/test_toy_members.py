@@ -206,7 +206,6 @@ class Paraboloid:
     gauges: ClassVar[Mapping[str, float]] = {"delta_tip": 0.02}
     of_revolution: ClassVar[bool] = True
 
-
     length = property(lambda self: self.tip)
     size = property(lambda self: ("tip", self.tip))
     reach = property(lambda self: 2.0 * self.tip)
