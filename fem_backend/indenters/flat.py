@@ -75,8 +75,8 @@ class Flat(OfRevolution):
         delta_punch_radius: float = knob(
             "error of the radius of the flat end",
             "mm",
-            -100.0,
-            100.0,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.03,
             plausible=(-0.15, 0.15),
@@ -85,8 +85,8 @@ class Flat(OfRevolution):
         delta_punch_fillet: float = knob(
             "error of the fillet of the flat end",
             "mm",
-            -100.0,
-            100.0,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.05,
             plausible=(-0.02, 0.2),

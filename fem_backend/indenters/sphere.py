@@ -58,8 +58,8 @@ class Sphere:
         delta_R: float = knob(
             "error of the indenter radius",
             "mm",
-            -100.0,
-            100.0,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.05,
             plausible=(-0.3, 0.3),

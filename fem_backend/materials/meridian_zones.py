@@ -32,7 +32,9 @@ def fractions(body: MeridianBody, level: Callable[[np.ndarray], np.ndarray]) -> 
     for q in range(body.w.shape[1]):
         own = owner == q
         inside[:, q], total[:, q] = (part * r)[:, own].sum(1), whole[:, own].sum(1)
-    return np.clip(inside / total, 0.0, 1.0)
+    f = inside / total
+    share = (part * r).sum(1) / whole.sum(1)  # of the cell: its points are given just that
+    return np.clip(f * (share * body.w.sum(1) / np.maximum((f * body.w).sum(1), 1e-300))[:, None], 0.0, 1.0)
 
 
 @functools.cache

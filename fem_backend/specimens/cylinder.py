@@ -63,8 +63,8 @@ class Cylinder(FlatTopped):
         delta_radius: float = knob(
             "error of the radius of the cylinder",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.1,
             plausible=(-0.5, 0.5),
@@ -73,8 +73,8 @@ class Cylinder(FlatTopped):
         delta_height: float = knob(
             "error of the height of the cylinder",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.1,
             plausible=(-0.4, 0.4),

@@ -55,8 +55,8 @@ class Ellipsoid(geometry.EllipsoidShape):
         delta_a: float = knob(
             "error of the major semi-axis (x)",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=1.0,
             plausible=(-4.0, 4.0),
@@ -65,8 +65,8 @@ class Ellipsoid(geometry.EllipsoidShape):
         delta_b: float = knob(
             "error of the minor semi-axis (y)",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=1.0,
             plausible=(-3.0, 3.0),
@@ -75,8 +75,8 @@ class Ellipsoid(geometry.EllipsoidShape):
         delta_c: float = knob(
             "error of the vertical semi-axis (z)",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=1.0,
             plausible=(-3.0, 3.0),

@@ -57,8 +57,8 @@ class Slab(FlatTopped):
         delta_thickness: float = knob(
             "error of the thickness of the slab",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.1,
             plausible=(-0.4, 0.4),
