@@ -150,6 +150,11 @@ class Cone(OfRevolution):
         return "tip_radius", self.tip_radius
 
     @property
+    def finest(self) -> tuple[str, float]:
+        """The tip."""
+        return "tip_radius", self.tip_radius
+
+    @property
     def length(self) -> float:
         """Ten radii of the tip (mm)."""
         return TIPS * self.tip_radius

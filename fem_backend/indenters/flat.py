@@ -52,9 +52,8 @@ class Flat(OfRevolution):
                 raise members.refused(": missing; the radius of the cylinder is expected", "radius", radius)
             if not members.finite(radius) or radius <= 0.0:
                 return value
-            range_ = (
-                f"{SHARPEST * radius:.3g} to {radius:.3g} mm (0.01 to 1 of the radius), e.g. {ADVISED * radius:.3g} mm"
-            )
+            range_ = f"{1.006 * SHARPEST * radius:.3g} to {radius:g} mm (0.01 to 1 of the radius)"
+            range_ += f", e.g. {ADVISED * radius:.3g} mm"
             sharp = "a sharp edge has an infinite pressure, which no mesh resolves: give the radius of its edge"
             if fillet is members.MISSING:
                 raise members.refused(f": missing; {sharp}, {range_}", "fillet", fillet)
@@ -126,6 +125,11 @@ class Flat(OfRevolution):
     def size(self) -> tuple[str, float]:
         """Key of the table and its value (mm)."""
         return "radius", self.radius
+
+    @property
+    def finest(self) -> tuple[str, float]:
+        """The fillet."""
+        return "fillet", self.fillet
 
     @property
     def length(self) -> float:

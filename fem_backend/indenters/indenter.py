@@ -55,6 +55,10 @@ class Indenter(Rigid, Protocol):
         """Key of its table and value (mm) of what must be small beside the specimen."""
 
     @property
+    def finest(self) -> tuple[str, float]:
+        """Key of its table and the radius (mm) of an edge or tip that elements must resolve; ∞ where it has none."""
+
+    @property
     def reach(self) -> float:
         """Distance (mm) from the first contact within which facets may touch."""
 

@@ -118,7 +118,8 @@ class Meridian:
             ∇∇g = κ t⊗t + (n_r/r) e_θ⊗e_θ,   κ = 1/(ρ + g) of an arc of radius ρ, 0 of a straight piece,
 
         t along the meridian, e_θ around the axis, n_r/r = κ on the axis.  The `tip` (3,) is at h = 0, the axis against
-        the unit vector `direction` (3,).  C¹ outside, and inside to the depth of the least radius of curvature.
+        the unit vector `direction` (3,).  C¹ outside, and inside to the depth of the least radius of curvature;
+        deeper inside, above a flat end, g = −h, the distance from the end.
         """
         flat, tip, direction = arrays(x, tip, direction)
         g, n, hessian = _gap(flat, tip, direction, self.pieces, self.starts)
@@ -215,7 +216,12 @@ def _away(p, r, h):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _closest(pieces, starts, r, h):  # type: ignore[no-untyped-def]
-    """The piece closest to a point (r, h): that at r, or one whose distances from the axis are near enough."""
+    """The piece closest to a point (r, h): that at r, or one whose distances from the axis are near enough.
+
+    Inside, above a flat end, it is the end, also where the side is nearer: what lies there came from below.
+    """
+    if h >= 0.0 and pieces[0, 0] != ARC and len(pieces) > 1 and r <= starts[1]:
+        return 0
     k = max(np.searchsorted(starts, r, side="right") - 1, 0)
     best, least = k, _away(pieces[k], r, h)
     p = k - 1

@@ -74,6 +74,11 @@ class Plate(OfRevolution):
         return "contact", self.span
 
     @property
+    def finest(self) -> tuple[str, float]:
+        """No edge."""
+        return "contact", math.inf
+
+    @property
     def length(self) -> float:
         """A third of the smallest length of the specimen (mm)."""
         return self.span

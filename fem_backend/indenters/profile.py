@@ -253,6 +253,11 @@ class MeasuredProfile(OfRevolution):
         return "file", self.length
 
     @property
+    def finest(self) -> tuple[str, float]:
+        """The smallest radius between two points."""
+        return "file", self.meridian.tightest
+
+    @property
     def length(self) -> float:
         """The width of the profile, or ten radii of its tip where that is less (mm)."""
         return _length(self.meridian, self.points[-1][0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
@@ -104,6 +105,11 @@ class Sphere:
     def size(self) -> tuple[str, float]:
         """Key of the table and its value (mm)."""
         return "radius", self.R
+
+    @property
+    def finest(self) -> tuple[str, float]:
+        """No edge."""
+        return "radius", math.inf
 
     @property
     def length(self) -> float:

@@ -29,6 +29,7 @@ from fem_backend.supports import SUPPORTS, Support
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
+RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
@@ -230,6 +231,12 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     mesh, material = read.mesh, made["material"]
     specimen = specimen.under(indenter)
     meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
+    key, bends = indenter.finest
+    if bends < RESOLVED * meshed.h0:
+        raise ValueError(
+            f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact do not resolve a radius of {bends:.3g} mm, "
+            f"at least {1.006 * RESOLVED * meshed.h0:.3g} mm; a larger one, or a finer mesh"
+        )
     control = Control().scaled(indenter.length)
     return Settings(
         specimen,

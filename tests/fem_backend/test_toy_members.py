@@ -208,6 +208,7 @@ class Paraboloid:
 
     length = property(lambda self: self.tip)
     size = property(lambda self: ("tip", self.tip))
+    finest = property(lambda self: ("tip", self.tip))
     reach = property(lambda self: 2.0 * self.tip)
     cover = property(lambda self: 2.0 * self.tip)
     ratio = property(lambda self: self.tip / 4.0)
