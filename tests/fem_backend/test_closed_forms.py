@@ -227,10 +227,10 @@ def test_thin_layers_are_confined(base, nu, t, near):
     ],
 )
 def test_garcia_against_the_integral_equation(shape, profile, size):
-    for t, near in ((8.0, 0.01), (3.0, 0.03)):
-        h = np.array([0.02, 0.2, 0.5]) * {"ball": 1.0, "flat": 1.0, "cone": 1.0}[shape]
+    for t in (8.0, 3.0):
+        h = np.array([0.02, 0.2, 0.5])
         exact = closed_forms.layer_force(h, profile, t, E, 0.5)
-        np.testing.assert_allclose(closed_forms.garcia(shape, h, size, t, E), exact, rtol=near)
+        np.testing.assert_allclose(closed_forms.garcia(shape, h, size, t, E), exact, rtol=4e-3)  # their first terms
 
 
 def test_dimitriadis_is_good_for_small_contacts_alone():
