@@ -49,9 +49,10 @@ LAYERS = {
     ),
     "fem_backend.materials": ("stress zones",),
     "fem_backend.meshing": (
-        "mesh",
-        "mapped placing surface templates",
-        "recipes refined tetwild",
+        "closed_surface mesh nearest_facets surface_files",
+        "mapped placing smooth_surface surface templates",
+        "recipes refined remeshed tetwild",
+        "scans",
         "__init__",
     ),
     "fem_backend.post": (

@@ -147,6 +147,8 @@ class Sphere:
         distance from a convex body is convex along a line, so Newton from far away goes to the first contact without
         passing it.  Raises ValueError when the sphere passes by.
         """
+        if hasattr(specimen, "first_contact"):  # it is not convex
+            return specimen.first_contact(self, through, direction)
         origin, d = np.asarray(through, float), np.asarray(direction, float)
         d = d / np.linalg.norm(d)
         s = -(origin @ d) - 2.0 * (specimen.largest + self.R) - np.linalg.norm(origin - (origin @ d) * d)

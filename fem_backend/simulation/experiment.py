@@ -22,7 +22,7 @@ from fem_backend.laws.law import plain as law_table
 from fem_backend.members import OpenSet, refused
 from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
-from fem_backend.specimens import SPECIMENS, Specimen
+from fem_backend.specimens import SPECIMENS, OfOnePlace, Specimen
 from fem_backend.supports import SUPPORTS, Support
 
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
@@ -225,6 +225,8 @@ def together(made: Mapping[str, Any], read: Any) -> list[str]:
 def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     specimen, indenter, support = (made[noun] for noun in ("specimen", "indenter", "support"))
     mesh, material = read.mesh, made["material"]
+    if isinstance(specimen, OfOnePlace):
+        specimen = specimen.touched_at(read.point)
     meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
     control = Control().scaled(indenter.length)
     return Settings(

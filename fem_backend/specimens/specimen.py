@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from skfem import MeshTet2
@@ -144,3 +144,11 @@ class Specimen(Protocol):
 
     def lines(self, point: tuple[float, float], beside: float, unit: float) -> dict[str, list[list[float]]]:
         """Rows of surface marks (x, y) by words, `beside` off the axis of a test at `point`, rounded in `unit`."""
+
+
+@runtime_checkable
+class OfOnePlace(Protocol):
+    """A specimen without a map that moves the fine elements: it has a mesh of its own for every place of a test."""
+
+    def touched_at(self, point: tuple[float, float]) -> Specimen:
+        """Itself, its mesh fine at the place (x, y) mm."""
