@@ -273,7 +273,7 @@ LAYERS = {
     ),
     "rso.report.optimal_design": ("report",),
     "rso.study": (
-        "base_table confusable_text fields line_numbers",
+        "base_table confusable_text fields line_numbers settings_files",
         "columns_table errors noise_table search_table",
         "analysis_tables laboratory_nominal toml_text",
         "schema",

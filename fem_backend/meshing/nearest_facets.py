@@ -56,35 +56,41 @@ class FacetTree:
 def _nearest(x, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
     n = len(x)
     facet, weight, square = np.empty(n, np.int64), np.empty((n, 3)), np.empty(n)
-    stack, bound, w = np.empty(128, np.int64), np.empty(128), np.empty(3)
     for k in range(n):
-        best, top = np.inf, 1
-        stack[0], bound[0] = 0, 0.0
-        while top > 0:
-            top -= 1
-            if bound[top] >= best:
-                continue
-            node = stack[top]
-            if children[node, 0] < 0:
-                for m in range(span[node, 0], span[node, 1]):
-                    f = order[m]
-                    d = _on_facet(x[k], corners[f], w)
-                    if d < best:
-                        best, facet[k] = d, f
-                        weight[k, 0], weight[k, 1], weight[k, 2] = w[0], w[1], w[2]
-                continue
-            a, b = children[node, 0], children[node, 1]
-            da, db = _to_box(x[k], boxes[a]), _to_box(x[k], boxes[b])
-            if da < db:  # the nearer is looked at first
-                a, b, da, db = b, a, db, da
-            if da < best:
-                stack[top], bound[top] = a, da
-                top += 1
-            if db < best:
-                stack[top], bound[top] = b, db
-                top += 1
-        square[k] = best
+        facet[k], square[k] = nearest_one(x[k], corners, boxes, children, span, order, weight[k])
     return facet, weight, square
+
+
+@numba.njit(cache=True)
+def nearest_one(x, corners, boxes, children, span, order, weight):  # type: ignore[no-untyped-def]
+    """Facet and squared distance of the closest point to x (3,); fills its barycentric `weight` (3,)."""
+    stack, bound, w = np.empty(128, np.int64), np.empty(128), np.empty(3)
+    best, top, facet = np.inf, 1, -1
+    stack[0], bound[0] = 0, 0.0
+    while top > 0:
+        top -= 1
+        if bound[top] >= best:
+            continue
+        node = stack[top]
+        if children[node, 0] < 0:
+            for m in range(span[node, 0], span[node, 1]):
+                f = order[m]
+                d = _on_facet(x, corners[f], w)
+                if d < best:
+                    best, facet = d, f
+                    weight[0], weight[1], weight[2] = w[0], w[1], w[2]
+            continue
+        a, b = children[node, 0], children[node, 1]
+        da, db = _to_box(x, boxes[a]), _to_box(x, boxes[b])
+        if da < db:  # the nearer is looked at first
+            a, b, da, db = b, a, db, da
+        if da < best:
+            stack[top], bound[top] = a, da
+            top += 1
+        if db < best:
+            stack[top], bound[top] = b, db
+            top += 1
+    return facet, best
 
 
 @numba.njit(cache=True)

@@ -12,15 +12,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from fem_backend.meshing.nearest_facets import FacetTree
+from fem_backend.meshing.nearest_facets import FacetTree, nearest_one
 
 RIDGE = 1e-9  # of the diagonal of the normal equations: a fit through too few points keeps to the lower terms
 MOST = 40  # neighbours of a vertex that count, the nearest
-CHUNK = 20_000  # vertices fitted or points moved at a time
+CHUNK = 20_000  # vertices fitted at a time
 TURNS = 12  # Newton steps to the surface: two or three do
+SLIDES = 60  # Newton steps along it: four do but where a ball would nearly fit into a hollow
+STIFFEST = 0.3  # least 1 + d κ of a step: beyond a centre of curvature it would turn
 POWERS = np.array([(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)])
 
 
@@ -44,23 +47,26 @@ class SmoothSurface:
         frames = _frames(vertex_normals(vertices, facets))
         return cls(vertices, facets, frames, _jets(vertices, facets, frames), FacetTree.of(vertices, facets))
 
+    @property
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        """What the compiled loops need."""
+        t = self.tree
+        return self.facets, self.vertices, self.frames, self.jets, t.corners, t.boxes, t.children, t.span, t.order
+
+    @property
+    def _small(self) -> float:
+        """Round-off of a place (mm)."""
+        return 1e-14 * float(np.abs(self.vertices).max())
+
     def level(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """f (n,), about the signed distance, positive outside, and its gradient (n, 3) at points x (n, 3) nearby."""
-        f, gradient, _ = self._blend(x, False)
+        f, gradient, _ = _levels(_points(x), *self._arrays)
         return f, gradient
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """Points (n, 3) near the surface moved onto it along the gradient, x ← x − f ∇f/|∇f|²."""
-        y = np.array(x, float)
-        left = np.arange(len(y))
-        small = 1e-14 * float(np.abs(self.vertices).max())
-        for _ in range(TURNS):
-            f, gradient = self.level(y[left])
-            step = f / np.einsum("ni,ni->n", gradient, gradient)
-            y[left] -= step[:, None] * gradient
-            left = left[np.abs(step) > small]
-            if not len(left):
-                break
+        y = _points(x).copy()
+        _project(y, self._small, *self._arrays)
         return y
 
     def normals(self, y: np.ndarray) -> np.ndarray:
@@ -70,78 +76,27 @@ class SmoothSurface:
 
     def curvatures(self, y: np.ndarray) -> np.ndarray:
         """Principal curvatures (n, 2) at points y (n, 3) of the surface, those of a ball positive, larger last."""
-        _, gradient, hessian = self._blend(y, True)
+        _, gradient, hessian = _levels(_points(y), *self._arrays)
         slope = np.linalg.norm(gradient, axis=1)
         t = _frames(gradient / slope[:, None])[:, :2]
         return np.linalg.eigvalsh(np.einsum("nai,nij,nbj->nab", t, hessian, t)) / slope[:, None]
 
-    def closest(self, x: np.ndarray, turns: int = 30) -> np.ndarray:
+    def closest(self, x: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the surface closest to points x (n, 3) anywhere.
 
         From the closest point of the facets by Newton's method, y ← P(y + (I + d S)⁻¹ T(x − y)), d the distance
         outwards, S the shape operator, T the projection on the tangent plane.  Where two points of the surface are
         nearly as close, it is the one that belongs to the closer facet.
         """
-        x = np.asarray(x, float)
-        facet, weight, _ = self.tree.nearest(x)
-        y = self.project(np.einsum("na,nai->ni", weight, self.vertices[self.facets[facet]]))
-        best, shortest = y.copy(), np.linalg.norm(x - y, axis=1)
-        left = np.arange(len(x))
-        small = 1e-13 * float(np.abs(self.vertices).max())
-        for _ in range(turns):
-            _, gradient, hessian = self._blend(y[left], True)
-            slope = np.linalg.norm(gradient, axis=1)
-            frame = _frames(gradient / slope[:, None])
-            t, way = frame[:, :2], x[left] - y[left]
-            d = np.einsum("ni,ni->n", frame[:, 2], way)
-            S = np.einsum("nai,nij,nbj->nab", t, hessian, t) / slope[:, None, None]
-            values, vectors = np.linalg.eigh(S)
-            stiff = np.maximum(1.0 + d[:, None] * values, 0.3)  # inside, beyond a centre of curvature, it would turn
-            along = np.einsum("nba,nbi,ni->na", vectors, t, way) / stiff
-            step = np.einsum("nba,nbi,na->ni", vectors, t, along)
-            y[left] = self.project(y[left] + step)
-            now = np.linalg.norm(x[left] - y[left], axis=1)
-            nearer = now < shortest[left]
-            best[left[nearer]], shortest[left[nearer]] = y[left[nearer]], now[nearer]
-            left = left[np.linalg.norm(step, axis=1) > small]
-            if not len(left):
-                break
-        return best
+        return _closest(_points(x), self._small, *self._arrays)[0]
 
-    def depth(self, x: np.ndarray, turns: int = 4) -> np.ndarray:
+    def depth(self, x: np.ndarray) -> np.ndarray:
         """Distance (…,) of points x (…, 3) to the surface, negative outside."""
-        flat = np.asarray(x, float).reshape(-1, 3)
-        out = np.empty(len(flat))
-        for part in np.array_split(np.arange(len(flat)), max(1, len(flat) // CHUNK)):
-            y = self.closest(flat[part], turns)
-            away = flat[part] - y
-            out[part] = -np.copysign(np.linalg.norm(away, axis=1), np.einsum("ni,ni->n", away, self.normals(y)))
-        return out.reshape(np.shape(x)[:-1])
+        return -_closest(_points(x), 1e6 * self._small, *self._arrays)[1].reshape(np.shape(x)[:-1])
 
-    def _blend(self, x: np.ndarray, second: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """f, ∇f and, where asked for, ∇∇f (else empty) without the small parts of ∇w, at points x (n, 3)."""
-        x = np.asarray(x, float)
-        facet, b, _ = self.tree.nearest(x)
-        w = b * b * (3.0 - 2.0 * b)
-        w = w / w.sum(1, keepdims=True)
-        f, gradient = np.zeros(len(x)), np.zeros((len(x), 3))
-        hessian = np.zeros((len(x), 3, 3)) if second else np.empty(0)
-        for a in range(3):
-            k = self.facets[facet, a]
-            frame, c = self.frames[k], self.jets[k]
-            u, v, z = np.einsum("nai,ni->an", frame, x - self.vertices[k])
-            height = c[:, 0] + c[:, 1] * u + c[:, 2] * v + c[:, 3] * u * u + c[:, 4] * u * v + c[:, 5] * v * v
-            height += ((c[:, 6] * u + c[:, 7] * v) * u + c[:, 8] * v * v) * u + c[:, 9] * v**3
-            hu = c[:, 1] + 2 * c[:, 3] * u + c[:, 4] * v + 3 * c[:, 6] * u * u + 2 * c[:, 7] * u * v + c[:, 8] * v * v
-            hv = c[:, 2] + c[:, 4] * u + 2 * c[:, 5] * v + c[:, 7] * u * u + 2 * c[:, 8] * u * v + 3 * c[:, 9] * v * v
-            share = w[:, a] / np.sqrt(1.0 + hu * hu + hv * hv)
-            f += share * (z - height)
-            gradient += share[:, None] * (frame[:, 2] - hu[:, None] * frame[:, 0] - hv[:, None] * frame[:, 1])
-            if second:
-                huu, huv = 2 * c[:, 3] + 6 * c[:, 6] * u + 2 * c[:, 7] * v, c[:, 4] + 2 * c[:, 7] * u + 2 * c[:, 8] * v
-                bend = np.stack([huu, huv, huv, 2 * c[:, 5] + 2 * c[:, 8] * u + 6 * c[:, 9] * v], 1).reshape(-1, 2, 2)
-                hessian -= share[:, None, None] * np.einsum("nai,nab,nbj->nij", frame[:, :2], bend, frame[:, :2])
-        return f, gradient, hessian
+
+def _points(x: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(x, float).reshape(-1, 3)
 
 
 def vertex_normals(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -201,3 +156,131 @@ def _fit(vertices: np.ndarray, frames: np.ndarray, around: list[np.ndarray], own
     right = np.einsum("nka,nk,nk->na", basis, weight, z)
     scaled = np.linalg.solve(normal, right[..., None])[..., 0]
     return scaled * reach[:, None] ** (1.0 - degree)
+
+
+@numba.njit(cache=True)
+def _blend(x, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b):  # type: ignore[no-untyped-def]
+    """f at x (3,); fills ∇f (3,) and ∇∇f (3, 3) without the small parts of ∇w, and barycentric coordinates b (3,)."""
+    facet, _ = nearest_one(x, corners, boxes, children, span, order, b)
+    whole, value = 0.0, 0.0
+    g[:] = 0.0
+    H[:, :] = 0.0
+    for a in range(3):
+        whole += b[a] * b[a] * (3.0 - 2.0 * b[a])
+    for a in range(3):
+        k = facets[facet, a]
+        t, c = frames[k], jets[k]
+        u = v = z = 0.0
+        for i in range(3):
+            away = x[i] - vertices[k, i]
+            u += t[0, i] * away
+            v += t[1, i] * away
+            z += t[2, i] * away
+        height = c[0] + (c[1] + (c[3] + c[6] * u + c[7] * v) * u + c[4] * v) * u
+        height += (c[2] + (c[5] + c[8] * u + c[9] * v) * v) * v
+        hu = c[1] + (2.0 * c[3] + 3.0 * c[6] * u + 2.0 * c[7] * v) * u + (c[4] + c[8] * v) * v
+        hv = c[2] + (2.0 * c[5] + 3.0 * c[9] * v + 2.0 * c[8] * u) * v + (c[4] + c[7] * u) * u
+        huu, huv = 2.0 * c[3] + 6.0 * c[6] * u + 2.0 * c[7] * v, c[4] + 2.0 * c[7] * u + 2.0 * c[8] * v
+        hvv = 2.0 * c[5] + 2.0 * c[8] * u + 6.0 * c[9] * v
+        share = b[a] * b[a] * (3.0 - 2.0 * b[a]) / whole / np.sqrt(1.0 + hu * hu + hv * hv)
+        value += share * (z - height)
+        for i in range(3):
+            g[i] += share * (t[2, i] - hu * t[0, i] - hv * t[1, i])
+            for j in range(3):
+                bend = huu * t[0, i] * t[0, j] + huv * (t[0, i] * t[1, j] + t[1, i] * t[0, j]) + hvv * t[1, i] * t[1, j]
+                H[i, j] -= share * bend
+    return value
+
+
+@numba.njit(cache=True)
+def _levels(x, facets, vertices, frames, jets, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
+    f, g, H, b = np.empty(len(x)), np.empty((len(x), 3)), np.empty((len(x), 3, 3)), np.empty(3)
+    for k in range(len(x)):
+        f[k] = _blend(x[k], facets, vertices, frames, jets, corners, boxes, children, span, order, g[k], H[k], b)
+    return f, g, H
+
+
+@numba.njit(cache=True)
+def _onto(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b):  # type: ignore[no-untyped-def]
+    """Move y (3,) onto the surface; g and H are those of the last step but one."""
+    for _ in range(TURNS):
+        f = _blend(y, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
+        step = f / (g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+        for i in range(3):
+            y[i] -= step * g[i]
+        if abs(step) <= small:
+            break
+
+
+@numba.njit(cache=True)
+def _project(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
+    g, H, b = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for k in range(len(y)):
+        _onto(y[k], small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
+
+
+@numba.njit(cache=True)
+def _closest(x, small, facets, vertices, frames, jets, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
+    """Closest points (n, 3) and signed distances (n,), positive outside."""
+    out, distance = np.empty_like(x), np.empty(len(x))
+    g, H, b, y, n, t, way = (
+        np.empty(3),
+        np.empty((3, 3)),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty((2, 3)),
+        np.empty(3),
+    )
+    for k in range(len(x)):
+        facet, _ = nearest_one(x[k], corners, boxes, children, span, order, b)
+        for i in range(3):
+            y[i] = 0.0
+            for a in range(3):
+                y[i] += b[a] * vertices[facets[facet, a], i]
+        shortest = np.inf
+        for _ in range(SLIDES):
+            _onto(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
+            _blend(y, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
+            slope, d, square = np.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]), 0.0, 0.0
+            for i in range(3):
+                n[i] = g[i] / slope
+                way[i] = x[k, i] - y[i]
+                d += n[i] * way[i]
+                square += way[i] * way[i]
+            if np.sqrt(square) < shortest:
+                shortest, distance[k] = np.sqrt(square), np.copysign(np.sqrt(square), d)
+                out[k] = y
+            size = _step(n, H, slope, d, way, t, y)
+            if size <= 10.0 * small:
+                break
+    return out, distance
+
+
+@numba.njit(cache=True)
+def _step(n, H, slope, d, way, t, y):  # type: ignore[no-untyped-def]
+    """Move y (3,) by (I + d S)⁻¹ T way along the tangent plane, stiff directions not beyond `STIFFEST`; its length."""
+    sign = 1.0 if n[2] >= 0.0 else -1.0
+    p = -1.0 / (sign + n[2])
+    q = n[0] * n[1] * p
+    t[0, 0], t[0, 1], t[0, 2] = 1.0 + sign * n[0] * n[0] * p, sign * q, -sign * n[0]
+    t[1, 0], t[1, 1], t[1, 2] = q, sign + n[1] * n[1] * p, -n[1]
+    s00 = s01 = s11 = r0 = r1 = 0.0
+    for i in range(3):
+        r0 += t[0, i] * way[i]
+        r1 += t[1, i] * way[i]
+        for j in range(3):
+            s00 += t[0, i] * H[i, j] * t[0, j] / slope
+            s01 += t[0, i] * H[i, j] * t[1, j] / slope
+            s11 += t[1, i] * H[i, j] * t[1, j] / slope
+    turn = 0.5 * np.arctan2(2.0 * s01, s00 - s11)
+    c, s = np.cos(turn), np.sin(turn)
+    one = max(1.0 + d * (c * c * s00 + 2.0 * c * s * s01 + s * s * s11), STIFFEST)
+    two = max(1.0 + d * (s * s * s00 - 2.0 * c * s * s01 + c * c * s11), STIFFEST)
+    along, across = (c * r0 + s * r1) / one, (c * r1 - s * r0) / two
+    square = 0.0
+    for i in range(3):
+        move = (c * along - s * across) * t[0, i] + (s * along + c * across) * t[1, i]
+        y[i] += move
+        square += move * move
+    return np.sqrt(square)
