@@ -30,6 +30,7 @@ from fem_backend.meshing.tetwild import TETWILD_SCALE, die_with_parent, tetrahed
 MESHER = "scan"
 EPSILON = (1e-3, 5e-4, 1e-3, 2e-4)  # surface tolerance by the diagonal, tried in turn
 BEND = 0.8  # of the smallest radius of curvature: no edge is longer
+WIDE = 2.0  # of the scan's own edges: curvature of its scatter asks for nothing shorter
 OFF = 0.08  # of the volume: what straight edges may cut off, beyond it the surface was not what bounds the body
 SHAPELY = 0.15  # scaled Jacobian that elements at the rim of the held region keep
 ON = 1e-9  # of the size: what lies this near to the edge of the held region lies on it
@@ -61,6 +62,15 @@ class Scan:
         x, f = refined(self.smooth, lambda p: np.zeros(len(p)), passes=1)
         flat, finer = volume(self.smooth.project(self.vertices), self.facets), volume(x, f)
         return finer + (finer - flat) / 3.0
+
+    @functools.cached_property
+    def spacing(self) -> np.ndarray:
+        """Mean length (n,) mm of the edges at each vertex."""
+        f, total, count = self.facets, np.zeros(len(self.vertices)), np.bincount(self.facets.ravel())
+        for k in range(3):
+            a, b = f[:, k], f[:, (k + 1) % 3]
+            np.add.at(total, a, np.linalg.norm(self.vertices[a] - self.vertices[b], axis=1))
+        return total / np.maximum(count, 1)
 
     @functools.cached_property
     def curvature(self) -> np.ndarray:
@@ -172,7 +182,7 @@ def graded(data: Mapping[str, Any]) -> Mesh:
     sizing, smooth = Sizing(**data["sizing"]), body.smooth
     place = smooth.project(np.array([data["place"]]))[0]
     centre = place + sizing.lift * smooth.normals(place[None])[0]
-    bend = BEND / np.maximum(np.abs(body.curvature).max(1), 1e-300)
+    bend = np.maximum(BEND / np.maximum(np.abs(body.curvature).max(1), 1e-300), WIDE * body.spacing)
 
     def sizes(x: np.ndarray) -> np.ndarray:
         return sizing(np.linalg.norm(x - centre, axis=-1) - sizing.lift)

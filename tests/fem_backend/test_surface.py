@@ -23,6 +23,7 @@ from fem_backend.meshing.remeshed import remeshed
 from fem_backend.meshing.smooth_surface import SmoothSurface, vertex_normals
 from fem_backend.meshing.surface_files import read_surface
 from fem_backend.simulation import experiment
+from fem_backend.specimens.surface import Surface
 from rso.contract import Case, Programme, run_key
 
 AXES = (60.0, 35.0, 35.0)
@@ -464,16 +465,24 @@ def run(table: dict, asked=(1.0, 2.0), **values):
     return BACKEND({**VALUES, **values}, Case("a", Programme.ramp(asked), {**table, "derivatives": False}))
 
 
-def test_on_one_mesh_a_scan_has_the_force_of_the_body(kidney, same_mesh):
-    """The surfaces differ by 1.6e-3 mm of 1 mm travel, and depth counts from contact: to 1e-3; facets alone do not.
+def test_on_one_mesh_a_scan_has_the_force_of_the_body(kidney, same_mesh, monkeypatch):
+    """To 1.5e-3, the error of 1.6e-3 mm in the surface at 1 mm of travel: F ~ u^1.5.
 
-    Negative control: the same run in which contact points keep to the facets' own plane.
+    Negative control: with contact points on the facets themselves, 0.06 mm lower, the force is off by some per cent.
     """
     exact = run({"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}})
     found = run(settings(kidney))
-    np.testing.assert_allclose(found.channels["Fz"], exact.channels["Fz"], rtol=1e-3)
+    np.testing.assert_allclose(found.channels["Fz"], exact.channels["Fz"], rtol=1.5e-3)
     np.testing.assert_allclose(found.info["reaction_Fz"], found.channels["Fz"], rtol=1e-6)
-    assert np.abs(found.channels["Fx"]).max() < 1e-3 * found.channels["Fz"].max()
+    assert np.abs(found.channels["Fx"]).max() < 2e-3 * found.channels["Fz"].max()
+
+    def faceted(self, x):
+        facet, weight, _ = self.scan.smooth.tree.nearest(x)
+        return np.einsum("na,nai->ni", weight, self.scan.smooth.tree.corners[facet])
+
+    monkeypatch.setattr(Surface, "project", faceted)
+    flat = run(settings(kidney)).channels["Fz"]
+    assert np.all(np.abs(flat / exact.channels["Fz"] - 1.0) > 0.01)
 
 
 def test_a_scan_has_weight_and_zones(kidney, same_mesh):
@@ -496,3 +505,27 @@ def test_the_size_of_a_scan_may_be_in_error(kidney):
     np.testing.assert_allclose(larger.depth(1.1 * places(9) * 0.9), 1.1 * body.depth(places(9) * 0.9), rtol=1e-9)
     assert larger.part("lower", np.array([[0.0, 0.0, -38.0]]))[0]
     assert larger.smallest == pytest.approx(1.1 * body.smallest)
+
+
+@pytest.mark.verification
+@pytest.mark.parametrize("level", ["coarse", "standard"])
+@pytest.mark.parametrize(
+    "place", [{}, {"point": [20.0, 0.0]}, {"point": [20.0, -10.0], "direction": "normal"}], ids=["top", "off", "normal"]
+)
+def test_a_scan_in_5000_facets_has_the_force_of_the_ellipsoid(kidney, level, place):
+    """Within 1 % at every depth from 0.5 to 4 mm, each on its own mesh of the same level; on the way 0.1 to 0.7 %."""
+    asked, mesh = (0.5, 1.0, 2.0, 3.0, 4.0), {"mesh": {"level": level}}
+    exact = run({**mesh, **place}, asked).channels["Fz"]
+    found = run(settings(kidney, **mesh, **place), asked).channels["Fz"]
+    print(level, place, found / exact - 1.0)
+    np.testing.assert_allclose(found, exact, rtol=0.01)
+
+
+@pytest.mark.verification
+def test_a_larger_scan_of_the_same_shape_is_stiffer_by_its_size(kidney):
+    """All lengths 2 % larger on one mesh: F(u) = 1.02² F'(u/1.02) of a ball of R/1.02 (exact similarity)."""
+    table = settings(kidney, mesh={"level": "coarse"})
+    larger = run(table, (1.02, 2.04), delta_scan=0.02).channels["Fz"]
+    ball = {"shape": "sphere", "radius": 3.0 / 1.02}
+    smaller = run({**table, "indenter": ball, "mesh": {"level": "coarse"}}, (1.0, 2.0)).channels["Fz"]
+    np.testing.assert_allclose(larger, 1.02**2 * smaller, rtol=0.01)  # two meshes of fTetWild: no two are alike
