@@ -95,8 +95,8 @@ def _scattered(x: np.ndarray, normals: np.ndarray, apart: np.ndarray, first: int
     free, sites = np.ones(len(x), bool), []
     for k in [first, *np.argsort(apart, kind="stable").tolist()]:
         if free[k]:
-            ball = np.array(near[k])
-            free[ball[normals[ball] @ normals[k] > 0.0]] = False
+            around = np.array(near[k])
+            free[around[normals[around] @ normals[k] > 0.0]] = False
             sites.append(k)
     return np.array(sites)
 

@@ -163,6 +163,11 @@ def scan_recipe(
     )
 
 
+def place_of(recipe: str) -> list[float]:
+    """The place (3,) mm of the surface about which the mesh of a recipe is fine."""
+    return list(json.loads(recipe)["place"])
+
+
 def make(data: Mapping[str, Any]) -> Mesh:
     """The mesh of a recipe, made in a child process; raises BadMesh."""
     return in_child("fem_backend.meshing.scans", json.dumps(data), "a scanned surface")
@@ -257,6 +262,26 @@ def finished(body: Scan, held: Mapping[str, Any], points: np.ndarray, tets: np.n
             "meet itself, or is it thinner somewhere than its facets are long?"
         )
     return made
+
+
+def carried(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh, place: np.ndarray, to: np.ndarray) -> Mesh:
+    """The mesh with its fine elements taken from the `place` (3,) of its recipe `to` (3,) one beside it.
+
+    X + (1 − (r/D)²)² (to − place) at distance r < D of the place, D that of the nearest held vertex: so a misaligned
+    indenter meets the same elements, and nothing moves where a support is.  Raises BadMesh where it is too far.
+    """
+    nodes = np.unique(_boundary(mesh.vertices, mesh.tets))
+    below = nodes[held_level(held, mesh.vertices[nodes]) <= ON * float(np.abs(smooth.vertices).max())]
+    reach = float(np.linalg.norm(mesh.vertices[below] - place, axis=1).min())
+    r = np.linalg.norm(mesh.vertices - place, axis=1) / reach
+    points = mesh.vertices + (np.maximum(1.0 - r * r, 0.0) ** 2)[:, None] * (to - place)
+    moving = nodes[r[nodes] < 1.0]
+    points[moving] = smooth.project(points[moving])
+    worst = float(straight(points, mesh.tets).min())
+    if worst < WORST:
+        far = float(np.linalg.norm(to - place))
+        raise BadMesh(f"elements are spoilt {far:.3g} mm from the place that they were made for: {worst:.3f}")
+    return Mesh(points, mesh.tets)
 
 
 def _boundary(points: np.ndarray, tets: np.ndarray) -> np.ndarray:

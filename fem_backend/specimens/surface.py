@@ -386,8 +386,12 @@ class Surface:
         return Meshing(recipe, (("mesher", mesher), ("level", level)), sizing.h0, level)
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
-        """The mesh of the recipe with curved edges, in the size that the body has; raises BadMesh."""
-        made = scans.quadratic(self.scan.smooth, self.region, mesh)
+        """The mesh of the recipe, fine elements at `point`, edges curved, in the size of the body; raises BadMesh."""
+        smooth, place = self.scan.smooth, np.array(scans.place_of(recipe))
+        to = self._in(self.above(*point)[0])
+        if np.linalg.norm(to - place) > FINE * self.largest:
+            mesh = scans.carried(smooth, self.region, mesh, place, to)
+        made = scans.quadratic(smooth, self.region, mesh)
         worst = float(meshing.scaled_jacobian(made).min())
         if worst <= 0.0:
             raise meshing.BadMesh(f"elements are spoilt: scaled Jacobian {worst:.3f}")

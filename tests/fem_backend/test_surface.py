@@ -12,8 +12,9 @@ import pytest
 import scan_files as files
 from skfem import MeshTet
 
-from fem_backend import geometry, meshing
+from fem_backend import geometry, meshing, post
 from fem_backend.backend import BACKEND
+from fem_backend.contact.tractions import quadratic_facets
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.meshing import recipes, scans
 from fem_backend.meshing.closed_surface import closed, volume
@@ -445,6 +446,35 @@ def crossing(x: np.ndarray, tets: np.ndarray, held: dict) -> int:
     return int(((phi[0] * phi[1] < 0.0) & (np.abs(phi).min(0) > 1e-6)).sum())
 
 
+def test_fine_elements_follow_a_misaligned_indenter(kidney):
+    """They are taken along on the surface, what is held stays, and too far is refused."""
+    body, mesh = scans.scan(kidney, 1.0), ball_mesh()
+    held, top = {"below": -10.0}, np.array([0.0, 0.0, 35.0])
+    to = np.append([4.0, -3.0], EXACT.above(4.0, -3.0)[0][2])
+    moved = scans.carried(body.smooth, held, mesh, top, to)
+    at = int(np.argmin(np.linalg.norm(mesh.vertices - top, axis=1)))
+    np.testing.assert_allclose(moved.vertices[at], to, atol=3e-3)
+    still = mesh.vertices[:, 2] <= -10.0
+    still &= np.abs(EXACT.depth(mesh.vertices)) < 1e-6
+    assert np.array_equal(moved.vertices[still], mesh.vertices[still])
+    skin = np.abs(EXACT.depth(mesh.vertices)) < 1e-6
+    assert np.abs(EXACT.depth(moved.vertices[skin])).max() < 3e-3 and volumes(moved).min() > 0.0
+    with pytest.raises(meshing.BadMesh, match="from the place that they were made for"):
+        scans.carried(body.smooth, held, mesh, top, EXACT.above(30.0, 0.0)[0])
+
+
+def test_marks_are_found_on_the_upper_side_wherever_the_frame_is(kidney):
+    """In a frame 100 mm above the body all of it lies below z = 0: a mark is still found on top, not underneath."""
+    whole = meshing.assemble(meshing.mapped_quarter(EXACT, 6, 0.3), EXACT, EXACT, (0.0, 0.0), (False, False))
+    facets = quadratic_facets(whole, whole.boundary_facets())
+    for shift in (0.0, -100.0):
+        nodes = whole.doflocs.T + np.array([0.0, 0.0, shift])
+        probes = post.surface_points(nodes, facets, np.array([[10.0, 5.0], [-20.0, 0.0]]))
+        found = np.einsum("ka,kai->ki", probes.N, nodes[probes.facets])
+        wanted = [EXACT.above(x, y)[0][2] + shift for x, y in ((10.0, 5.0), (-20.0, 0.0))]
+        np.testing.assert_allclose(found[:, 2], wanted, atol=0.05)  # quadratic facets of some 9 mm
+
+
 def test_a_mesh_of_another_body_is_refused(kidney):
     mesh = ball_mesh()
     with pytest.raises(meshing.BadMesh, match="does the surface meet itself"):
@@ -483,6 +513,13 @@ def test_on_one_mesh_a_scan_has_the_force_of_the_body(kidney, same_mesh, monkeyp
     monkeypatch.setattr(Surface, "project", faceted)
     flat = run(settings(kidney)).channels["Fz"]
     assert np.all(np.abs(flat / exact.channels["Fz"] - 1.0) > 0.01)
+
+
+def test_a_misaligned_ball_is_one_beside(kidney, same_mesh):
+    """A ball 2 mm off meets the elements of one that was asked for there: the same as on the exact body, to 1 %."""
+    mapped = {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}}
+    exact, found = run(mapped, (1.0,), offset_x=2.0), run(settings(kidney), (1.0,), offset_x=2.0)
+    np.testing.assert_allclose(found.channels["Fz"], exact.channels["Fz"], rtol=0.02)  # elements of 3 mm at the ball
 
 
 def test_a_scan_has_weight_and_zones(kidney, same_mesh):
