@@ -29,7 +29,7 @@ from fem_backend.meshing.tetwild import TETWILD_SCALE, die_with_parent, tetrahed
 
 MESHER = "scan"
 EPSILON = (1e-3, 5e-4, 1e-3, 2e-4)  # surface tolerance by the diagonal, tried in turn
-BEND = 0.8  # of the smallest radius of curvature: no edge is longer
+BEND, HOLLOW = 0.8, 0.5  # of the smallest radius of curvature of humps and of hollows: no edge is longer
 WIDE = 2.0  # of the scan's own edges: curvature of its scatter asks for nothing shorter
 OFF = 0.08  # of the volume: what straight edges may cut off, beyond it the surface was not what bounds the body
 SHAPELY = 0.15  # scaled Jacobian that elements at the rim of the held region keep
@@ -187,7 +187,8 @@ def graded(data: Mapping[str, Any]) -> Mesh:
     sizing, smooth = Sizing(**data["sizing"]), body.smooth
     place = smooth.project(np.array([data["place"]]))[0]
     centre = place + sizing.lift * smooth.normals(place[None])[0]
-    bend = np.maximum(BEND / np.maximum(np.abs(body.curvature).max(1), 1e-300), WIDE * body.spacing)
+    hollow, hump = np.clip(-body.curvature[:, 0], 1e-300, None), np.clip(body.curvature[:, 1], 1e-300, None)
+    bend = np.maximum(np.minimum(BEND / hump, HOLLOW / hollow), WIDE * body.spacing)
 
     def sizes(x: np.ndarray) -> np.ndarray:
         return sizing(np.linalg.norm(x - centre, axis=-1) - sizing.lift)
@@ -326,22 +327,37 @@ def straight(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
 
 
 def quadratic(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh) -> MeshTet2:
-    """Ten-node tetrahedra whose boundary mid-edge nodes lie on the smooth surface, between two of the rim on that."""
+    """Ten-node tetrahedra whose boundary mid-edge nodes lie on the smooth surface, between two of the rim on that.
+
+    Where that spoils an element (a scaled Jacobian below `SHAPELY`), large ones at a dent, its edges keep to the
+    surface without the rim, or bend half as much, or a quarter, or not at all.
+    """
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
-    numbers = MeshTet2.from_mesh(linear)  # its nodes are averages over cells: equal to the bit they are not
+    numbers = MeshTet2.from_mesh(linear).t  # its nodes are averages over cells: equal to the bit they are not
     nodes = np.hstack([linear.p, 0.5 * (linear.p[:, linear.edges[0]] + linear.p[:, linear.edges[1]])]).T
     edges = np.unique(linear.f2e[:, linear.boundary_facets()])
     middle = linear.nvertices + edges
-    nodes[middle] = smooth.project(nodes[middle])
+    flat = nodes[middle]
+    on = smooth.project(flat)
+    ways = [on.copy(), on, 0.5 * (flat + on), 0.75 * flat + 0.25 * on, flat]
     small = ON * float(np.abs(smooth.vertices).max())
-    rim = middle[
-        (np.abs(held_level(held, linear.p.T[linear.edges[:, edges].T.ravel()])) <= small).reshape(-1, 2).all(1)
-    ]
+    ends = linear.p.T[linear.edges[:, edges].T.ravel()]
+    rim = np.nonzero((np.abs(held_level(held, ends)) <= small).reshape(-1, 2).all(1))[0]
     if len(rim):
-        moved = onto_rim(smooth, held, nodes[rim])
-        found = np.isfinite(moved).all(1) & (np.linalg.norm(moved - nodes[rim], axis=1) < 0.5 * _chord(linear, rim))
-        nodes[rim[found]] = moved[found]
-    return MeshTet2(np.ascontiguousarray(nodes.T), numbers.t)
+        moved = onto_rim(smooth, held, on[rim])
+        found = np.isfinite(moved).all(1) & (
+            np.linalg.norm(moved - on[rim], axis=1) < 0.5 * _chord(linear, middle[rim])
+        )
+        ways[0][rim[found]] = moved[found]
+    way = np.zeros(len(middle), int)
+    while True:
+        nodes[middle] = np.choose(way[:, None], ways)
+        made = MeshTet2(np.ascontiguousarray(nodes.T), numbers)
+        bad = made.dofs.element_dofs[:, scaled_jacobian(made) < SHAPELY]
+        spoilt = np.isin(middle, bad) & (way < len(ways) - 1)
+        if not spoilt.any():
+            return made
+        way[spoilt] += 1
 
 
 def _chord(linear: MeshTet, middle: np.ndarray) -> np.ndarray:
