@@ -147,7 +147,7 @@ class Sphere:
         distance from a convex body is convex along a line, so Newton from far away goes to the first contact without
         passing it.  Raises ValueError when the sphere passes by.
         """
-        if hasattr(specimen, "first_contact"):  # it is not convex
+        if hasattr(specimen, "first_contact"):  # not convex: it knows
             return specimen.first_contact(self, through, direction)
         origin, d = np.asarray(through, float), np.asarray(direction, float)
         d = d / np.linalg.norm(d)

@@ -191,11 +191,11 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         text = json.dumps(settings, sort_keys=True)
     except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
         return _read(table(), settings)
-    return _read_again(table(), text)
+    return _read_again(table(), text, members.stamps(settings))
 
 
 @functools.lru_cache(maxsize=1024)
-def _read_again(model: Any, text: str) -> Settings:
+def _read_again(model: Any, text: str, stamps: tuple[tuple[str, int, int], ...]) -> Settings:
     """A study asks for a few settings thousands of times; they are frozen, and what is wrong is not kept."""
     return _read(model, json.loads(text))
 

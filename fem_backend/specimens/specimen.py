@@ -146,6 +146,16 @@ class Specimen(Protocol):
         """Rows of surface marks (x, y) by words, `beside` off the axis of a test at `point`, rounded in `unit`."""
 
 
+class NotConvex(Protocol):
+    """A specimen on which an indenter may touch first anywhere: it finds that itself, indenters ask it where they can.
+
+    Newton's method on the distance, by which an indenter of a convex body goes to its first contact, passes a dent.
+    """
+
+    def first_contact(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Reference point (3,) where the indenter first touches on its line: the least of `travel` over the surface."""
+
+
 @runtime_checkable
 class OfOnePlace(Protocol):
     """A specimen without a map that moves the fine elements: it has a mesh of its own for every place of a test."""
