@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import cKDTree
+
+NEAR = 1e-6  # of the size: digits of a text file may part vertices that are one
 
 
 @dataclass(frozen=True)
@@ -21,16 +24,17 @@ class ClosedSurface:
 def closed(vertices: np.ndarray, facets: np.ndarray) -> ClosedSurface:
     """The surface with its facets turned outwards; ValueError where it does not bound one body, saying why.
 
-    Facets that name a vertex twice are left out.  An edge has two facets: of open or shared edges it is said how many
-    there are and where the first lies.
+    Facets that name a vertex twice are left out; where edges are open, vertices that only round-off parts are one.  An
+    edge has two facets: of open or shared edges it is said how many there are and where the first lies.
     """
+    vertices, facets, repairs = _welded(vertices, facets)
     twice = (facets == np.roll(facets, 1, axis=1)).any(1)
-    kept, repairs = facets[~twice], []
-    if twice.any():
+    kept = facets[~twice]
+    if twice.any() and not repairs:
         repairs.append(f"{int(twice.sum())} facets with two equal corners left out")
     if len(kept) < 4:
         raise ValueError(f"has {len(kept)} facets with an area: a closed surface has at least 4")
-    edges = np.concatenate([kept[:, [0, 1]], kept[:, [1, 2]], kept[:, [2, 0]]])
+    edges = edges_of(kept)
     owner = np.tile(np.arange(len(kept)), 3)
     ends, inverse, count = np.unique(np.sort(edges, 1), axis=0, return_inverse=True, return_counts=True)
     _refuse_edges(vertices, ends, count)
@@ -55,10 +59,29 @@ def closed(vertices: np.ndarray, facets: np.ndarray) -> ClosedSurface:
     return ClosedSurface(vertices, np.ascontiguousarray(out), tuple(repairs))
 
 
+def edges_of(facets: np.ndarray) -> np.ndarray:
+    """Directed edges 01, 12, 20 (3 m, 2) of facets (m, 3)."""
+    return np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
+
+
 def volume(vertices: np.ndarray, facets: np.ndarray) -> float:
     """Σ a·(b × c)/6 over the facets: what they enclose, negative where they face inwards."""
     a, b, c = (vertices[facets[:, k]] - vertices[facets[0, 0]] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
+
+
+def _welded(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The surface, where it has open edges with vertices joined that lie within round-off of a text file; what is said."""
+    count = np.unique(np.sort(edges_of(facets), 1), axis=0, return_counts=True)[1]
+    if not np.any(count == 1):
+        return vertices, facets, []
+    pairs = cKDTree(vertices).query_pairs(NEAR * float(np.ptp(vertices, axis=0).max()), output_type="ndarray")
+    if not len(pairs):
+        return vertices, facets, []
+    n = len(vertices)
+    groups, label = connected_components(coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)
+    first = np.unique(label, return_index=True)[1]
+    return vertices[first], label[facets], [f"{n - groups} vertices joined that round-off had parted"]
 
 
 def _areas(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-LEAF = 4  # facets in the smallest boxes
+LEAF = 8  # facets in the smallest boxes
 
 
 @dataclass(frozen=True)

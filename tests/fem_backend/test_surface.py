@@ -157,6 +157,18 @@ def test_turned_facets_are_repaired_and_it_is_said():
         assert np.all(np.einsum("ni,ni->n", normals, body.vertices) > 0.99)
 
 
+def test_vertices_that_round_off_parts_are_joined(tmp_path):
+    """Every facet with corners of its own, rounded differently; vertices a hundredth apart stay apart."""
+    x, f = files.sphere(4)
+    rng = np.random.default_rng(2)
+    loose = x[f].reshape(-1, 3)
+    body = closed(loose + 1e-8 * rng.normal(size=loose.shape), np.arange(len(loose)).reshape(-1, 3))
+    assert body.repairs == (f"{len(loose) - len(x)} vertices joined that round-off had parted",)
+    assert len(body.vertices) == len(x) and len(body.facets) == len(f)
+    with pytest.raises(ValueError, match="open edges"):
+        closed(loose + 1e-2 * rng.normal(size=loose.shape), np.arange(len(loose)).reshape(-1, 3))
+
+
 # ------------------------------------------------------------------------------------------------- the smooth surface
 
 
