@@ -71,7 +71,7 @@ def volume(vertices: np.ndarray, facets: np.ndarray) -> float:
 
 
 def _welded(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """The surface, where it has open edges with vertices joined that lie within round-off of a text file; what is said."""
+    """The surface, where it has open edges with vertices joined that digits of a text file parted; what is said."""
     count = np.unique(np.sort(edges_of(facets), 1), axis=0, return_counts=True)[1]
     if not np.any(count == 1):
         return vertices, facets, []

@@ -93,6 +93,8 @@ def scan(file: str, scale: float) -> Scan:
 @functools.lru_cache(maxsize=8)
 def _scan(file: str, scale: float, changed: int, size: int) -> Scan:
     whole = closed(*read_surface(file))
+    for repair in whole.repairs:
+        print(f"  {file}: {repair}", file=sys.stderr, flush=True)
     vertices = whole.vertices * scale
     if not float(np.ptp(vertices, axis=0).min()) > 0.0:
         raise ValueError("is flat: it encloses no volume")

@@ -341,6 +341,13 @@ def test_a_wrong_table_is_refused(kidney, change, words):
         experiment.read_settings(settings(kidney, specimen=change))
 
 
+def test_what_was_repaired_is_said(tmp_path, capsys):
+    x, f = files.ellipsoid(4)
+    file = str(files.write_stl(tmp_path / "turned.stl", x, f[:, ::-1]))
+    specimen(file)
+    assert f"{file}: all facets turned: the surface was inside out" in capsys.readouterr().err
+
+
 def test_wrong_places_and_meshes_are_refused(kidney, tmp_path):
     for other, words in (
         ({"point": [70.0, 0.0]}, r"point = \[70.0, 0.0\] mm: is not above the body, which has x from -60 to 60 mm"),
