@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import functools
 import importlib
 import math
+import os
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -235,6 +237,18 @@ def one_of(choices: Iterable[str]) -> Callable[[Any], str]:
         return value
 
     return check
+
+
+def stamps(value: Any) -> tuple[tuple[str, int, int], ...]:
+    """Place, time of the last change (ns) and size of every file that tables of settings name by `file`."""
+    found: list[tuple[str, int, int]] = []
+    for key, inner in value.items() if isinstance(value, Mapping) else ():
+        found += stamps(inner)
+        if key == "file" and isinstance(inner, str):
+            with contextlib.suppress(OSError, ValueError):
+                about = os.stat(inner)
+                found.append((inner, about.st_mtime_ns, about.st_size))
+    return tuple(found)
 
 
 Length = Annotated[float, BeforeValidator(lengths(1))]

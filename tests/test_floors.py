@@ -64,9 +64,10 @@ LAYERS = {
         "response zones",
     ),
     "fem_backend.meshing": (
-        "mesh",
-        "mapped meridian placing surface templates",
-        "recipes refined tetwild",
+        "closed_surface mesh nearest_facets surface_files",
+        "mapped meridian placing smooth_surface surface templates",
+        "recipes refined remeshed tetwild",
+        "scans",
         "__init__",
     ),
     "fem_backend.post": (
@@ -92,7 +93,7 @@ LAYERS = {
     ),
     "fem_backend.specimens": (
         "specimen",
-        "flat",
+        "flat in_space",
         "*",
         "__init__",
     ),
@@ -288,7 +289,7 @@ LAYERS = {
     ),
     "rso.report.optimal_design": ("report",),
     "rso.study": (
-        "base_table confusable_text fields line_numbers",
+        "base_table confusable_text fields line_numbers settings_files",
         "columns_table errors noise_table search_table",
         "analysis_tables laboratory_nominal toml_text",
         "schema",

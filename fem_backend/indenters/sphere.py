@@ -168,6 +168,8 @@ class Sphere:
         distance from a convex body is convex along a line, so Newton from far away goes to the first contact without
         passing it.  Raises ValueError when the sphere passes by.
         """
+        if hasattr(specimen, "first_contact"):  # not convex: it knows
+            return specimen.first_contact(self, through, direction)
         origin, d = np.asarray(through, float), np.asarray(direction, float)
         d = d / np.linalg.norm(d)
         s = -(origin @ d) - 2.0 * (specimen.largest + self.R) - np.linalg.norm(origin - (origin @ d) * d)

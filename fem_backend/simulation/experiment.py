@@ -22,7 +22,7 @@ from fem_backend.laws.law import plain as law_table
 from fem_backend.members import OpenSet, refused
 from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
-from fem_backend.specimens import SPECIMENS, Specimen
+from fem_backend.specimens import SPECIMENS, OfOnePlace, Specimen
 from fem_backend.supports import SUPPORTS, Support
 
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
@@ -194,11 +194,11 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         text = json.dumps(settings, sort_keys=True)
     except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
         return _read(table(), settings)
-    return _read_again(table(), text)
+    return _read_again(table(), text, members.stamps(settings))
 
 
 @functools.lru_cache(maxsize=1024)
-def _read_again(model: Any, text: str) -> Settings:
+def _read_again(model: Any, text: str, stamps: tuple[tuple[str, int, int], ...]) -> Settings:
     """A study asks for a few settings thousands of times; they are frozen, and what is wrong is not kept."""
     return _read(model, json.loads(text))
 
@@ -230,9 +230,11 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     specimen, indenter, support = (made[noun] for noun in ("specimen", "indenter", "support"))
     mesh, material = read.mesh, made["material"]
     specimen = specimen.under(indenter)
+    if isinstance(specimen, OfOnePlace):
+        specimen = specimen.touched_at(read.point)
     meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
     key, bends = indenter.finest
-    if bends < RESOLVED * meshed.h0:
+    if not specimen.of_revolution and bends < RESOLVED * meshed.h0:  # a meridian is as fine as the indenter wants it
         raise ValueError(
             f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact do not resolve a radius of {bends:.3g} mm, "
             f"at least {1.006 * RESOLVED * meshed.h0:.3g} mm; a larger one, or a finer mesh"

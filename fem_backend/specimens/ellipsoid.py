@@ -12,8 +12,9 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import closed_forms, geometry, members, meshing
-from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size
-from fem_backend.specimens.specimen import LAYER, SPECIMENS, Meshing
+from fem_backend.meshing import Mesh
+from fem_backend.specimens.in_space import InSpace
+from fem_backend.specimens.specimen import SPECIMENS, Meshing
 from rso.contract import knob
 
 USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
@@ -28,7 +29,7 @@ PLACES = 0.35  # of a semi-axis
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Ellipsoid(geometry.EllipsoidShape):
+class Ellipsoid(geometry.EllipsoidShape, InSpace):
     """(x/a)² + (y/b)² + (z/c)² ≤ 1 with the semi-axes a, b, c and those of a cavity around its lowest point (mm)."""
 
     cavity: tuple[float, float, float] = (15.0, 10.0, 10.0)
@@ -87,17 +88,10 @@ class Ellipsoid(geometry.EllipsoidShape):
     gauges: ClassVar[Mapping[str, float]] = {"delta_a": 0.1, "delta_b": 0.1, "delta_c": 0.1}
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}  # those of `meshing.recipes`
     smallest_words: ClassVar[str] = "smallest semi-axis"
-    parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
-    of_revolution: ClassVar[bool] = False  # its meshes are those of three dimensions, also where it is a sphere
-    alike: ClassVar[bool] = False
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
         return {"shape": self.name, "semi_axes": self.semi_axes.tolist(), "cavity": list(self.cavity)}
-
-    def under(self, indenter: Any) -> Ellipsoid:
-        """As it is."""
-        return self
 
     def actual(self, knobs: Any) -> Ellipsoid:
         """The body with the errors of its semi-axes; ValueError for sizes that describe none."""
@@ -110,14 +104,6 @@ class Ellipsoid(geometry.EllipsoidShape):
                 f"({THINNEST:g} of the smallest asked for)"
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
-
-    def beyond(self, length: float) -> float:
-        """Nothing: all of it is modelled."""
-        return 0.0
-
-    def absent(self) -> frozenset[str]:
-        """It has no layers."""
-        return frozenset(LAYER)
 
     @property
     def fattest(self) -> float:
@@ -224,14 +210,6 @@ class Ellipsoid(geometry.EllipsoidShape):
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
         return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
-
-    def meridian(self, actual: Ellipsoid, spacing: Size, fineness: float) -> MeridianMesh:
-        """None is made."""
-        raise BadMesh("an ellipsoid has no mesh of a meridian")
-
-    def stiffness(self, X: np.ndarray) -> None:
-        """It has no layers."""
-        return None
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from skfem import MeshTet2
@@ -177,3 +177,21 @@ class Specimen(Protocol):
 
     def lines(self, point: tuple[float, float], beside: float, unit: float) -> dict[str, list[list[float]]]:
         """Rows of surface marks (x, y) by words, `beside` off the axis of a test at `point`, rounded in `unit`."""
+
+
+class NotConvex(Protocol):
+    """A specimen on which an indenter may touch first anywhere: it finds that itself, indenters ask it where they can.
+
+    Newton's method on the distance, by which an indenter of a convex body goes to its first contact, passes a dent.
+    """
+
+    def first_contact(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Reference point (3,) where the indenter first touches on its line: the least of `travel` over the surface."""
+
+
+@runtime_checkable
+class OfOnePlace(Protocol):
+    """A specimen without a map that moves the fine elements: it has a mesh of its own for every place of a test."""
+
+    def touched_at(self, point: tuple[float, float]) -> Specimen:
+        """Itself, its mesh fine at the place (x, y) mm."""

@@ -56,7 +56,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "backend": {
             "name": plan.backend.name,
             "numerics": plan.backend.numerics,
-            "settings": plain(study.backend.settings),
+            "settings": plain(study.written(study.backend.settings)),
         },
         "parameters": parameters(plan, plan),
         "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
@@ -302,7 +302,7 @@ def _experiment(plan: Plan, name: str) -> dict[str, Any]:
         "kind": e.kind,
         "channel": curve.channel,
         "unit": curve.unit,
-        "settings": plan.study.settings_of(name),
+        "settings": plan.study.written(plan.study.settings_of(name)),
         "file": e.files,
         "notes": [*said, *plan.study.measurement(name).notes],
         "remarks": len(said),

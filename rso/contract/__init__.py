@@ -49,7 +49,7 @@ from rso.contract.capabilities import (
 from rso.contract.cases import Case, Programme
 from rso.contract.keys import run_key
 from rso.contract.parameters import Parameter, Scope, drop_neutral, finite, knob, number, parameters_of
-from rso.contract.plain_data import digest, object_path, plain
+from rso.contract.plain_data import by_contents, digest, object_path, plain
 from rso.contract.responses import CAUSES, Curve, NotFinite, Response, SimulationFailed
 
 __all__ = [
@@ -88,6 +88,7 @@ __all__ = [
     "SimulationFailed",
     "SurfaceMarks",
     "Variants",
+    "by_contents",
     "capability",
     "digest",
     "drop_neutral",

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.contract import Backend, Case, ContactModulus, Programme, capability, digest
+from rso.contract import Backend, Case, ContactModulus, Programme, by_contents, capability, digest
 from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
 from rso.data import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
@@ -212,7 +212,7 @@ def merge(
         case = case_for(study, e.name, asked[e.name])
         plain = backend.canonical(example, case)[1]
         speed = plain.programme.travel_mm[-1] / plain.programme.time_s[-1]  # one and the same where rates do not matter
-        same = digest({"settings": plain.settings, "speed": round(speed, 12)})
+        same = digest({"settings": by_contents(dict(plain.settings)), "speed": round(speed, 12)})
         if same in index:
             k = index[same]
             union, own = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]})), cases[k].programme
