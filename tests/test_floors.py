@@ -132,7 +132,7 @@ LAYERS = {
         "force_holds plausibility",
         "branches",
         "files",
-        "loading_rate outliers",
+        "holds loading_rate outliers",
         "repeats",
         "__init__",
     ),
