@@ -278,7 +278,7 @@ LAYERS = {
         "schema",
         "keys loader resolve",
         "cases",
-        "laboratory_folder",
+        "holds laboratory_folder",
         "new_study",
     ),
 }

@@ -232,9 +232,7 @@ def combine(
     )
 
 
-def _continued(
-    hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ŷ and ŷ' of loading (n,) and of the hold behind it (n + m,), whose means are those of `mean` (n + m,)."""
     x, y = np.log(hold.since), mean[len(smooth) :]
     along = np.polynomial.Polynomial.fit(x, y, min(DEGREE, len(x) - 1), full=True)[0](x)
@@ -334,9 +332,7 @@ def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return fit(u), fit.deriv()(u)
 
 
-def _of_one(
-    u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise, loading: int
-) -> dict[str, np.ndarray]:
+def _of_one(u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise, loading: int) -> dict[str, np.ndarray]:
     """What one record is usually off by, as parts U (n, q) of C = U Uᵀ, where nothing is stated; the first readings are
     those of `loading`."""
     there = u[:loading]

@@ -80,6 +80,15 @@ def outputs_of(outputs: Sequence[Output], place: CurvePlace) -> list[Output]:
     return sorted(mine, key=lambda o: o.order)
 
 
+def readings_of(outputs: Sequence[Output], values: np.ndarray, place: CurvePlace) -> np.ndarray:
+    """Values (n,) at measured places of those (m,) of `outputs`, sorted as :func:`outputs_of` does."""
+    if place.held.any():
+        return readings_matrix(outputs, place) @ values
+    loading = np.array([not o.since_s for o in outputs])
+    travel = np.array([o.depth_mm for o in outputs])[loading]
+    return Resampling(travel, values[loading])(place.depth)
+
+
 def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
     """R (n, m) that makes values at measured places of the values of `outputs`, in their order.
 
@@ -94,10 +103,11 @@ def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
     R[~held, :n] = Resampling(travel, np.eye(n))(place.depth[~held])
     moments = {o.since_s: n + k for k, o in enumerate(outputs[n:])}
     for k in np.flatnonzero(held):
-        at = moments.get(float(place.since[k]))  # type: ignore[index]
-        if at is None:
-            raise ValueError(f"no {place.channel} of {place.experiment!r} is computed {place.since[k]:g} s into its hold")  # type: ignore[index]
-        R[k, at] = 1.0
+        since = float(place.since[k])  # type: ignore[index]
+        if since not in moments:
+            what = f"{place.channel} of {place.experiment!r}"
+            raise ValueError(f"no {what} is computed {since:g} s into its hold")
+        R[k, moments[since]] = 1.0
     return R
 
 

@@ -186,13 +186,20 @@ def outputs(results: Results) -> dict[str, OutputView]:
     several = len({o["experiment"] for o in every}) > 1
     views = {}
     for o in every:
-        label = f"{channel_text(o['channel'])} at {shortest(o['depth_mm'])} mm"
+        label = f"{channel_text(o['channel'])} {at_reading(o)}"
         sizes = [number((r.get("outputs") or {}).get(o["id"])) for r in listed(results, "runs")]
         sizes += [number(e.get("predicted")) for c in candidates(results) for e in output_rows(c, o["id"])]
         unit = shown(o.get("unit", ""), largest(sizes))
         label = f"{clean(o['experiment'])}: {label}" if several else label
         views[o["id"]] = OutputView(o["id"], clean(o["experiment"]), label, o.get("unit", ""), unit)
     return views
+
+
+def at_reading(row: Mapping[str, Any]) -> str:
+    """Where an output or a target is read: ``at 2 mm``, in a hold ``at 2 mm, 5 s held``."""
+    since = row.get("since_s")
+    held = f", {shortest(float(f'{since:.2g}'))} s held" if known(since) and since else ""
+    return f"at {shortest(row['depth_mm'])} mm{held}"
 
 
 def drowned(results: Results) -> dict[str, tuple[float, float]]:
@@ -307,7 +314,9 @@ def curve_unit(results: Results, name: str) -> Unit:
 def target_output(target: Mapping[str, Any]) -> str:
     """Id of the output that a target asks for."""
     depth = f"{target['depth_mm']:.6g}" if known(target["depth_mm"]) else "–"
-    return f"{target['experiment']}:{target['channel']}@{depth}"
+    since = target.get("since_s")
+    held = f"+{since:.6g}s" if known(since) and since else ""
+    return f"{target['experiment']}:{target['channel']}@{depth}{held}"
 
 
 def finished(results: Results, stage: str) -> bool:

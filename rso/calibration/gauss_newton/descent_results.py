@@ -10,7 +10,7 @@ import numpy as np
 from rso.calibration.gauss_newton.iteration import GaussNewtonRun
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan, limited
-from rso.calibration.results import at_bound, curves_of, demand
+from rso.calibration.results import at_bound, curves_of, demand, goal
 from rso.calibration.search_stage import curve_metrics, demands
 from rso.calibration.stages import Design
 from rso.calibration.unstated_errors import unstated
@@ -64,7 +64,7 @@ def of_gauss_newton(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
         "searches": [
             {
                 "name": search.name,
-                "targets": [dataclasses.asdict(g) for g in search.goals],
+                "targets": [goal(g) for g in search.goals],
                 "ranges": {a.name: [a.low, a.high] for a in search.axes},
                 "kind": "single",
                 "reachable": met,

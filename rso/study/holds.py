@@ -1,0 +1,97 @@
+"""Holds of the records of a study: which of them a model can follow, and what is said of those that it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rso.contract import Backend, Case, Parameter, Relaxation, capability
+from rso.data import Hold, MeasuredCurve, hold_of
+from rso.study.cases import speed_of
+from rso.study.resolve import Resolved
+from rso.study.schema import Study
+
+REACH = 3.0  # times as long as the hold: a relaxation time beyond is not told from a drift
+SOONEST = 0.5  # of the first moment of a hold: a relaxation time below is over by then
+APART = 10.0  # ratio of the ends of a range of times, at least where plausible times leave none
+
+
+def middle(resolved: Resolved) -> dict[str, float]:
+    """Values inside the ranges: at their ends an effect may be neutral."""
+    return {a.name: 0.5 * (a.low + a.high) for a in resolved.axes} | dict(resolved.fixed)
+
+
+def hold_in(study: Study, name: str, curve: MeasuredCurve) -> Hold | str:
+    """The hold of an experiment whose loading is `curve`, or why it is of no use; "" where there is none."""
+    return hold_of(study.measurement(name), speed_of(study, name)[0], float(curve.depth.max()))
+
+
+def relaxes(backend: Backend, values: Mapping[str, float], case: Case) -> bool:
+    """Whether forces go on changing while the indenter rests: the backend's word, else a time among the knobs in use.
+
+    That the answer hangs on the way there is not enough: it does with friction, and then a rest changes nothing.
+    """
+    known = capability(backend, Relaxation)
+    if known is not None:
+        return known.relaxes(values, case.settings)
+    kept = backend.canonical(values, case)[0]
+    return any(p.unit == "s" and p.name in kept for p in backend.parameters)
+
+
+def relaxation(backend: Backend) -> tuple[Parameter, Parameter] | None:
+    """The knobs that a first relaxation opens: a share that is absent at 0, and its time; None where there are none."""
+    for share in backend.parameters:
+        if share.group and share.neutral == 0.0 and share.unit == "1" and share.plausible and 0.0 < share.high <= 1.0:
+            times = [p for p in backend.parameters if p.group == share.group and p.unit == "s" and p.plausible]
+            if len(times) == 1:
+                return share, times[0]
+    return None
+
+
+def ranges(pair: tuple[Parameter, Parameter], hold: Hold) -> dict[str, tuple[float, float]]:
+    """Ranges of a share and a time that a hold can tell: the plausible ones, times as far as it lasts."""
+    share, time = pair
+    assert share.plausible is not None and time.plausible is not None
+    low, high = SOONEST * float(hold.since[0]), REACH * hold.lasts
+    low, high = max(low, min(time.plausible[0], high / APART)), min(high, max(time.plausible[1], APART * low))
+    return {share.name: share.plausible, time.name: (float(f"{low:.2g}"), float(f"{high:.2g}"))}
+
+
+def of_unused(backend: Backend, hold: Hold) -> list[str]:
+    """What is said of a hold that the model of a study does not follow, and the lines that would open it."""
+    span = f"{hold.lasts:.3g} s at {hold.depth:.3g} mm"
+    if not hold.fall:
+        return [f"It holds for {span}, where Fz does not fall by more than noise: the hold is not fitted."]
+    share = f"{100.0 * hold.fall:.2g} %"
+    said = [
+        f"It holds for {span}, where Fz falls by {share}: only the loading is fitted, so that moduli are those of its "
+        f"rate. At rest the same body is at least {share} softer."
+    ]
+    pair = relaxation(backend)
+    if pair is None:
+        return [*said, f"The backend {backend.name!r} has no relaxation that would fit the hold."]
+    found = ranges(pair, hold)
+    lines = [
+        f"{p.name} = {{ low = {found[p.name][0]:g}, high = {found[p.name][1]:g}{log} }}"
+        for p, log in zip(pair, ("", ', scale = "log"'), strict=True)
+    ]
+    return [*said, "To fit the hold too, add below [parameters]:", *(f"  {line}" for line in lines)]
+
+
+def of_used(hold: Hold) -> list[str]:
+    """What is said of a hold that is fitted."""
+    fall = f", where Fz falls by {100.0 * hold.fall:.2g} %" if hold.fall else ", where Fz does not fall beyond noise"
+    return [
+        f"Loading and the hold of {hold.lasts:.3g} s at {hold.depth:.3g} mm are compared{fall}: "
+        f"{len(hold.since)} moments of it."
+    ]
+
+
+def undetermined(backend: Backend, held: bool, opened: Mapping[str, object]) -> list[str]:
+    """What is said where a study opens a relaxation and no record that it fits holds."""
+    times = [p.name for p in backend.parameters if p.unit == "s" and p.name in opened]
+    if held or not times:
+        return []
+    return [
+        f"No fitted record holds: loading at one rate hardly tells {' and '.join(times)} and its share from the "
+        "modulus; a hold, or tests at different rates, would."
+    ]
