@@ -6,9 +6,11 @@ evenly in ln t.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from rso.data.files.reading import Measurement, Repeat
 
@@ -16,7 +18,7 @@ BINS = 14  # of a hold: what a curve of one or two relaxation times can tell
 SOONEST = 1e-3  # of a hold: readings before that are those of the end of loading
 STILL = 0.02  # of the depth that the indenter may move in a hold
 FEWEST = 4  # readings of a hold that tell a share and a time
-DEGREE = 4  # of the polynomial in ln t along which readings of a bin are carried to its moment
+TIMES = 12  # relaxation times of the curve along which readings of a bin are carried to its moment
 POWERS = 0.5, 4.0  # of force over depth, by which readings of a hold are carried to its depth
 FALLS = 3.0  # standard errors by which the force must fall to be said to
 
@@ -114,7 +116,7 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
 def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values (m,) of a channel at the moments of a hold, squares of their stated sigma, and how many readings each has.
 
-    Readings of a bin are averaged and carried to its moment along a polynomial in ln t, and to the depth of the hold as
+    Readings of a bin are averaged and carried to its moment along :func:`relaxing`, and to the depth of the hold as
     F ~ u^`power`: a drive that creeps has not stopped, a repeat went a little deeper.
     """
     at = at_peak(r)
@@ -125,12 +127,27 @@ def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray,
     mean = lambda v: np.array([v[b].mean() for b in bins])  # noqa: E731
     power = float(np.clip(power, *POWERS))
     value = mean(y * (hold.depth / depth) ** power)
-    x = mean(np.log(np.maximum(s, 1e-300)))
-    along = np.polynomial.Polynomial.fit(x, value, min(DEGREE, len(np.unique(x)) - 1), full=True)[0]
-    low, high = float(x.min()), float(x.max())
-    smooth = lambda t: along(np.clip(np.log(t), low, high))  # noqa: E731
-    bias = mean(smooth(np.maximum(s, 1e-300))) - smooth(hold.since)
+    smooth = relaxing(mean(s), value)
+    bias = mean(smooth(s)) - smooth(hold.since)
     return value - bias, mean(stated), np.array([float(b.sum()) for b in bins])
+
+
+def relaxing(t: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """A smooth curve through forces y (m,) at times t (m,) s of a hold, c + Σ_k a_k exp(−t/τ_k) with all a_k of one sign.
+
+    Non-negative least squares over `TIMES` times τ: the discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
+    28 (1989) 511), which neither overshoots nor rings where a polynomial does.
+    """
+    times = np.geomspace(max(0.5 * t[0], 0.1 * SOONEST * t[-1]), 3.0 * t[-1], TIMES)
+
+    def terms(at: np.ndarray) -> np.ndarray:
+        ones = np.ones((len(at), 1))
+        return np.hstack([ones, -ones, np.exp(-np.asarray(at, float)[:, None] / times)])
+
+    size = float(np.abs(y).max()) or 1.0
+    (a, off), (b, other) = (nnls(terms(t), sign * y / size) for sign in (1.0, -1.0))
+    c = a * size if off <= other else -b * size
+    return lambda at: terms(at) @ c
 
 
 def _each(measurement: Measurement, times: list[np.ndarray]) -> list[tuple[Repeat, np.ndarray, np.ndarray]]:

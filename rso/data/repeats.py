@@ -13,7 +13,7 @@ from rso.core.power_law import LEADING
 from rso.core.units import COLUMNS
 from rso.data import usual_errors
 from rso.data.files.reading import Measurement, Repeat
-from rso.data.holds import DEGREE, Hold, held
+from rso.data.holds import Hold, held, relaxing
 from rso.data.outliers import without_spikes
 from rso.data.scatter import White, beyond_said, of_record, of_repeats, ratio_of
 from rso.data.variance_components import parts
@@ -159,8 +159,8 @@ def combine(
     306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
 
     Readings of a `hold` come behind those of loading, a few moments for all.  There u of the first equation is the way
-    that the indenter would have gone since, at its speed: errors that go together along the way do so in time.  ŷ is a
-    polynomial in ln t, and ŷ' what it is at the end of loading times F/F(end): a contact found late is late for all.
+    that the indenter would have gone since, at its speed: errors that go together along the way do so in time.  ŷ is that
+    of :func:`~rso.data.holds.relaxing`, and ŷ' what it is at the end of loading times F/F(end): a contact found late is late for all.
     """
     if channel not in measurement.channels:
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
@@ -234,9 +234,8 @@ def combine(
 
 def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ŷ and ŷ' of loading (n,) and of the hold behind it (n + m,), whose means are those of `mean` (n + m,)."""
-    x, y = np.log(hold.since), mean[len(smooth) :]
-    along = np.polynomial.Polynomial.fit(x, y, min(DEGREE, len(x) - 1), full=True)[0](x)
-    share = along / smooth[-1] if smooth[-1] else np.ones(len(x))
+    along = relaxing(hold.since, mean[len(smooth) :])(hold.since)
+    share = along / smooth[-1] if smooth[-1] else np.ones(len(along))
     return np.append(smooth, along), np.append(slope, slope[-1] * share)
 
 
@@ -246,10 +245,11 @@ def _of_hold(hold: Hold, mean: np.ndarray, smooth: np.ndarray, said: np.ndarray)
 
 
 def _both(there: White, n: int, resting: White) -> White:
-    """Noise of loading (n,) and hold (m,) together; degrees of freedom as of two curves that are fitted together."""
-    parts = ((n, there.freedom), (len(resting.variance), resting.freedom))
-    unknown = sum(k**2 / freedom for k, freedom in parts)
-    freedom = sum(k for k, _ in parts) ** 2 / unknown if unknown > 0.0 else math.inf
+    """Noise of loading (n,) and hold (m,) together, known as well as that of the larger part is, where of the other it
+    was not taken from readings."""
+    taken = [v.freedom for v in (there, resting) if math.isfinite(v.freedom)]
+    larger = there if n >= len(resting.variance) else resting
+    freedom = sum(taken) if len(taken) == 2 else larger.freedom
     return White(np.append(there.variance, resting.variance), freedom)
 
 
