@@ -133,9 +133,9 @@ def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray,
 
 
 def relaxing(t: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """A smooth curve through forces y (m,) at times t (m,) s of a hold, c + Σ_k a_k exp(−t/τ_k) with all a_k of one sign.
+    """A smooth curve through forces y (m,) at times t (m,) s of a hold: c + Σ_k a_k exp(−t/τ_k), all a_k of one sign.
 
-    Non-negative least squares over `TIMES` times τ: the discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
+    Non-negative least squares over `TIMES` times τ: a discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
     28 (1989) 511), which neither overshoots nor rings where a polynomial does.
     """
     times = np.geomspace(max(0.5 * t[0], 0.1 * SOONEST * t[-1]), 3.0 * t[-1], TIMES)

@@ -159,8 +159,9 @@ def combine(
     306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
 
     Readings of a `hold` come behind those of loading, a few moments for all.  There u of the first equation is the way
-    that the indenter would have gone since, at its speed: errors that go together along the way do so in time.  ŷ is that
-    of :func:`~rso.data.holds.relaxing`, and ŷ' what it is at the end of loading times F/F(end): a contact found late is late for all.
+    that the indenter would have gone since, at its speed: errors that go together along the way do so in time.  ŷ is
+    that of :func:`~rso.data.holds.relaxing`, and ŷ' what it is at the end of loading times F/F(end): a contact found
+    late is late for all.
     """
     if channel not in measurement.channels:
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeGuard
 
@@ -110,6 +110,30 @@ class CandidateView:
         """Depths (mm) and values of the recomputed curve of an experiment, empty if there is none."""
         curve = (self.data.get("curves") or {}).get(experiment) or {}
         return points(curve.get("depth"), curve.get("value"))
+
+    def hold(self, experiment: str) -> Mapping[str, Any]:
+        """`since` (s), `value` and `error` of the recomputed hold of an experiment, empty if there is none."""
+        return ((self.data.get("curves") or {}).get(experiment) or {}).get("hold") or {}
+
+
+def on_the_way(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The readings of a row of parallel lists that were taken while loading; all of them without a hold."""
+    return _readings(row, lambda since: since == 0)
+
+
+def at_rest(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of its hold; none without one."""
+    return _readings(row, lambda since: since > 0)
+
+
+def _readings(row: Mapping[str, Any], keep: Callable[[float], bool]) -> dict[str, Any]:
+    depth = row.get("depth") or []
+    since = row.get("since") or [0.0] * len(depth)
+    rows = [k for k, s in enumerate(since) if keep(number(s) or 0.0)]
+    return {
+        key: [v[k] for k in rows] if isinstance(v, list) and len(v) == len(since) else v
+        for key, v in {**row, "since": list(since)}.items()
+    }
 
 
 def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarray:

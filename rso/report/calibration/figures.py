@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from scipy.interpolate import PchipInterpolator
 
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
@@ -22,6 +24,7 @@ from rso.report.reading import (
     CandidateView,
     ParameterView,
     Results,
+    at_rest,
     candidates,
     curve_unit,
     drawn_at,
@@ -29,6 +32,7 @@ from rso.report.reading import (
     fitted_curves,
     listed,
     number,
+    on_the_way,
     outputs,
     points,
     validations,
@@ -169,11 +173,76 @@ def _differences(c: CandidateView) -> list[tuple[str, float, float]]:
 
 
 def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
-    """Measured and simulated curve with the band of the measurement, and what is left between them."""
-    unit, m = curve_unit(results, e["name"]), e.get("measured") or {}
+    """Measured and simulated curve with the band of the measurement, and what is left between them; a hold beside it,
+    over time."""
+    unit, whole = curve_unit(results, e["name"]), e.get("measured") or {}
+    m = on_the_way(whole)
     u, y = (np.array(v) for v in points(m.get("depth"), m.get("value")))
     simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in candidates(results) if c.curve(e["name"])[0]]
-    return _curves(name, e, unit, u, y, _sigma(m, u), simulated)
+    holds = [(c, c.hold(e["name"])) for c in candidates(results) if c.hold(e["name"])]
+    rest = Resting.of(whole, [(c, *points(h.get("since"), h.get("value")), h.get("error") or ()) for c, h in holds])
+    return _curves(name, e, unit, u, y, _sigma(m, u), simulated, rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Resting:
+    """A hold as it is drawn: measured values (m,) with σ at times (m,) s, and by candidate times, values, errors."""
+
+    t: np.ndarray
+    y: np.ndarray
+    sigma: np.ndarray
+    simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray, np.ndarray]]
+
+    @staticmethod
+    def of(
+        measured: Mapping[str, Any],
+        simulated: Sequence[tuple[CandidateView, Sequence[float], Sequence[float], Sequence[Any]]],
+    ) -> Resting | None:
+        """None where there are no readings of a hold."""
+        m = at_rest(measured)
+        t, y = (np.array(v) for v in points(m.get("since"), m.get("value", m.get("measured"))))
+        if not len(t):
+            return None
+        s = points(m.get("since"), m.get("sigma"))[1]
+        sigma = np.array(s) if len(s) == len(t) else np.zeros(len(t))
+        rows = [
+            (c, np.array(x), np.array(f), np.array([number(v) or 0.0 for v in e] or [0.0] * len(x)))
+            for c, x, f, e in simulated
+            if len(x) > 1
+        ]
+        return Resting(t, y, sigma, sorted(rows, key=lambda row: row[0].best))
+
+
+def _resting(axes: Axes, rest: Axes | None, hold: Resting, unit: Unit, fine: Unit) -> None:
+    """A hold over the logarithm of time, and what is left of it."""
+    t, y, s = hold.t, hold.y * unit.factor, hold.sigma * unit.factor
+    axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
+    axes.plot(t, y, "o", ms=3.2, mfc=PAPER, mec=INK, mew=0.8)
+    for c, x, f, _ in hold.simulated:
+        at = np.geomspace(x[0], x[-1], _FINE)
+        axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **(_BEST if c.best else _OTHER))
+    axes.set_xscale("log")
+    axes.set_title("hold", color=GREY)
+    if rest is not None:
+        s = hold.sigma * fine.factor
+        rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)
+        rest.axhline(0, color=INK, lw=0.7)
+        for c, x, f, error in hold.simulated:
+            left, wide = (hold.y - np.interp(t, x, f)) * fine.factor, np.interp(t, x, error) * fine.factor
+            rest.plot(t, left, **(_BEST if c.best else _OTHER))
+            if c.best and wide.any():
+                rest.fill_between(t, left - wide, left + wide, color=ACCENT, alpha=0.25, lw=0)
+    below = axes if rest is None else rest
+    _seconds(below, t)
+    below.set_xlabel("time at rest (s)")
+
+
+def _seconds(axes: Axes, t: np.ndarray) -> None:
+    """Few ticks on the logarithm of times: at decades, and at 1, 2, 5 where these are few."""
+    subs = (1.0,) if t[-1] / t[0] > 50.0 else (1.0, 2.0, 5.0)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.6g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -196,13 +265,16 @@ def _curves(
     y: np.ndarray,
     sigma: np.ndarray,
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
+    hold: Resting | None = None,
 ) -> str:
     simulated = sorted(simulated, key=lambda row: row[0].best)
     figure = canvas(4.6 if simulated else 3.0)
-    if simulated:
-        axes, rest = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
-    else:
-        axes, rest = figure.subplots(), None
+    rows, columns = 2 if simulated else 1, 1 if hold is None else 2
+    heights, widths = [2.6, 1][:rows], [1.35, 1][:columns]
+    grid = figure.subplots(
+        rows, columns, sharex="col", sharey="row", squeeze=False, height_ratios=heights, width_ratios=widths
+    )
+    axes, rest = grid[0, 0], grid[1, 0] if simulated else None
     axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
     for c, x, f in simulated:
@@ -221,10 +293,13 @@ def _curves(
     axes.set_ylabel(f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     axes.set_title(short(clean(e["name"]), 60), color=GREY)
     axes.set_xlim(0, None)
+    fine = unit
     if rest is None:
         axes.set_xlabel("depth (mm)")
     else:
-        _residuals(rest, e, u, y, sigma, simulated)
+        fine = _residuals(rest, e, u, y, sigma, simulated)
+    if hold is not None:
+        _resting(grid[0, 1], grid[1, 1] if rest is not None else None, hold, unit, fine)
     return svg(figure, name)
 
 
@@ -235,7 +310,8 @@ def _residuals(
     y: np.ndarray,
     sigma: np.ndarray,
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
-) -> None:
+) -> Unit:
+    """What is left along the depth, in the unit that is returned."""
     left = []
     for c, x, f in simulated:
         inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
@@ -252,6 +328,7 @@ def _residuals(
                 axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
     axes.set(xlabel="depth (mm)", ylabel=f"measured −\nsimulated{unit.bracket}")
     axes.yaxis.set_major_locator(MaxNLocator(5))
+    return unit
 
 
 def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
@@ -259,16 +336,20 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
     unit = curve_unit(results, e["name"])
     rows = [v for v in validations(results, e) if v.get("predicted")]
     known_candidates = {(c.search, c.name): c for c in candidates(results)}
-    found = []
+    found, holds = [], []
     for v in rows:
         c = known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))
-        x, f = points(v.get("depth"), v.get("predicted"))
+        way, hold = on_the_way(v), at_rest(v)
+        x, f = points(way.get("depth"), way.get("predicted"))
         if c is not None and x:
             found.append((c, np.array(x), np.array(f)))
-    m = e.get("measured") or {}
+            times = points(hold.get("since"), hold.get("predicted"))
+            holds.append((c, *times, hold.get("numerical_error") or ()))
+    whole = e.get("measured") or {}
+    m = on_the_way(whole)
     u, y = map(np.array, points(m.get("depth"), m.get("value")))
     if len(u) > 1:
-        return _curves(name, e, unit, u, y, _sigma(m, u), found)
+        return _curves(name, e, unit, u, y, _sigma(m, u), found, Resting.of(whole, holds))
     return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), [(c, float(f[-1])) for c, _, f in found])
 
 
