@@ -6,7 +6,7 @@ evenly in ln t.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ BINS = 14  # of a hold: what a curve of one or two relaxation times can tell
 SOONEST = 1e-3  # of a hold: readings before that are those of the end of loading
 STILL = 0.02  # of the depth that the indenter may move in a hold
 FEWEST = 4  # readings of a hold that tell a share and a time
-TIMES = 12  # relaxation times of the curve along which readings of a bin are carried to its moment
+TIMES = 16  # relaxation times of the curve along which readings of a bin are carried to its moment
 POWERS = 0.5, 4.0  # of force over depth, by which readings of a hold are carried to its depth
 FALLS = 3.0  # standard errors by which the force must fall to be said to
 
@@ -127,27 +127,28 @@ def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray,
     mean = lambda v: np.array([v[b].mean() for b in bins])  # noqa: E731
     power = float(np.clip(power, *POWERS))
     value = mean(y * (hold.depth / depth) ** power)
-    smooth = relaxing(mean(s), value)
-    bias = mean(smooth(s)) - smooth(hold.since)
+    along = relaxing([s[b] for b in bins], value)
+    bias = np.array([along(s[b]).mean() for b in bins]) - along(hold.since)
     return value - bias, mean(stated), np.array([float(b.sum()) for b in bins])
 
 
-def relaxing(t: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """A smooth curve through forces y (m,) at times t (m,) s of a hold: c + Σ_k a_k exp(−t/τ_k), all a_k of one sign.
+def relaxing(times: Sequence[np.ndarray], y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """A smooth curve c + Σ_k a_k exp(−t/τ_k), all a_k of one sign, whose means over `times` (m of (k,) s) are y (m,).
 
     Non-negative least squares over `TIMES` times τ: a discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
     28 (1989) 511), which neither overshoots nor rings where a polynomial does.
     """
-    times = np.geomspace(max(0.5 * t[0], 0.1 * SOONEST * t[-1]), 3.0 * t[-1], TIMES)
+    first, last = float(np.min(times[0])), float(np.max(times[-1]))
+    spectrum = np.geomspace(max(0.5 * first, 0.1 * SOONEST * last), 3.0 * last, TIMES)
 
-    def terms(at: np.ndarray) -> np.ndarray:
-        ones = np.ones((len(at), 1))
-        return np.hstack([ones, -ones, np.exp(-np.asarray(at, float)[:, None] / times)])
+    def terms(t: np.ndarray) -> np.ndarray:
+        ones = np.ones((len(t), 1))
+        return np.hstack([ones, -ones, np.exp(-np.asarray(t, float)[:, None] / spectrum)])
 
-    size = float(np.abs(y).max()) or 1.0
-    (a, off), (b, other) = (nnls(terms(t), sign * y / size) for sign in (1.0, -1.0))
+    A, size = np.array([terms(t).mean(axis=0) for t in times]), float(np.abs(y).max()) or 1.0
+    (a, off), (b, other) = (nnls(A, sign * y / size) for sign in (1.0, -1.0))
     c = a * size if off <= other else -b * size
-    return lambda at: terms(at) @ c
+    return lambda t: terms(t) @ c
 
 
 def _each(measurement: Measurement, times: list[np.ndarray]) -> list[tuple[Repeat, np.ndarray, np.ndarray]]:

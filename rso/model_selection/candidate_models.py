@@ -150,7 +150,7 @@ def _relaxing(plan: Plan, rungs: tuple[tuple[ModelLevel, ...], ...]) -> tuple[tu
 
 
 def beside(plan: Plan, rungs: Sequence[Sequence[ModelLevel]]) -> list[tuple[dict[str, float], Mapping[str, Any]]]:
-    """Values inside of what each level opens, and its settings: what a level follows of a record is compared for all."""
+    """Values inside of what each level opens, and its settings: what one level follows is compared for all."""
     middles = [{k: 0.5 * (low + high) for k, (low, high) in v.open.items()} for rung in rungs for v in rung]
     return list(zip(middles, (v.settings for rung in rungs for v in rung), strict=True))
 
