@@ -31,7 +31,7 @@ from rso.study.cases import (
     travels,
 )
 from rso.study.errors import Problem, study_error
-from rso.study.holds import hold_in, middle, of_unused, of_used, relaxes
+from rso.study.holds import hold_in, middle, of_unused, of_used, relaxes, unseen
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
@@ -89,6 +89,13 @@ class Plan:
         if isinstance(hold, str):
             return [f"Its hold is not used: {hold}."] if hold else []
         return of_used(hold) if name in self.holds else of_unused(self.backend, hold)
+
+    def of_relaxation(self) -> list[str]:
+        """What there is to say of relaxation times that no record can tell."""
+        fitted = [name for name in self.case_of if self.study.experiment(name).role == "fit"]
+        if any(name in self.holds for name in fitted):
+            return []
+        return unseen(self.study, self.backend, {a.name: a for a in self.resolved.axes}, fitted)
 
     @property
     def seed(self) -> int:

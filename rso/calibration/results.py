@@ -69,6 +69,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             *extraordinary(plan),
             *uncalibrated(plan),
             *unresolved(plan),
+            *plan.of_relaxation(),
         ],
         "timings": {},
         "provenance": {

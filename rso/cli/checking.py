@@ -192,6 +192,7 @@ def _things(plan: Plan) -> list[str]:
             *stated_settings.uncalibrated(plan),
         )
     ]
+    lines += [f"  {words}" for words in plan.of_relaxation()]
     lines += _refused(plan)
     lines += stated_settings.of_study(plan)
     for e in plan.study.experiments:

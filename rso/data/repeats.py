@@ -235,7 +235,7 @@ def combine(
 
 def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ŷ and ŷ' of loading (n,) and of the hold behind it (n + m,), whose means are those of `mean` (n + m,)."""
-    along = relaxing(hold.since[:, None], mean[len(smooth) :])(hold.since)
+    along = relaxing(list(hold.since[:, None]), mean[len(smooth) :])(hold.since)
     share = along / smooth[-1] if smooth[-1] else np.ones(len(along))
     return np.append(smooth, along), np.append(slope, slope[-1] * share)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rso.contract import Backend, Case, Parameter, Relaxation, capability
 from rso.data import Hold, MeasuredCurve, hold_of
@@ -12,6 +12,7 @@ from rso.study.schema import Study
 
 REACH = 3.0  # times as long as the hold: a relaxation time beyond is not told from a drift
 SOONEST = 0.5  # of the first moment of a hold: a relaxation time below is over by then
+RATES = 1.5  # ratio of speeds that are different ones
 APART = 10.0  # ratio of the ends of a range of times, at least where plausible times leave none
 
 
@@ -63,8 +64,8 @@ def of_unused(backend: Backend, hold: Hold) -> list[str]:
         return [f"It holds for {span}, where Fz does not fall by more than noise: the hold is not fitted."]
     share = f"{100.0 * hold.fall:.2g} %"
     said = [
-        f"It holds for {span}, where Fz falls by {share}: only the loading is fitted, so that moduli are those of its "
-        f"rate. At rest the same body is at least {share} softer."
+        f"It holds for {span}, where Fz falls by {share}. Only the loading is fitted: moduli are those of its rate, "
+        f"and at rest the same body is at least {share} softer."
     ]
     pair = relaxation(backend)
     if pair is None:
@@ -86,12 +87,13 @@ def of_used(hold: Hold) -> list[str]:
     ]
 
 
-def undetermined(backend: Backend, held: bool, opened: Mapping[str, object]) -> list[str]:
-    """What is said where a study opens a relaxation and no record that it fits holds."""
+def unseen(study: Study, backend: Backend, opened: Mapping[str, object], fitted: Sequence[str]) -> list[str]:
+    """What is said of open relaxation times where no record that is fitted holds, and all go at one speed."""
     times = [p.name for p in backend.parameters if p.unit == "s" and p.name in opened]
-    if held or not times:
+    speeds = [speed_of(study, name)[0] for name in fitted]
+    if not times or max(speeds) > RATES * min(speeds):
         return []
     return [
-        f"No fitted record holds: loading at one rate hardly tells {' and '.join(times)} and its share from the "
-        "modulus; a hold, or tests at different rates, would."
+        f"No fitted record holds, and all go at one speed: this hardly tells {' and '.join(times)} and what relaxes "
+        "from a modulus. A hold would, or tests at different speeds."
     ]

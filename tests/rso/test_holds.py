@@ -271,7 +271,7 @@ def test_an_elastic_model_fits_the_loading_alone_and_says_so(tmp_path):
     keys = [run_key(toy.BACKEND, *toy.BACKEND.canonical(TRUTH, p.cases[0])) for p in (held, plain)]
     assert keys[0] == keys[1] and held.outputs == plain.outputs and not held.holds
     first, *_, _, _ = said = held.of_hold("rest")
-    assert "only the loading is fitted" in first and "Fz falls by 3" in first
+    assert "Only the loading is fitted" in first and "Fz falls by 3" in first
     assert plain.of_hold("rest") == []
     opened = tomllib.loads("\n".join(line.strip() for line in said[-2:]))
     assert set(opened) == {"g", "tau"}
@@ -284,9 +284,9 @@ def test_check_says_what_of_a_hold_is_used(tmp_path, no_library):
         return command("check", written(tmp_path, opened=opened, rest=record(unload=True)), "--trust").stdout
 
     elastic, relaxing = lines(""), lines(RELAXING)
-    assert "only the loading is fitted" in elastic and "tau = { low = 0.5, high = 30" in elastic
+    assert "Only the loading is fitted" in elastic and "tau = { low = 0.5, high = 30" in elastic
     assert "moments of it" in relaxing and "The way back is not compared" in relaxing
-    assert "only the loading is fitted" not in relaxing
+    assert "Only the loading is fitted" not in relaxing
 
 
 def test_equal_holds_are_one_simulation_and_others_are_not(tmp_path):
@@ -320,6 +320,7 @@ def test_a_hold_tells_modulus_share_and_time(tmp_path):
 
 def test_without_a_hold_the_share_is_not_determined(tmp_path):
     found = ran(written(tmp_path, DESCENT, rest=record(hold=0.0)))
+    assert any("A hold would, or tests at different speeds" in w for w in found["warnings"])
     assert known(found)["g"]["verdict"] == "not" and "g is not determined" in known(found)["g"]["story"]
 
 
