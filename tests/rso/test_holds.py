@@ -121,18 +121,18 @@ def measurement(*repeats: Repeat) -> Measurement:
 
 
 def test_readings_of_a_hold_are_those_of_its_moments():
-    """A thousand readings of an exponential in 14 bins: exact to a part in ten thousand, which the mean of a bin at its
-    mean time is not, by its bend."""
+    """A thousand readings of an exponential in 14 bins: exact to two parts in ten thousand, which is a tenth of what
+    the mean of a bin is off by at its mean time, for its bend."""
     m = measurement(repeat())
     hold = hold_of(m, 1.0, 2.0)
     curve = combine(m, Noise(Fz=1e-3), hold=hold)
     mine = curve.value[curve.held]
     exact = exponential(hold.since, F=2.0**1.5)
     assert isinstance(hold, Hold) and len(hold.since) == len(mine) <= 14
-    np.testing.assert_allclose(mine, exact, rtol=1e-4)
+    np.testing.assert_allclose(mine, exact, rtol=2e-4)
     r, t = m.repeats[0], m.repeats[0].time - 2.0
     means = [r.channels["Fz"][(t >= a) & (t <= b)].mean() for a, b in hold.spans]
-    assert np.abs(np.array(means) / exact - 1.0).max() > 5e-4
+    assert np.abs(np.array(means) / exact - 1.0).max() > 2e-3
     assert hold.fall == pytest.approx(0.4, abs=0.01)
     np.testing.assert_array_equal(curve.depth[curve.held], 2.0)
     np.testing.assert_array_equal(np.flatnonzero(curve.held), np.arange(50, len(curve.depth)))
@@ -316,6 +316,23 @@ def test_a_hold_tells_modulus_share_and_time(tmp_path):
         assert p["verdict"] == "determined" and p["interval"][0] < TRUTH[name] < p["interval"][1]
         assert p["interval"][1] < 1.15 * p["interval"][0]
     assert found["identification"]["p_value"] > 1e-3
+    rows = found["searches"][0]["candidates"][0]["outputs"]
+    assert all(r["predicted"] == pytest.approx(r["recomputed"], rel=1e-3) for r in rows if "+" in r["output"])
+    assert sum("+" in r["output"] for r in rows) == 3
+
+
+@pytest.mark.parametrize("repeats", [1, 3])
+def test_errors_that_nobody_states_are_those_of_the_whole_test(tmp_path, repeats):
+    """Usual errors of gain and contact widen the modulus; a share of the force has neither of them in it."""
+    rows = [record(seed=k).splitlines() for k in range(repeats)]
+    text = "repeat," + rows[0][0] + "\n" + "".join(f"{k},{r}\n" for k, v in enumerate(rows) for r in v[1:])
+    file = written(tmp_path, DESCENT, rest=text)
+    file.write_text(file.read_text().replace('noise = { Fz = "0.2 mN", contact = 0, gain = 0, correlation = 0 }', ""))
+    p = known(ran(file))
+    for name in ("mu", "g", "tau"):
+        assert p[name]["interval"][0] < TRUTH[name] < p[name]["interval"][1]
+    width = {n: p[n]["interval"][1] / p[n]["interval"][0] - 1.0 for n in ("mu", "g")}
+    assert width["mu"] > (0.03 if repeats == 1 else 0.01) and width["g"] < 0.5 * width["mu"] + 0.03
 
 
 def test_without_a_hold_the_share_is_not_determined(tmp_path):

@@ -180,8 +180,9 @@ def _at(found: GaussNewtonRun, o: Output, curve: np.ndarray) -> float | None:
     parts = np.split(curve, np.cumsum([len(p.depth) for p in found.places])[:-1])
     for p, y in zip(found.places, parts, strict=True):
         if (p.experiment, p.channel) == (o.experiment, o.channel):
-            k = int(np.argmin(np.abs(p.depth - o.depth_mm)))
-            return float(y[k]) if abs(p.depth[k] - o.depth_mm) < 1e-6 else None
+            since = np.zeros(len(p.depth)) if p.since is None else p.since
+            k = int(np.argmin(np.where(since == o.since_s, np.abs(p.depth - o.depth_mm), np.inf)))
+            return float(y[k]) if since[k] == o.since_s and abs(p.depth[k] - o.depth_mm) < 1e-6 else None
     return None
 
 
