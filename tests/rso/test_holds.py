@@ -238,9 +238,14 @@ def test_a_model_to_which_a_rest_makes_no_difference_keeps_its_force():
 
 
 def test_moments_that_nobody_asked_for_are_not_made_up():
-    outputs = [Output("e", "Fz", u, "N") for u in (0.5, 1.0, 2.0)] + [Output("e", "Fz", 2.0, "N", 5.0)]
+    outputs = [Output("e", "Fz", u, "N") for u in (0.5, 1.0, 2.0)] + [
+        Output("e", "Fz", 2.0, "N", t) for t in (5.0, 9.0)
+    ]
+    place = CurvePlace("e", "Fz", np.array([1.0, 2.0, 2.0]), np.array([0.0, 9.0, 5.0]))
+    np.testing.assert_allclose(
+        readings_matrix(outputs, place), [[0, 1, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 1, 0]], atol=1e-12
+    )
     place = CurvePlace("e", "Fz", np.array([1.0, 2.0]), np.array([0.0, 5.0]))
-    np.testing.assert_allclose(readings_matrix(outputs, place), [[0, 1, 0, 0], [0, 0, 0, 1]], atol=1e-12)
     with pytest.raises(ValueError, match="4 s into its hold"):
         readings_matrix(outputs, dataclasses.replace(place, since=np.array([0.0, 4.0])))
 
@@ -370,13 +375,17 @@ def test_results_hold_the_hold(surfaces):
 
 @pytest.mark.parametrize("name", ["curve-0", "validation-0"])
 def test_a_hold_is_drawn_over_time(surfaces, name):
-    """The same figure without the readings of the hold has one column less."""
-    whole = draw(surfaces, name)
-    bare = json.loads(json.dumps(surfaces))
+    """Without the readings of the hold the figure has one column less; another force in the hold is another figure."""
+    bare, other = (json.loads(json.dumps(surfaces)) for _ in range(2))
+    for e in other["experiments"]:
+        m = e["measured"]
+        m["value"] = [F if s == 0 else 0.99 * F for F, s in zip(m["value"], m["since"], strict=True)]
     for row in [e["measured"] for e in bare["experiments"]] + bare["validation"]:
         n = sum(s == 0.0 for s in row.pop("since"))
         row.update({k: v[:n] for k, v in row.items() if isinstance(v, list) and k != "position"})
-    assert whole.count('id="' + name + "-axes_") == draw(bare, name).count('id="' + name + "-axes_") + 2
+    whole, without = draw(surfaces, name), draw(bare, name)
+    assert whole.count(f'id="{name}-axes_') == without.count(f'id="{name}-axes_') + 2
+    assert draw(other, name) != whole == draw(surfaces, name)
 
 
 # ------------------------------------------------------------------------------------------------------ ladders
