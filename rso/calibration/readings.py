@@ -84,6 +84,7 @@ def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray)
         white,
         usual=left,
         itself=curve.n_repeats == 1,
+        since=None if curve.since is None else curve.since[keep],
     )
 
 
