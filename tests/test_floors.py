@@ -246,7 +246,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background displacements gap gauss_newton identification influence maps range_extension",
+        "background displacements gap gauss_newton hold_panels identification influence maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",

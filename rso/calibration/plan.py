@@ -31,7 +31,7 @@ from rso.study.cases import (
     travels,
 )
 from rso.study.errors import Problem, study_error
-from rso.study.holds import hold_in, middle, of_unused, of_used, relaxes, unseen
+from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
@@ -39,7 +39,6 @@ from rso.study.search_table import TargetTable
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
-LATER = 1.1  # times the length of a hold up to which its last moment is meant
 PROOFS = 2  # direct runs that prove similarity on the study itself
 
 
@@ -83,12 +82,12 @@ class Plan:
     found: Mapping[str, Hold | str] = dataclasses.field(default_factory=dict)
     holds: Mapping[str, Hold] = dataclasses.field(default_factory=dict)
 
-    def of_hold(self, name: str) -> list[str]:
-        """What there is to say of the hold of an experiment; nothing where its record has none."""
+    def of_hold(self, name: str, inline: bool = False) -> list[str]:
+        """What there is to say of the hold of an experiment, in lines or `inline`; nothing where there is none."""
         hold = self.found.get(name, "")
         if isinstance(hold, str):
             return [f"Its hold is not used: {hold}."] if hold else []
-        return of_used(hold) if name in self.holds else of_unused(self.backend, hold)
+        return of_used(hold) if name in self.holds else of_unused(self.backend, hold, inline)
 
     def of_relaxation(self) -> list[str]:
         """What there is to say of relaxation times that no record can tell."""
@@ -154,14 +153,13 @@ def make_plan(study: Study, beside: Sequence[tuple[Mapping[str, float], Mapping[
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     forces = [e.name for e in study.experiments if e.kind == "force"]
     found = {n: hold for n in forces if (hold := hold_in(study, n, curves[n]))}
-    holds = _followed(study, backend, middle(resolved), found, beside)
+    holds = followed(study, backend, middle(resolved), found, beside)
     main = Search("main", study.search.targets or _default_targets(curves, fitted, holds), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
     depths: list[TargetTable | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
+    on_the_way = [t for t in depths if not getattr(t, "since", 0.0)]
     asked = {
-        e.name: travels(
-            curves[e.name], {t.depth for t in depths if t.experiment == e.name and not _since(t)}, holds.get(e.name)
-        )
+        e.name: travels(curves[e.name], {t.depth for t in on_the_way if t.experiment == e.name}, holds.get(e.name))
         for e in fitted
     }
     cases, case_of = merge(study, backend, fitted, asked, resolved, holds)
@@ -204,29 +202,6 @@ def make_plan(study: Study, beside: Sequence[tuple[Mapping[str, float], Mapping[
     )
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
-
-
-def _followed(
-    study: Study,
-    backend: Backend,
-    values: Mapping[str, float],
-    found: Mapping[str, Hold | str],
-    beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]],
-) -> dict[str, Hold]:
-    """The holds of the experiments in which a model relaxes."""
-    followed = {}
-    for name, hold in found.items():
-        if isinstance(hold, str):
-            continue
-        case = case_for(study, name, (hold.depth,), hold)
-        models = [(values, case), *((({**values, **v}), _within(case, s)) for v, s in beside)]
-        if any(relaxes(backend, v, c) for v, c in models):
-            followed[name] = hold
-    return followed
-
-
-def _within(case: Case, settings: Mapping[str, Any]) -> Case:
-    return dataclasses.replace(case, settings={**case.settings, **settings})
 
 
 def _readings(asked: tuple[float, ...], hold: Hold | None) -> list[tuple[float, float]]:
@@ -474,8 +449,8 @@ def _search(
             curve = combine(
                 study.measurement(e.name), study.noise_of(e.name), t.channel, hold=hold if t.since else None
             )
-        depth, since = _reading(study, t, hold)
-        value, sigma = value_at(curve, t.depth) if not since else _resting(curve, since)
+        depth, since = place_of_target(study, t, hold)
+        value, sigma = value_at(curve, t.depth) if not since else value_at_rest(curve, since)
         value = value if t.value is None else t.value
         # A perfect measurement would leave nothing acceptable; neither would a target of 0 on a curve that is not.
         sigma = max(sigma, 1e-3 * (abs(value) or float(np.abs(curve.value).max())))
@@ -485,28 +460,6 @@ def _search(
         goals.append(Goal(t.experiment, t.channel, depth, value, sigma, units[t.channel], t.value is None, since))
         outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since))
     return SearchPlan(search.name, tuple(goals), tuple(outputs), *ends_in(search.axes, box), search.axes)
-
-
-def _since(table: TargetTable | ConstraintTable) -> float:
-    return table.since if isinstance(table, TargetTable) else 0.0
-
-
-def _reading(study: Study, t: TargetTable, hold: Hold | None) -> tuple[float, float]:
-    """Depth (mm) and time in the hold (s) at which a target is met; StudyError for a hold that is not compared."""
-    if not t.since:
-        return (t.depth if hold is None else min(t.depth, hold.depth)), 0.0
-    if hold is None or t.since > hold.lasts * LATER:
-        why = "no hold of it is compared" if hold is None else f"it holds for {hold.lasts:.3g} s"
-        text = f"the target {t.channel} of {t.experiment!r} {t.since:g} s into its hold: {why}"
-        raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
-    return hold.depth, min(hold.moments, key=lambda s: abs(s - t.since))
-
-
-def _resting(curve: MeasuredCurve, since: float) -> tuple[float, float]:
-    """Value and standard uncertainty of a measured curve at a moment (s) of its hold."""
-    assert curve.since is not None
-    k = int(np.argmin(np.abs(np.where(curve.held, curve.since, np.inf) - since)))
-    return float(curve.value[k]), float(curve.sigma[k])
 
 
 def _from_file(plan: Plan, name: str) -> np.ndarray:

@@ -296,7 +296,7 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
 
 
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
-    e, said = plan.study.experiment(name), remarks(plan.study, name, plan.of_hold(name))
+    e, said = plan.study.experiment(name), remarks(plan.study, name, plan.of_hold(name, inline=True))
     curve = measured(plan, name, plan.curves[name].channel)
     others = [measured(plan, name, c) for c in e.compared[1:]]
     return {

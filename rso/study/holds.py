@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 
 from rso.contract import Backend, Case, Parameter, Relaxation, capability
 from rso.data import Hold, MeasuredCurve, hold_of
-from rso.study.cases import speed_of
+from rso.study.cases import case_for, speed_of
+from rso.study.errors import Problem, study_error
 from rso.study.resolve import Resolved
 from rso.study.schema import Study
+from rso.study.search_table import TargetTable
 
 REACH = 3.0  # times as long as the hold: a relaxation time beyond is not told from a drift
 SOONEST = 0.5  # of the first moment of a hold: a relaxation time below is over by then
+LATER = 1.1  # times the length of a hold up to which its last moment is meant
 RATES = 1.5  # ratio of speeds that are different ones
 APART = 10.0  # ratio of the ends of a range of times, at least where plausible times leave none
 
@@ -57,8 +64,50 @@ def ranges(pair: tuple[Parameter, Parameter], hold: Hold) -> dict[str, tuple[flo
     return {share.name: share.plausible, time.name: (float(f"{low:.2g}"), float(f"{high:.2g}"))}
 
 
-def of_unused(backend: Backend, hold: Hold) -> list[str]:
-    """What is said of a hold that the model of a study does not follow, and the lines that would open it."""
+def followed(
+    study: Study,
+    backend: Backend,
+    values: Mapping[str, float],
+    found: Mapping[str, Hold | str],
+    beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]],
+) -> dict[str, Hold]:
+    """The holds of the experiments in which a model relaxes."""
+    there = {}
+    for name, hold in found.items():
+        if isinstance(hold, str):
+            continue
+        case = case_for(study, name, (hold.depth,), hold)
+        models = [(values, case), *((({**values, **v}), _within(case, s)) for v, s in beside)]
+        if any(relaxes(backend, v, c) for v, c in models):
+            there[name] = hold
+    return there
+
+
+def _within(case: Case, settings: Mapping[str, Any]) -> Case:
+    return dataclasses.replace(case, settings={**case.settings, **settings})
+
+
+def place_of_target(study: Study, t: TargetTable, hold: Hold | None) -> tuple[float, float]:
+    """Depth (mm) and time in the hold (s) at which a target is met; StudyError for a hold that is not compared."""
+    if not t.since:
+        return (t.depth if hold is None else min(t.depth, hold.depth)), 0.0
+    if hold is None or t.since > hold.lasts * LATER:
+        why = "no hold of it is compared" if hold is None else f"it holds for {hold.lasts:.3g} s"
+        text = f"the target {t.channel} of {t.experiment!r} {t.since:g} s into its hold: {why}"
+        raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
+    return hold.depth, min(hold.moments, key=lambda s: abs(s - t.since))
+
+
+def value_at_rest(curve: MeasuredCurve, since: float) -> tuple[float, float]:
+    """Value and standard uncertainty of a measured curve at a moment (s) of its hold."""
+    assert curve.since is not None
+    k = int(np.argmin(np.abs(np.where(curve.held, curve.since, np.inf) - since)))
+    return float(curve.value[k]), float(curve.sigma[k])
+
+
+def of_unused(backend: Backend, hold: Hold, inline: bool = False) -> list[str]:
+    """What is said of a hold that the model of a study does not follow, and the lines that would open it, each by
+    itself or `inline` in one sentence."""
     span = f"{hold.lasts:.3g} s at {hold.depth:.3g} mm"
     if not hold.fall:
         return [f"It holds for {span}, where Fz does not fall by more than noise: the hold is not fitted."]
@@ -75,7 +124,8 @@ def of_unused(backend: Backend, hold: Hold) -> list[str]:
         f"{p.name} = {{ low = {found[p.name][0]:g}, high = {found[p.name][1]:g}{log} }}"
         for p, log in zip(pair, ("", ', scale = "log"'), strict=True)
     ]
-    return [*said, "To fit the hold too, add below [parameters]:", *(f"  {line}" for line in lines)]
+    opens = "To fit the hold too, add below [parameters]:"
+    return [*said, f"{opens} {' and '.join(lines)}."] if inline else [*said, opens, *(f"  {line}" for line in lines)]
 
 
 def of_used(hold: Hold) -> list[str]:

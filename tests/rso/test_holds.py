@@ -294,6 +294,13 @@ def test_check_says_what_of_a_hold_is_used(tmp_path, no_library):
     assert "Only the loading is fitted" not in relaxing
 
 
+def test_the_report_of_an_elastic_study_says_what_it_uses(tmp_path):
+    found = ran(written(tmp_path, DESCENT, opened=""))
+    notes = " ".join(found["experiments"][0]["notes"])
+    assert "Only the loading is fitted" in notes and "tau = { low = 0.5" in notes and " and " in notes
+    assert "since" not in found["experiments"][0]["measured"]
+
+
 def test_equal_holds_are_one_simulation_and_others_are_not(tmp_path):
     a, b, c = record(), record(seed=1), record(hold=10.0)
     plan = make_plan(load(written(tmp_path, one=a, two=b, three=c)))

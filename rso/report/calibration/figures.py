@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
-from scipy.interpolate import PchipInterpolator
+from matplotlib.ticker import MaxNLocator
 
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
+from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_resting
 from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
 from rso.report.calibration.verdict import how, interval_rows, likely
-from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, short, style, svg, tag
+from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
 from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.reading import (
     CandidateView,
@@ -38,9 +37,6 @@ from rso.report.reading import (
     validations,
 )
 
-_FINE = 81  # points of a drawn curve
-_BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
-_OTHER: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
 
 
@@ -184,70 +180,9 @@ def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
     return _curves(name, e, unit, u, y, _sigma(m, u), simulated, rest)
 
 
-@dataclass(frozen=True, eq=False)
-class Resting:
-    """A hold as it is drawn: measured values (m,) with σ at times (m,) s, and by candidate times, values, errors."""
-
-    t: np.ndarray
-    y: np.ndarray
-    sigma: np.ndarray
-    simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray, np.ndarray]]
-
-    @staticmethod
-    def of(
-        measured: Mapping[str, Any],
-        simulated: Sequence[tuple[CandidateView, Sequence[float], Sequence[float], Sequence[Any]]],
-    ) -> Resting | None:
-        """None where there are no readings of a hold."""
-        m = at_rest(measured)
-        t, y = (np.array(v) for v in points(m.get("since"), m.get("value", m.get("measured"))))
-        if not len(t):
-            return None
-        s = points(m.get("since"), m.get("sigma"))[1]
-        sigma = np.array(s) if len(s) == len(t) else np.zeros(len(t))
-        rows = [
-            (c, np.array(x), np.array(f), np.array([number(v) or 0.0 for v in e] or [0.0] * len(x)))
-            for c, x, f, e in simulated
-            if len(x) > 1
-        ]
-        return Resting(t, y, sigma, sorted(rows, key=lambda row: row[0].best))
-
-
-def _resting(axes: Axes, rest: Axes | None, hold: Resting, unit: Unit, fine: Unit) -> None:
-    """A hold over the logarithm of time, and what is left of it."""
-    t, y, s = hold.t, hold.y * unit.factor, hold.sigma * unit.factor
-    axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
-    axes.plot(t, y, "o", ms=3.2, mfc=PAPER, mec=INK, mew=0.8)
-    for c, x, f, _ in hold.simulated:
-        at = np.geomspace(x[0], x[-1], _FINE)
-        axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **(_BEST if c.best else _OTHER))
-    axes.set_xscale("log")
-    axes.set_title("hold", color=GREY)
-    if rest is not None:
-        s = hold.sigma * fine.factor
-        rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)
-        rest.axhline(0, color=INK, lw=0.7)
-        for c, x, f, error in hold.simulated:
-            left, wide = (hold.y - np.interp(t, x, f)) * fine.factor, np.interp(t, x, error) * fine.factor
-            rest.plot(t, left, **(_BEST if c.best else _OTHER))
-            if c.best and wide.any():
-                rest.fill_between(t, left - wide, left + wide, color=ACCENT, alpha=0.25, lw=0)
-    below = axes if rest is None else rest
-    _seconds(below, t)
-    below.set_xlabel("time at rest (s)")
-
-
-def _seconds(axes: Axes, t: np.ndarray) -> None:
-    """Few ticks on the logarithm of times: at decades, and at 1, 2, 5 where these are few."""
-    subs = (1.0,) if t[-1] / t[0] > 50.0 else (1.0, 2.0, 5.0)
-    axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.6g}"))
-    axes.xaxis.set_minor_locator(NullLocator())
-
-
 def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
-    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], _FINE), u[(u > 0) & (u < x[-1])]]))
+    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], FINE), u[(u > 0) & (u < x[-1])]]))
     return at, drawn_at(x, f, at)
 
 
@@ -278,7 +213,7 @@ def _curves(
     axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
     for c, x, f in simulated:
-        axes.plot(x, f * unit.factor, **(_BEST if c.best else _OTHER))
+        axes.plot(x, f * unit.factor, **(BEST if c.best else OTHER))
     band = " ± σ" if sigma.any() else ""
     k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
     tag(axes, u[k], y[k] * unit.factor, f"measured{band}", offset=(-12, 9), ha="right")
@@ -299,7 +234,7 @@ def _curves(
     else:
         fine = _residuals(rest, e, u, y, sigma, simulated)
     if hold is not None:
-        _resting(grid[0, 1], grid[1, 1] if rest is not None else None, hold, unit, fine)
+        draw_resting(grid[0, 1], grid[1, 1] if rest is not None else None, hold, unit, fine)
     return svg(figure, name)
 
 
@@ -320,7 +255,7 @@ def _residuals(
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
-        axes.plot(x, r * unit.factor, **(_BEST if c.best else _OTHER))
+        axes.plot(x, r * unit.factor, **(BEST if c.best else OTHER))
         if c.best:
             d, error = c.error(e["name"])
             if d:
