@@ -364,5 +364,6 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     columns.append(column("", tuple(state), number=False))
     reasons = [f"{n}: {clean(v['reason'])}." for n, v in _zip(names, rows) if v.get("reason")]
     many = any(len(v.get("depth") or ()) > 1 for v in rows)
-    note = ("Values are those at the last depth. " if many else "") + " ".join(reasons)
+    last_one = "at the end of the hold" if any((v.get("since") or [0.0])[-1] for v in rows) else "at the last depth"
+    note = (f"Values are those {last_one}. " if many else "") + " ".join(reasons)
     return table(f"Unused test {clean(e['name'])}", columns, note)
