@@ -13,10 +13,14 @@ from sample_studies import Inline, command, read
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
 from rso.calibration.readings import curve_data, measured, placed
-from rso.contract import Programme, Response, run_key
+from rso.contract import Case, Programme, Response, run_key
 from rso.core.curves import at_readings, rests
+from rso.core.similarity import Group
 from rso.data import Hold, Measurement, Noise, Repeat, combine, hold_of
-from rso.emulation.emulator import Output
+from rso.doe import Box
+from rso.emulation.emulator import Output, Sample, learn, save
+from rso.emulation.emulator import load as load_emulator
+from rso.evaluation import dispatch
 from rso.evaluation.store import RunStore
 from rso.inference import CurvePlace, resample
 from rso.inference.models import readings_matrix
@@ -248,6 +252,41 @@ def test_moments_that_nobody_asked_for_are_not_made_up():
     place = CurvePlace("e", "Fz", np.array([1.0, 2.0]), np.array([0.0, 5.0]))
     with pytest.raises(ValueError, match="4 s into its hold"):
         readings_matrix(outputs, dataclasses.replace(place, since=np.array([0.0, 4.0])))
+
+
+def lacking(moments):
+    """What the dispatcher says of a response at the travels 1 and 2 mm and at moments of a hold."""
+    programme = Programme((0.0, 2.0, 7.0), (0.0, 2.0, 2.0), (1.0, 2.0), (2.5, 7.0))
+    answer = response([1.0, 2.0, *moments], [1.0, 2.0, *(2.0 for _ in moments)], np.ones(2 + len(moments)))
+    return dispatch._lacking(answer, Case("c", programme, {}), frozenset({"Fz"}), toy.BACKEND)
+
+
+def test_an_answer_without_the_moments_that_were_asked_for_is_none():
+    assert lacking([2.5, 7.0]) is None
+    assert "asked were [2.5, 7.0] s" in lacking([2.5, 6.9]) and "asked were" in lacking([])
+
+
+def test_loading_and_hold_are_curves_of_their_own_along_depth_and_time(tmp_path):
+    """Exact families: μ scales both, g moves the hold alone along one mode; a surrogate of 8 runs is right to 1e-4."""
+    u, t = np.array([0.5, 1.0, 1.5, 2.0]), np.array([0.2, 1.0, 5.0, 20.0])
+    outputs = [Output("e", "Fz", x, "N") for x in u] + [Output("e", "Fz", 2.0, "N", s) for s in t]
+    box = Box(("g",), ("1",), (0.1,), (0.6,), (False,))
+
+    def at(g):
+        return np.concatenate([(1.0 - 0.1 * g) * u**1.5, exponential(t, share=g, F=2.0**1.5)])
+
+    def sample(g):
+        return Sample({"g": g}, dict(zip((o.id for o in outputs), map(float, at(g)), strict=True)))
+
+    group = Group(None, 1.0, {}, {"Fz": 0}, "")
+    emulator = learn(box, group, outputs, [sample(g) for g in np.linspace(0.1, 0.6, 8)], kind="whole_curve", seed=0)
+    curves = [emulator.surrogates[o.id].curve for o in outputs]
+    assert curves[0] is curves[3] is not curves[4] and curves[4] is curves[7]
+    np.testing.assert_array_equal(curves[0].at, u)
+    np.testing.assert_array_equal(curves[4].at, t)
+    np.testing.assert_allclose(emulator.means(outputs, np.array([[0.37]]))[0], at(0.1 + 0.5 * 0.37), rtol=1e-4)
+    save(emulator, tmp_path / "surrogates")
+    assert load_emulator(tmp_path / "surrogates").outputs == tuple(outputs)
 
 
 # ------------------------------------------------------------------------------------------------------ plans
