@@ -106,9 +106,9 @@ def _modulus(plan: Plan, opened: Sequence[str], fixed: Mapping[str, float]) -> s
 def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
     """The rungs that `[ladder]` asks for, by default all that the backend offers; StudyError for unknown names."""
     study, backend = plan.study, plan.backend
-    offered = _offered(backend, study.backend.settings)
+    offered = _relaxing(plan, _offered(backend, study.backend.settings))
     if not study.ladder.levels:
-        return _relaxing(plan, offered or ((ModelLevel(STUDY, "the model of the study file"),),))
+        return offered or _relaxing(plan, ((ModelLevel(STUDY, "the model of the study file"),),))
     problems: list[Problem] = []
     rungs = []
     for n, rung in enumerate(study.ladder.levels):
@@ -142,7 +142,7 @@ def _relaxing(plan: Plan, rungs: tuple[tuple[ModelLevel, ...], ...]) -> tuple[tu
             title=f"{level.label}, relaxing",
             description="; ".join(filter(None, [level.description, pair[0].description])),
             open={**level.open, **opened},
-            extends=level.name,
+            extends=f"{level.extends}+{pair[0].group}" if level.extends else level.name,
         )
 
     found = [(rung, tuple(with_it(v) for v in rung if not v.closed_form)) for rung in rungs]
