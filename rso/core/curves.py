@@ -108,7 +108,7 @@ def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray)
         return np.full(s.shape, came)
     moment = t[came] + s
     at = np.argmin(np.abs(moment[:, None] - t), axis=1)
-    off = (np.abs(t[at] - moment) > 1e-9 * np.maximum(1.0, np.abs(moment))) | (np.abs(u[at] - depth) > 1e-9)
+    off = (np.abs(t[at] - moment) > 1e-9 * np.abs(t).max()) | (np.abs(u[at] - depth) > 1e-9)
     if off.any():
         lost = ", ".join(f"{v:g}" for v in s[off])
         raise KeyError(f"the response has no force {lost} s after the indenter came to rest at {depth:g} mm")

@@ -16,6 +16,7 @@ from rso.data.files.reading import Measurement, Repeat
 
 BINS = 14  # of a hold: what a curve of one or two relaxation times can tell
 SOONEST = 1e-3  # of a hold: readings before that are those of the end of loading
+SAME = 1e-5  # of a hold: moments nearer than this are one
 STILL = 0.02  # of the depth that the indenter may move in a hold
 FEWEST = 4  # readings of a hold that tell a share and a time
 TIMES = 16  # relaxation times of the curve along which readings of a bin are carried to its moment
@@ -99,6 +100,10 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
         return f"its repeats share fewer than {FEWEST} moments"
     spans = spans[filled]
     since = np.array([float(f"{times[0][_within(times[0], a, b)].mean():.6g}") for a, b in spans])
+    apart = np.diff(since, prepend=-np.inf) > SAME * since[-1]  # a reading beside another is no moment of its own
+    since, spans = since[apart], spans[apart]
+    if len(since) < FEWEST:
+        return f"it has fewer than {FEWEST} moments"
     depths = [
         np.array([r.depth[at][_within(s, a, b)].mean() for a, b in spans]) for r, at, s in _each(measurement, times)
     ]
