@@ -211,6 +211,11 @@ class FiniteElements:
             return str(error)
         return end.why if end is not None else admissible_depth.small_strains(settings, knobs, deepest)
 
+    def relaxes(self, values: Mapping[str, float], settings: Mapping[str, Any]) -> bool:
+        """Whether forces go on changing while the indenter rests: a Prony term is there."""
+        shares = (values.get(name, 0.0) for name in ("prony_g", "prony_g2", "prony_g3"))
+        return any(shares) or bool(experiment.read_settings(settings).prony)
+
     def ordinary(self) -> Mapping[str, str]:
         """Conditions between knobs that ordinary materials respect, and what they say: K/μ ≥ 2/3 with K = 2/D₁."""
         return {"mu * D1 <= 3": "a Poisson ratio of at least 0"}

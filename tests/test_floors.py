@@ -149,7 +149,7 @@ LAYERS = {
         "force_holds plausibility",
         "branches",
         "files",
-        "loading_rate outliers",
+        "holds loading_rate outliers",
         "repeats",
         "__init__",
     ),
@@ -263,7 +263,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background displacements gap gauss_newton identification influence maps range_extension",
+        "background displacements gap gauss_newton hold_panels identification influence maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -295,7 +295,7 @@ LAYERS = {
         "schema",
         "keys loader resolve",
         "cases",
-        "laboratory_folder",
+        "holds laboratory_folder",
         "new_study",
     ),
 }

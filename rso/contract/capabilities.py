@@ -84,6 +84,14 @@ class ModelHierarchy(Protocol):
         ...
 
 
+class Relaxation(Protocol):
+    """Whether a model relaxes; without it one does that has a knob in seconds which its canonical values keep."""
+
+    def relaxes(self, values: Mapping[str, float], settings: Settings, /) -> bool:
+        """Whether forces go on changing while the indenter rests at one depth, with these values and settings."""
+        ...
+
+
 # --- closed forms: answers and starts without a simulation ----------------------------------------------------------
 
 
@@ -260,7 +268,7 @@ class Fingerprint(Protocol):
 
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
-    "alternatives": (Variants, ModelHierarchy),
+    "alternatives": (Variants, ModelHierarchy, Relaxation),
     "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
         CostModel,
