@@ -61,7 +61,6 @@ class Cone(OfRevolution):
         @classmethod
         def _pointed(cls, value: Any) -> Any:
             """Exactly one angle, and a tip that is rounded."""
-            value = dict(value)
             angle, pyramid = value.get("half_angle"), value.get("pyramid")
             tip = value.get("tip_radius", members.MISSING)
             range_ = f"{SLIMMEST:g} to {BLUNTEST:g} degrees from the axis"
@@ -73,10 +72,8 @@ class Cone(OfRevolution):
             if angle is None and pyramid is None:
                 words = f": missing; {range_}, or pyramid = {' | '.join(PYRAMIDS)}"
                 raise members.refused(words, "half_angle", members.MISSING)
-            if angle is not None:
-                if not members.finite(angle) or not SLIMMEST <= angle <= BLUNTEST:
-                    raise members.refused(f" degrees: {range_} is expected", "half_angle", angle)
-                value["half_angle"] = float(angle)
+            if angle is not None and (not members.finite(angle) or not SLIMMEST <= angle <= BLUNTEST):
+                raise members.refused(f" degrees: {range_} is expected", "half_angle", angle)
             if tip is members.MISSING or (members.finite(tip) and tip == 0.0):
                 words = ": missing; " if tip is members.MISSING else " mm: "
                 words += "a sharp tip has an infinite pressure, which no mesh resolves: give the radius of its tip"
