@@ -25,6 +25,7 @@ ALLOWED = {
     "fem_backend/meshing/placing.py": "makes meshes of this one specimen",
     "fem_backend/meshing/recipes.py": "makes meshes of this one specimen, others by `MAKERS`",
     "fem_backend/meshing/refined.py": "makes meshes of this one specimen",
+    "fem_backend/meshing/remeshed.py": "the name of a method of scipy's trees",
     "fem_backend/meshing/surface.py": "makes meshes of this one specimen",
     "fem_backend/meshing/templates/__init__.py": "makes meshes of this one specimen",
     "fem_backend/meshing/tetwild.py": "makes meshes of this one specimen",

@@ -142,7 +142,7 @@ def picture() -> None:
         axes.text(*(on + 18.5 * way), name.replace("_", " "), ha="center", fontsize=9)
     axes.set_xlim(-56, 56), axes.set_ylim(-34, 34), axes.set_zlim(0, 46)
     axes.set_box_aspect((112, 68, 46), zoom=1.15)
-    axes.view_init(10, 70)
+    axes.view_init(12, 46)
     axes.set_axis_off()
     figure.savefig(HERE / "kidney.png", dpi=110)
 

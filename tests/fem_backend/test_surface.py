@@ -496,9 +496,12 @@ def test_marks_are_found_on_the_upper_side_wherever_the_frame_is(kidney):
 
 
 def test_a_mesh_of_another_body_is_refused(kidney):
-    mesh = ball_mesh()
-    with pytest.raises(meshing.BadMesh, match="does the surface meet itself"):
-        scans.finished(scans.scan(kidney, 1.0), {"below": 0.0}, mesh.vertices, mesh.tets[:-900], np.array([0, 0, 35.0]))
+    body, mesh = scans.scan(kidney, 1.0), ball_mesh()
+    whole = scans.quadratic(body.smooth, {"below": 0.0}, mesh)
+    assert scans.soundness(body, whole) > meshing.placing.WORST
+    part = scans.quadratic(body.smooth, {"below": 0.0}, Mesh(mesh.vertices, mesh.tets[mesh.tets.max(1) > 100]))
+    with pytest.raises(meshing.BadMesh, match=r"a volume of .* does the surface meet itself"):
+        scans.soundness(body, part)
 
 
 # --------------------------------------------------------------------------------------------------------------- runs
