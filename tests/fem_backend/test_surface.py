@@ -270,7 +270,9 @@ def test_first_contact_on_a_body_that_is_not_convex(tmp_path):
     aside = ball.first_contact(ring, (3.0, 0.0, 0.0), down)
     assert aside[2] == pytest.approx(math.sqrt(23.0**2 - 17.0**2), abs=2e-3)
     np.testing.assert_allclose(ball.contact(ring, aside, np.array(down))[:2], [20.0 - 8.0 * 17.0 / 23.0, 0.0], atol=0.2)
-    assert np.linalg.norm(aside - ball.contact(ring, aside, np.array(down))) == pytest.approx(15.0, abs=1e-4)  # a flat valley
+    assert np.linalg.norm(aside - ball.contact(ring, aside, np.array(down))) == pytest.approx(
+        15.0, abs=1e-4
+    )  # a flat valley
     with pytest.raises(ValueError, match="passes by the body"):
         Sphere(11.0).first_contact(ring, (0.0, 0.0, 0.0), down)
     with pytest.raises(ValueError, match="passes by the body"):
@@ -282,7 +284,9 @@ def test_first_contact_is_that_of_the_ellipsoid(kidney):
     for through, way in (((0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), ((25.0, -8.0, 0.0), (0.2, 0.1, -1.0))):
         found, wanted = (ball.first_contact(b, through, way) for b in (body, exact))
         np.testing.assert_allclose(found, wanted, atol=3e-3)
-        np.testing.assert_allclose(*(ball.normal(b, at, np.array(way)) for b, at in ((body, found), (exact, wanted))), atol=1e-3)
+        np.testing.assert_allclose(
+            *(ball.normal(b, at, np.array(way)) for b, at in ((body, found), (exact, wanted))), atol=1e-3
+        )
 
 
 # --------------------------------------------------------------------------------------------------- where it is held
