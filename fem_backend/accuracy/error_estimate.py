@@ -12,7 +12,7 @@ from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.experiment import Settings, profile_name
+from fem_backend.simulation.experiment import Settings, element_size, profile_name
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
@@ -82,7 +82,7 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     left, size = run_terms(settings, knobs, result), whole_force(result)
     near = (travel[:, None] <= 2.0 * travel) & (travel <= 2.0 * travel[:, None]) & (result.travel > 0.0)
     a = np.maximum(result.channels["contact_radius"], 1e-300)
-    share = np.minimum(COMPARED * (1.0 + (4.0 * settings.h0 / a) ** 2), 1.0)
+    share = np.minimum(COMPARED * (1.0 + (4.0 * element_size(settings, True) / a) ** 2), 1.0)
     out = {}
     for name, fine in result.channels.items():
         if name in ("time", "travel"):

@@ -26,7 +26,7 @@ from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.meshing import MeridianMesh, Mesh
 from fem_backend.simulation import symmetry
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import Settings, element_size
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
 from fem_backend.solver.condensation import Condense
@@ -227,11 +227,12 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
         )
-    if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
+    h0 = element_size(settings, placement.meridian)
+    if knobs.adhesion and knobs.adhesion_range < h0 / FINEST_RANGE:
         raise NotModelled(
             "not_supported",
-            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
-            f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
+            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {h0:.3g} mm at the "
+            f"contact resolve ranges of {h0 / FINEST_RANGE:.3g} mm and more",
         )
 
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, TypeAdapter, ValidationError, create_model, model_validator
 
 from fem_backend import members, meshing
@@ -262,6 +263,11 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.multipliers,
         meshed.fineness,
     )
+
+
+def element_size(settings: Settings, meridian: bool) -> float:
+    """Size (mm) of the smallest elements at the contact, of a meridian or in space."""
+    return settings.fineness * float(settings.indenter.spacing(np.zeros(1))[0]) if meridian else settings.h0
 
 
 def profile_name(place: tuple[float, float]) -> str:

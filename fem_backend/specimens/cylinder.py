@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
@@ -11,6 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
+from fem_backend.meshing import halved
 from fem_backend.specimens.flat import FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -137,7 +137,7 @@ class Cylinder(FlatTopped):
         return sorted({*self.planes_of_layers(), self.tall - self.fillet})
 
     def rounded(self, points: np.ndarray) -> np.ndarray:
-        """The square of the corner becomes the quarter of a disc: by the map of Shirley and Chiu (1997)."""
+        """The square of the corner becomes the quarter of a disc."""
         f = self.fillet
         if not f:
             return points
@@ -145,10 +145,5 @@ class Cylinder(FlatTopped):
         a, b = (points[:, 0] - r0) / f, (points[:, 1] - z0) / f
         corner = (a > 0.0) & (b > 0.0)
         out = points.copy()
-        a, b = a[corner], b[corner]
-        big, small = np.maximum(a, b), np.minimum(a, b)
-        angle = 0.25 * math.pi * small / big
-        first, second = f * big * np.cos(angle), f * big * np.sin(angle)
-        out[corner, 0] = r0 + np.where(a >= b, first, second)
-        out[corner, 1] = z0 + np.where(a >= b, second, first)
+        out[corner] = [r0, z0] + f * halved(np.column_stack([a[corner], b[corner]]))
         return out

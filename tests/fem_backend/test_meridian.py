@@ -47,6 +47,15 @@ def test_forces_are_those_of_an_independent_program_within_what_is_stated(name):
     assert np.all(answer.error["Fz"] <= 0.05 * np.array(case["force"]))  # no statement that covers anything
 
 
+def test_a_held_sphere_is_that_of_another_program_to_eight_millimetres():
+    """P4 elements on a meridian (kept at hand for this project): R = 3 mm on a sphere of 35 mm, lower half held."""
+    known = {6.0: 0.9061, 7.0: 1.0249, 7.5: 1.0639, 8.0: 1.0874}
+    settings = {"specimen": {"shape": "sphere", "radius": 35.0}, "mesh": {"level": "coarse"}, "derivatives": False}
+    answer = BACKEND({"mu": 0.0099997, "D1": 5.8}, Case("deep", Programme.ramp(tuple(known)), settings))
+    off = np.abs(answer.channels["Fz"] - list(known.values()))
+    assert np.all(off <= answer.error["Fz"]) and np.all(answer.error["Fz"] <= 0.03)
+
+
 @pytest.mark.parametrize("specimen", [SLAB, {"shape": "cylinder", "radius": 8.0, "height": 6.0, "fillet": 1.0}])
 def test_similarity_in_stiffness_and_length_is_exact(specimen):
     """F(k mu, D1/k) = k F(mu, D1) and F(s lengths) = s² F, to round-off: penalties and steps go with both."""
