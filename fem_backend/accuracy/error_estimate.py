@@ -289,11 +289,11 @@ def longest(settings: Settings, result: Result) -> np.ndarray:
 def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """Least error (k,) N of the forces where the fitted contact is smaller than half an element: F h₀/a.
 
-    F is the larger of what was found and Hertz's, as the ball may lie between the points of contact; a is Hertz's
-    radius √(R* travel).  In the direction of the largest force.
+    F is the larger of what was found and the closed form's, as the ball may lie between the points of contact; a is the
+    closed form's radius.  In the direction of the largest force.
     """
     at, size = result.channels, whole_force(result)
-    K, R = 2.0 / knobs.D1, effective_radius(settings)
+    K = 2.0 / knobs.D1
     H = settings.specimen.mean_curvature(*settings.point)
     E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
     travel = np.maximum(result.travel, 0.0)
@@ -302,19 +302,20 @@ def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     share = (
         calibration(settings).tiny
         * settings.h0
-        / np.sqrt(R * np.maximum(travel, 1e-12))
+        / settings.indenter.contact_radius(np.maximum(travel, 1e-12), H)
         * (at["contact_radius"] < 0.5 * settings.h0)
     )
     return {n: along * share * force for n, along in directed(result).items()}
 
 
 def at_depth(settings: Settings, depth: float) -> float:
-    """Share of the force that the mesh misses at a depth (mm), before any run: as stated, with Hertz's a = √(R* depth).
+    """Share of the force that the mesh misses at a depth (mm), before any run, with a of the closed form.
 
     Of a nearly incompressible body at the top: that of `unresolved` where a < h₀/2, else that of `columns` with
     3 % (h₀/a)² on every level (at 0.024 R coarse and standard are 8 % above Hertz, fine and reference 3 %).
     """
-    a = np.sqrt(effective_radius(settings) * max(depth, 1e-12))
+    H = settings.specimen.mean_curvature(*settings.point)
+    a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))
     c, level = calibration(settings), _of_level(settings)
     own, _, stiff, _ = c.shares["force"]
     if a < 0.5 * settings.h0:

@@ -13,7 +13,7 @@ from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import Meridian, half_space_force, outline
+from fem_backend.indenters.meridian import Meridian, half_space_force, half_space_radius, outline
 from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
@@ -162,10 +162,17 @@ class Cone(OfRevolution):
         (2/π) E/(1 − ν²) tan α d² where d is much larger than the tip.  Half-space, small strain, no friction; see
         :func:`.meridian.half_space_force`.
         """
-        d = np.asarray(depth, float)
-        far = max(float(d.max(initial=0.0)), self.tip_radius) * math.tan(math.radians(self.half_angle))
-        widest = self.length * 2.0 ** math.ceil(math.log2(max(far / self.length, 1e-6)) + 1.0)
-        return half_space_force(self.meridian, d, curvature, E, nu, widest)
+        return half_space_force(self.meridian, depth, curvature, E, nu, self._wide(depth))
+
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Sneddon's contact radius (mm) at depths d (mm), about (2/π) d tan α where d is much larger than the tip."""
+        return half_space_radius(self.meridian, depth, curvature, self._wide(depth))
+
+    def _wide(self, depth: np.ndarray) -> float:
+        """A radius (mm) that no contact to these depths exceeds, one of few."""
+        deepest = max(float(np.max(depth, initial=0.0)), self.tip_radius)
+        far = deepest * math.tan(math.radians(self.half_angle)) / self.length
+        return self.length * 2.0 ** math.ceil(math.log2(far) + 1.0)
 
     def tests(self) -> dict[str, Mapping[str, Any]]:
         """Another indenter that one would try, in words, and its settings."""

@@ -136,6 +136,10 @@ class Flat(OfRevolution):
         """The radius (mm)."""
         return self.radius
 
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Hertz's √(d/H) (mm) at depths d (mm) in a body of mean curvature H (1/mm), at most the radius."""
+        return np.minimum(np.sqrt(np.asarray(depth, float) / max(curvature, 1e-300)), self.radius)
+
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray:
         """F (N) at depths d (mm) of a sharp flat end of radius a in a body of mean curvature H ≥ 0 (1/mm):
 

@@ -124,6 +124,9 @@ class Indenter(Rigid, Protocol):
     def effective_radius(self, curvature: float) -> float:
         """Radius (mm) of the sphere that meets a half-space as it meets a specimen of mean curvature (1/mm)."""
 
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Radius (mm) of the contact by the same closed form; where there is none, an order of magnitude."""
+
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray | None:
         """Closed form of the force (N) at depths (mm), small strain; None where there is none."""
 

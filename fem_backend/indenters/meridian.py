@@ -184,6 +184,12 @@ def half_space_force(
     return 2.0 * E / (1.0 - nu**2) * np.maximum(d * radius - sunk, 0.0)
 
 
+def half_space_radius(meridian: Meridian, depth: ArrayLike, curvature: float, widest: float) -> np.ndarray:
+    """Contact radius (n,) mm at depths (n,) mm: a of :func:`half_space_force`."""
+    a, g, _ = _needed(meridian, max(curvature, 0.0), widest)
+    return np.interp(np.asarray(depth, float), g, a)
+
+
 @functools.lru_cache(maxsize=16)
 def _needed(meridian: Meridian, curvature: float, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contact radii a (n,) mm, depths g(a) (n,) that they need, and ∫₀^a g dx (n,)."""

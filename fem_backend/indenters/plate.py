@@ -101,6 +101,10 @@ class Plate(OfRevolution):
         """Wanted element size (…) mm at distances r (…) mm from the axis: the same everywhere, 0.12 of its length."""
         return np.full(np.shape(r), LARGEST * self.span)
 
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Hertz's √(d/H) (mm) at depths d (mm) in a body of mean curvature H (1/mm); on a plane much more than that."""
+        return np.sqrt(np.asarray(depth, float) / max(curvature, 1e-6 / self.span))
+
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray | None:
         """Hertz's F (N) at depths (mm) of a plane on a body of mean curvature H > 0 (1/mm), R = 1/H; None on a plane.
 

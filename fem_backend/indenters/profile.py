@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import ARC, UPRIGHT, Meridian, half_space_force, outline
+from fem_backend.indenters.meridian import ARC, UPRIGHT, Meridian, half_space_force, half_space_radius, outline
 from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
@@ -264,12 +264,19 @@ class MeasuredProfile(OfRevolution):
 
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray:
         """Sneddon's F (N) at depths (mm) in a body of mean curvature (1/mm): :func:`.meridian.half_space_force`."""
-        d, meridian = np.asarray(depth, float), self.meridian
-        widest = (1.0 - 1e-9) * meridian.widest
-        if math.isinf(widest):
-            far = float(d.max(initial=0.0)) / float(meridian.slope(2.0 * self.points[-1][0])) + self.points[-1][0]
-            widest = self.length * 2.0 ** math.ceil(math.log2(far / self.length))
-        return half_space_force(meridian, d, curvature, E, nu, widest)
+        return half_space_force(self.meridian, depth, curvature, E, nu, self._wide(depth))
+
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Sneddon's contact radius (mm) at depths (mm)."""
+        return half_space_radius(self.meridian, depth, curvature, self._wide(depth))
+
+    def _wide(self, depth: np.ndarray) -> float:
+        """A radius (mm) that no contact to these depths exceeds, one of few."""
+        meridian, width = self.meridian, self.points[-1][0]
+        if math.isfinite(meridian.widest):
+            return (1.0 - 1e-9) * meridian.widest
+        far = float(np.max(depth, initial=0.0)) / float(meridian.slope(2.0 * width)) + width
+        return self.length * 2.0 ** math.ceil(math.log2(far / self.length))
 
     def tests(self) -> dict[str, Mapping[str, Any]]:
         """No other one."""

@@ -184,6 +184,10 @@ class OfRevolution:
         """
         return 1.0 / (1.0 / self.length + curvature)
 
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """An order of magnitude, √(R* d) (mm) at depths d (mm)."""
+        return np.sqrt(self.effective_radius(curvature) * np.asarray(depth, float))
+
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray | None:
         """No closed form."""
         return None

@@ -218,6 +218,10 @@ class Sphere:
         """R* (mm) where the specimen has a mean curvature H (1/mm), 1/R* = 1/R + H (Johnson 1985, eq. 4.3)."""
         return 1.0 / (1.0 / self.R + curvature)
 
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Hertz's contact radius √(R* d) (mm) at depths d (mm)."""
+        return np.sqrt(self.effective_radius(curvature) * np.asarray(depth, float))
+
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray:
         """Hertz's force (N) at depths (mm) in a specimen of mean curvature H (1/mm): half-space, small strain."""
         return closed_forms.hertz_force(depth, self.effective_radius(curvature), E, nu)

@@ -292,6 +292,21 @@ def test_forces_on_a_curved_body():
     assert Plate().force(d, 0.0, E, nu) is None and Plate().modulus(d, d, 0.0, nu) is None
 
 
+@pytest.mark.parametrize("name", [n for n in SHAPES if "flat" not in n and "plate" not in n and "shaft" not in n])
+def test_stiffness_is_that_of_the_contact_radius(name):
+    """dF/dd = 2 E* a of every profile of revolution on a half-space (Sneddon 1965; Pharr, Oliver & Brotzen 1992)."""
+    d, e = np.array([0.05, 0.3, 0.9]), 1e-3
+    high, low = (SHAPES[name].force(d * (1.0 + s), 0.0, 1.0, 0.0) for s in (e, -e))
+    np.testing.assert_allclose((high - low) / (2.0 * e * d), 2.0 * SHAPES[name].contact_radius(d, 0.0), rtol=1e-3)
+
+
+def test_contact_radii():
+    d = np.array([0.1, 0.5])
+    assert np.all(Flat(2.0, 0.1).contact_radius(d, 0.0) == 2.0) and Flat(2.0, 0.1).contact_radius(d, 0.1)[0] == 1.0
+    np.testing.assert_allclose(Cone(60.0, 1e-5).contact_radius(d, 0.0), 2 / math.pi * math.sqrt(3.0) * d, rtol=1e-3)
+    np.testing.assert_allclose(Sphere(3.0).contact_radius(d, 1 / 6), np.sqrt(2.0 * d), rtol=1e-14)
+
+
 @pytest.mark.parametrize("name", [n for n in SHAPES if n != "plate"])
 def test_the_modulus_is_the_inverse_of_the_force(name):
     d = np.array([0.1, 0.5])

@@ -267,6 +267,9 @@ class Paraboloid:
     def effective_radius(self, curvature):
         return 1.0 / (1.0 / self.tip + curvature)
 
+    def contact_radius(self, depth, curvature):
+        return np.sqrt(self.effective_radius(curvature) * depth)
+
     def force(self, depth, curvature, E, nu):
         return None
 
