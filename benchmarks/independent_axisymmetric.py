@@ -220,7 +220,7 @@ class Body:
             return inside, outside, max(size / max(float(np.linalg.norm(outside[0])), 1e-12), inside[-1])
 
         now = state(u, c)
-        for _ in range(25):
+        for i in range(30):
             if now is None:
                 return None
             (_, condensed, K, V, late, _), (Rc, Kc, force), size = now
@@ -231,7 +231,7 @@ class Body:
             du = np.zeros(self.n)
             du[self.free] = pypardiso.spsolve(K.tocsr(), b) if pypardiso else splu(K, "MMD_AT_PLUS_A").solve(b)
             dc = late + self.K * np.einsum("mij,mja,ma->mi", self.mass, V, du[self.dofs], optimize=True)
-            alpha = 1.0
+            alpha = 1.0 if i < 9 or i % 3 == 0 else 0.5  # points that enter and leave contact in turns end so
             while alpha > 0.05:
                 now = state(u + alpha * du, c + alpha * dc)
                 if now is not None and now[2] < 2.0 * size + 1e-3:
