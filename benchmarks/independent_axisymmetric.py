@@ -69,6 +69,7 @@ class Problem:
     step: float = 0.2
     degree: int | None = None
     fine: tuple[float, float, float] | None = None
+    stiff: float = 1.0
 
 
 def mesh(p: Problem) -> MeshTri:
@@ -151,7 +152,7 @@ class Body:
             fixed.append(basis.get_dofs(m.facets_satisfying(lambda x: x[0] > wide - small, True)).all(["u^1"]))
         self.free = np.setdiff1d(np.arange(self.n), np.concatenate(fixed))
         self.rows, self.cols = np.repeat(self.dofs, k, axis=1).ravel(), np.tile(self.dofs, (1, k)).ravel()
-        self.eps = PENALTY * p.mu / {"ball": p.indenter[1]}.get(p.indenter[0], 3.0 * p.indenter[-1])
+        self.eps = p.stiff * PENALTY * p.mu / {"ball": p.indenter[1]}.get(p.indenter[0], 3.0 * p.indenter[-1])
 
     def bulk(self, u: np.ndarray, c: np.ndarray) -> tuple | None:
         """Residual (n,) and tangent with the pressures c (e, 10) condensed, and what these need; None if turned over.
@@ -329,7 +330,9 @@ def cases() -> list[Problem]:
             flat = Problem(
                 f"flat_{base}_{key}", ("flat", 2.0, 0.2), *a, depths, 0.35, 2.2, fine=(0.05, 1.6, 2.2), **how
             )
-            cone = Problem(f"cone_{base}_{key}", ("cone", 60.0, 0.2), *a, depths, 0.3, 2.0, fine=(0.07, 0, 0.3), **how)
+            cone = Problem(
+                f"cone_{base}_{key}", ("cone", 60.0, 0.2), *a, depths, 0.3, 2.0, fine=(0.06, 0, 0.2), **how, stiff=8.0
+            )
             out += [flat, cone]
     for key, D1 in D1S.items():
         puck = (10.0, 5.0, MU, D1, "bonded", (0.75, 1.5, 2.25, 3.0), 0.15 * R, 1.3 * R)
