@@ -9,9 +9,9 @@
     --liftoff    a slab on a base that it may leave, beside one that is held down, instead of the cases
 
 Neo-Hookean, W = μ/2 (J^(-2/3) tr C − 3) + (J − 1)²/D₁.  Triangles of degree 4 whose pressures are unknowns at the
-quadrature points, condensed (the answers are those of displacements alone; Newton converges at every K/μ).  Contact is frictionless by a penalty at the quadrature
-points of the surface, extrapolated to an infinite one.  Meshes are right-angled triangles bisected towards the contact.
-Nothing of the product is imported.
+quadrature points, condensed (the answers are those of displacements alone; Newton converges at every K/μ).  Contact is
+frictionless by a penalty at the quadrature points of the surface, extrapolated to an infinite one.  Meshes are
+right-angled triangles bisected towards the contact.  Nothing of the product is imported.
 """
 
 from __future__ import annotations
