@@ -426,7 +426,7 @@ ABOUT = (
     "radius. relative_error: sum of the difference from a mesh 1.5 times coarser, a tenth of the extrapolation in the "
     "penalty, and (on the coarser mesh) the difference with the outer radius doubled (bonded) or the outer edge held "
     "in r (slip). Half-space: blocks of 1000 R and 2000 R, extrapolated, with a fifth of that in the error. floor: by "
-    "how much repeats on other meshes scatter."
+    "how much repeats on other meshes scatter. Cones, flat ends and puck_bonded_K1e4: with --h0 1."
 )
 
 if __name__ == "__main__":
