@@ -397,8 +397,11 @@ def test_contents_make_the_key_and_the_mesh_not_the_place_of_the_file(kidney, tm
     )
 
 
-def test_canonical_settings_stand_for_themselves(kidney):
-    for held in ({"below": -5.0}, {"box": [[-70.0, -40.0, -40.0], [70.0, 40.0, -5.0]]}):
+def test_canonical_settings_stand_for_themselves(kidney, tmp_path):
+    x, f = files.sphere(6)
+    bones = [str(files.write_stl(tmp_path / name, 10.0 * x - [0.0, 0.0, 35.0], f)) for name in ("a.stl", "b.stl")]
+    assert len({key_of(kidney, specimen={"held": {"file": bone}}) for bone in bones}) == 1
+    for held in ({"below": -5.0}, {"box": [[-70.0, -40.0, -40.0], [70.0, 40.0, -5.0]]}, {"file": bones[0]}):
         case = Case("a", Programme.ramp((1.0,)), settings(kidney, specimen={"held": held}))
         values, plain = BACKEND.canonical({**VALUES, "delta_scan": 0.01}, case)
         json.dumps(plain.settings)
