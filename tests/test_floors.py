@@ -59,7 +59,7 @@ LAYERS = {
     "fem_backend.meshing": (
         "mesh",
         "mapped meridian placing surface templates",
-        "recipes refined tetwild",
+        "grids recipes refined tetwild",
         "__init__",
     ),
     "fem_backend.post": (

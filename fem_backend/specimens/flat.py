@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
+from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens.specimen import Meshing
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
@@ -62,7 +62,7 @@ class Flat:
 
     name: ClassVar[str]
     gauges: ClassVar[Mapping[str, float]] = {}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
     alike: ClassVar[bool] = False
@@ -187,16 +187,37 @@ class Flat:
     # ------------------------------------------------------------------------------------------------- mesh
 
     def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
-        """A level of the meridian; other meshers and levels are refused."""
+        """A level of the meridian and of the grid in three dimensions; other meshers and levels are refused."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        return Meshing("", (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
+        recipe = grids.recipe(*self.grid_planes(), length, level)
+        return Meshing(recipe, (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
-        """Only bodies of revolution, touched on their axis, are meshed so far."""
-        raise BadMesh(f"a {self.name} is modelled on its axis, upright and without fibres only")
+        """The grid of a recipe on a disc, turned so that the point lies on one of its axes; raises BadMesh."""
+        turn = 0.0 if any(planes) else math.atan2(point[1], point[0])
+        at = point if any(planes) else (math.hypot(*point), 0.0)
+        beyond = self.half_width - self.edge if self.edge else math.inf
+        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond)
+        if turn == 0.0:
+            return made
+        c, s = math.cos(turn), math.sin(turn)
+        x, y, z = made.doflocs
+        return MeshTet2(np.stack([c * x - s * y, s * x + c * y, z]), made.t)
+
+    def on_disc(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of the box of the grid, moved into the body."""
+        x, y, z = grids.disc(points).T
+        r = np.hypot(x, y)
+        wide, up = self.rounded(np.column_stack([r, z])).T
+        k = wide / np.where(r > 0.0, r, 1.0)
+        return np.column_stack([k * x, k * y, up])
+
+    def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
+        """Planes x, y and z (mm) that the grid in three dimensions must hit: from the axis outwards, from the base up."""
+        return self.rings(), self.rings(), self.interfaces()
 
     def interfaces(self) -> list[float]:
         """Heights (mm) that the grid must hit, from the base to the top."""
