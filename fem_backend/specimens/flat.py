@@ -67,6 +67,7 @@ class Flat:
     of_revolution: ClassVar[bool] = True
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
+    grid_edges: str = ""  # of its grid in three dimensions, see `grids.cut`
     height: float
     half_width: float
     edge: float = 0.0
@@ -192,28 +193,12 @@ class Flat:
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        recipe = grids.recipe(*self.grid_planes(), length, level)
+        recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
         return Meshing(recipe, (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
-        """The grid of a recipe on a disc, turned so that the point lies on one of its axes; raises BadMesh."""
-        turn = 0.0 if any(planes) else math.atan2(point[1], point[0])
-        at = point if any(planes) else (math.hypot(*point), 0.0)
-        beyond = self.half_width - self.edge if self.edge else math.inf
-        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond)
-        if turn == 0.0:
-            return made
-        c, s = math.cos(turn), math.sin(turn)
-        x, y, z = made.doflocs
-        return MeshTet2(np.stack([c * x - s * y, s * x + c * y, z]), made.t)
-
-    def on_disc(self, points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) of the box of the grid, moved into the body."""
-        x, y, z = grids.disc(points).T
-        r = np.hypot(x, y)
-        wide, up = self.rounded(np.column_stack([r, z])).T
-        k = wide / np.where(r > 0.0, r, 1.0)
-        return np.column_stack([k * x, k * y, up])
+        """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""
+        return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes)
 
     def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
         """Planes x, y and z (mm) that the grid in three dimensions must hit: from the axis outwards, from the base up."""

@@ -85,7 +85,7 @@ class Slab(Flat):
         return replace(self, around=BESIDE * indenter.length)
 
     def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
-        """Those of a disc of 6 thicknesses and 4 lengths of the indenter."""
+        """Those of a square that reaches 6 thicknesses and 4 lengths of the indenter from its middle."""
         reach = [0.0, WIDE_SOLID * self.thickness + BESIDE_SOLID / BESIDE * self.around]
         return reach, reach, self.interfaces()
 
