@@ -6,6 +6,8 @@ indenter stand in calibration.toml; benchmarks/fe_errors.py prints their fit and
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fem_backend import closed_forms
@@ -50,6 +52,7 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     Forces to 2.7 R at the top: see `distorted`.
     Skins: at the top, K/μ = 60, 0.05 to 0.67 R thick, 0.1 to 30 times as stiff, coarse and standard beside fine.
     """
+    settings = replace(settings, h0=modelling.element_size(settings, modelling.place(settings, knobs)))
     c = calibration(settings)
     shares, other = c.shares, run_terms(settings, knobs, result)
     out = {name: np.zeros_like(result.travel) for name in result.channels}
@@ -276,6 +279,7 @@ def at_depth(settings: Settings, depth: float) -> float:
     Of a nearly incompressible body at the top: that of `unresolved` where a < h₀/2, else that of `columns` with
     3 % (h₀/a)² on every level (at 0.024 R coarse and standard are 8 % above Hertz, fine and reference 3 %).
     """
+    settings = replace(settings, h0=settings.meridian_h0 or settings.h0)
     a = np.sqrt(effective_radius(settings) * max(depth, 1e-12))
     c, level = calibration(settings), _of_level(settings)
     own, _, stiff, _ = c.shares["force"]

@@ -24,6 +24,7 @@ FINENESS = {"coarse": 2.2, "standard": 1.7, "fine": 1.25, "reference": 0.9}  # f
 NEAR = 0.125  # of the indenter's length: elements up to REACH of it from the middle, at unit fineness
 REACH = 1.2
 BESIDE, BELOW = 0.6, 0.25  # growth of the elements per distance, from there on and from the top on
+DEEP = 3.0  # lengths of the indenter below the top from which they grow as fast as beside it
 FEWEST = 10.0, 8.0  # elements from the middle to the side and from the base to the top at least
 NEAREST = 0.05  # of the way from the side to the middle: no place of the finest elements is nearer to the side
 
@@ -37,6 +38,11 @@ def recipe(x: Along, y: Along, z: Along, length: float, level: str, edges: str =
     return json.dumps({"mesher": NAME, "version": 1, **words}, sort_keys=True)
 
 
+def first_size(length: float, level: str) -> float:
+    """Size (mm) of the elements that an indenter of a `length` meets, where the body is not small beside it."""
+    return NEAR * FINENESS[level] * length
+
+
 def made(data: Mapping[str, Any]) -> Mesh:
     """The quarter of the box from the data of a recipe."""
     length, factor = data["length"], data["fineness"]
@@ -46,8 +52,9 @@ def made(data: Mapping[str, Any]) -> Mesh:
         return graded(lambda x: factor * (near + BESIDE * np.maximum(x - REACH * length, 0.0)), tuple(planes))
 
     def up(z: np.ndarray) -> np.ndarray:
-        height = data["z"][-1]
-        return factor * np.minimum(NEAR * length + BELOW * (height - z), height / FEWEST[1])
+        below, height = data["z"][-1] - z, data["z"][-1] - data["z"][0]
+        size = NEAR * length + BELOW * below + (BESIDE - BELOW) * np.maximum(below - DEEP * length, 0.0)
+        return factor * np.minimum(size, height / FEWEST[1])
 
     return cut(along(data["x"]), along(data["y"]), graded(up, tuple(data["z"])), data["edges"])
 

@@ -227,12 +227,18 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
         )
-    if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
+    h0 = element_size(settings, placement)
+    if knobs.adhesion and knobs.adhesion_range < h0 / FINEST_RANGE:
         raise NotModelled(
             "not_supported",
-            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
-            f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
+            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {h0:.3g} mm at the "
+            f"contact resolve ranges of {h0 / FINEST_RANGE:.3g} mm and more",
         )
+
+
+def element_size(settings: Settings, placement: Placement) -> float:
+    """Size (mm) of the elements at the contact: of the meridian, or of the mesh in three dimensions."""
+    return settings.meridian_h0 if placement.meridian else settings.h0
 
 
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> AssembledModel:

@@ -41,7 +41,7 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian.
+    `fineness` multiplies all element sizes of a meridian, `meridian_h0` is that at its contact.
     """
 
     specimen: Specimen
@@ -64,6 +64,7 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    meridian_h0: float = 0.0
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -251,6 +252,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.derivatives,
         read.multipliers,
         meshed.fineness,
+        meshed.meridian_h0,
     )
 
 

@@ -98,10 +98,14 @@ class Flat:
 
     # ------------------------------------------------------------------------------------------------- surface
 
+    def over_edge(self, x: float, y: float) -> float:
+        """How far (mm) a place lies beyond the flat part of the top, negative on it."""
+        return -math.inf if self.alike else math.hypot(x, y) - (self.half_width - self.edge)
+
     def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
         """Point and normal of the top; ValueError beside its flat part."""
-        if not self.alike and math.hypot(x, y) > self.half_width - self.edge:
-            raise ValueError(f"point {(x, y)} mm is not above the flat top, whose radius is {self.half_width:g} mm")
+        if self.over_edge(x, y) > 0.0:
+            raise ValueError(f"point {(x, y)} mm is {self.over_edge(x, y):.4g} mm beside the flat top")
         return np.array([x, y, self.height]), np.array([0.0, 0.0, 1.0])
 
     def part(self, name: str, X: np.ndarray) -> np.ndarray:
@@ -166,15 +170,15 @@ class Flat:
 
     def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
         """A place beside the top."""
-        if self.alike or math.hypot(*point) <= self.half_width - self.edge:
+        if self.over_edge(*point) <= 0.0:
             return []
-        return [f"point = {list(point)} mm: beside the flat top, whose radius is {self.half_width - self.edge:g} mm"]
+        return [f"point = {list(point)} mm: {self.over_edge(*point):.4g} mm beside the flat top"]
 
     def beside(self, x: float, y: float) -> str | None:
         """A mark lies on the top."""
-        if self.alike or math.hypot(x, y) <= self.half_width - self.edge:
+        if self.over_edge(x, y) <= 0.0:
             return None
-        return f"profile: the mark ({x:g}, {y:g}) mm lies beside the flat top of radius {self.half_width:g} mm"
+        return f"profile: the mark ({x:g}, {y:g}) mm lies {self.over_edge(x, y):.4g} mm beside the flat top"
 
     @property
     def deepest(self) -> tuple[float, str]:
@@ -194,7 +198,8 @@ class Flat:
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
         recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
-        return Meshing(recipe, (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
+        h0, meridian_h0 = grids.first_size(length, level), 0.03 * LEVELS[level] * length
+        return Meshing(recipe, (("level", level),), h0, level, LEVELS[level], meridian_h0)
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""

@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+
 from fem_backend import members
-from fem_backend.specimens.flat import Flat
+from fem_backend.specimens.flat import ON, Flat
 from fem_backend.specimens.specimen import SPECIMENS
 
 FAR = 1000.0  # lengths of the indenter that are modelled, see `HalfSpace`
+FAR_SOLID = 200.0  # of a model in three dimensions, see `HalfSpace`
 USUAL = 3.0  # length (mm) of the indenter where none is known yet
 
 
@@ -21,7 +24,8 @@ class HalfSpace(Flat):
     """z ≤ height (mm), held 1000 lengths L of the indenter below the top and modelled as far beside it.
 
     What is beyond would give way by F/(2πμ·1000 L), which is 16a/(6π·1000 L) of the travel: less than 0.1 % for a
-    contact of radius a ≤ L (Johnson 1985, eq. 3.19, ν = 1/2; Hertz's F = 16 μ a d/3).
+    contact of radius a ≤ L (Johnson 1985, eq. 3.19, ν = 1/2; Hertz's F = 16 μ a d/3).  A model in three dimensions is
+    200 L deep and as wide to each side: it misses less than 0.5 %.
     """
 
     height: float = FAR * USUAL
@@ -49,6 +53,16 @@ class HalfSpace(Flat):
     def under(self, indenter: Any) -> HalfSpace:
         """Deep enough for an indenter."""
         return replace(self, height=FAR * indenter.length)
+
+    def part(self, name: str, X: np.ndarray) -> np.ndarray:
+        """As of all flat specimens, with the base where the model ends below."""
+        base, top = X[:, 2] <= X[:, 2].min() + ON * self.height, X[:, 2] >= self.height * (1.0 - ON)
+        return {"upper": top, "lower": base, "base": base, "side": ~(base | top)}[name]
+
+    def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
+        """Those of a box as deep as it reaches to each side; its base lies above that of the meridian."""
+        far = FAR_SOLID / FAR * self.height
+        return [0.0, far], [0.0, far], [self.height - far, self.height]
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

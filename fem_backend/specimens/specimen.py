@@ -33,7 +33,7 @@ SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks
 class Meshing:
     """How a specimen is meshed: recipe of the mesh, keys of the mesh table that count, element size at the contact.
 
-    `fineness` multiplies all sizes of a meridian.
+    `fineness` multiplies all sizes of a meridian, whose elements at the contact have the size `meridian_h0`.
     """
 
     recipe: str
@@ -41,6 +41,7 @@ class Meshing:
     h0: float
     level: str
     fineness: float = 1.0
+    meridian_h0: float = 0.0
 
 
 class Specimen(Protocol):
