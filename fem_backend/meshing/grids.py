@@ -97,7 +97,7 @@ def _placed(cells: np.ndarray, tets: list[list[tuple[int, ...]]]) -> np.ndarray:
 
 def _five(even: bool) -> list[list[tuple[int, ...]]]:
     """A box whose diagonals meet at the corner (0, 0, 0) or at (1, 0, 0)."""
-    inner = [(0, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
+    inner: list[tuple[int, ...]] = [(0, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
     tets = [inner, *([(1 - a, 1 - b, 1 - c), *(v for v in inner if v != (a, b, c))] for a, b, c in inner)]
     return tets if even else [[(1 - a, b, c) for a, b, c in tet] for tet in tets]
 

@@ -206,7 +206,7 @@ class Flat:
         return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes)
 
     def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
-        """Planes x, y and z (mm) that the grid in three dimensions must hit: from the axis outwards, from the base up."""
+        """Planes x, y and z (mm) that the grid in three dimensions must hit, from the axis and the base on."""
         return self.rings(), self.rings(), self.interfaces()
 
     def interfaces(self) -> list[float]:
