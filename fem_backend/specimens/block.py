@@ -85,7 +85,7 @@ class Block(Flat):
         )
 
     name: ClassVar[str] = "block"
-    smallest_words: ClassVar[str] = "smallest length"
+    smallest_words: ClassVar[str] = "height or half the width"
     of_revolution: ClassVar[bool] = False
     gauges: ClassVar[Mapping[str, float]] = {"delta_lx": 0.02, "delta_ly": 0.02, "delta_lz": 0.02}
 
