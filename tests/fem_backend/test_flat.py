@@ -175,7 +175,9 @@ def test_recipes_are_cut_from_their_words():
 def test_quarter_half_and_whole_are_one_slab(crude):
     """To the tolerance of equilibrium, 1e-9 of the forces."""
     _, quarter = solve(SLAB, {"fibre": 1e-6})
-    solved, half = solve(SLAB, {"fibre": 1e-6, "inclusion_ratio": 1.0 + 1e-12, "inclusion_radius": 1.0, "inclusion_x": 1})
+    solved, half = solve(
+        SLAB, {"fibre": 1e-6, "inclusion_ratio": 1.0 + 1e-12, "inclusion_radius": 1.0, "inclusion_x": 1}
+    )
     assert solved.placement.planes == (False, True)
     np.testing.assert_allclose(half, quarter, rtol=1e-7, atol=1e-8)
 
