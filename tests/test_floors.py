@@ -94,6 +94,7 @@ LAYERS = {
     "fem_backend.specimens": (
         "specimen",
         "flat in_space",
+        "ellipsoidal",
         "*",
         "__init__",
     ),
