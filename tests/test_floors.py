@@ -91,6 +91,7 @@ LAYERS = {
     ),
     "fem_backend.supports": (
         "holding support",
+        "walls",
         "*",
         "__init__",
     ),

@@ -84,6 +84,7 @@ def evaluate(  # type: ignore[no-untyped-def]
     motion,
     work,
     length,
+    bilateral,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
@@ -94,10 +95,12 @@ def evaluate(  # type: ignore[no-untyped-def]
     for f in range(m):
         for q in range(nq):
             w, g, n = weights[f, q], gap[f, q], normal[f, q]
-            p = max(multiplier[f, q] - epsilon[f, q] * g, 0.0)
+            p = multiplier[f, q] - epsilon[f, q] * g
+            if p < 0.0 and not bilateral:
+                p = 0.0
             energy += 0.5 * w * (p * p - multiplier[f, q] ** 2) / epsilon[f, q]
             near = work > 0.0 and g < OUT_OF_REACH * length
-            if not (p > 0.0 or near):
+            if not (p > 0.0 or near or bilateral):
                 continue
             pressure[f, q] = p
             for i in range(3):
@@ -148,6 +151,7 @@ def tangent(  # type: ignore[no-untyped-def]
     motion,
     work,
     length,
+    bilateral,
     direction,
     geometric,
     data,
@@ -162,9 +166,9 @@ def tangent(  # type: ignore[no-untyped-def]
         for q in range(nq):
             w, g, p, n, h, e = weights[f, q], gap[f, q], pressure[f, q], normal[f, q], hessian[f, q], epsilon[f, q]
             near = work > 0.0 and g < OUT_OF_REACH * length
-            if not (p > 0.0 or near):
+            if not (p > 0.0 or near or bilateral):
                 continue
-            stiff, turn = (e if p > 0.0 else 0.0), -p
+            stiff, turn = (e if p > 0.0 or bilateral else 0.0), -p
             if near:
                 _, pull, fall = _attract(g, work, length)
                 turn += pull

@@ -77,7 +77,8 @@ class Adhesion:
 class Pair:
     """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion.
 
-    A `soft` one never gets multipliers.
+    A `soft` one never gets multipliers; a `bilateral` one holds on to the surface, p = λ − ε g of either sign, and
+    rubs only where it presses.
     """
 
     surface: ContactSurface
@@ -86,6 +87,7 @@ class Pair:
     friction: float = 0.0
     adhesion: Adhesion | None = None
     soft: bool = False
+    bilateral: bool = False
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ class Touch:
 class ContactState:
     """One evaluation: energy (N mm), residual (n, 3) N, force on the rigid body (3,) N; at the points (f, q) the rest.
 
-    Pressure p ≥ 0 (MPa, the contact alone), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
+    Pressure p (MPa, the contact alone, negative only where it is bilateral), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
     slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without friction, which has none.
     """
 
@@ -233,6 +235,7 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
         *before,
         motion,
         *_adhesion(pair),
+        pair.bilateral,
     )
     return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction)
 
@@ -247,7 +250,7 @@ def tangent(
     symmetric part positive semi-definite where nothing slips, at the price of slower convergence.
     """
     surface = pair.surface
-    active = np.nonzero(((state.pressure > 0) | (state.attraction > 0)).any(1))[0]
+    active = np.nonzero(((state.pressure > 0) | (state.attraction > 0) | pair.bilateral).any(1))[0]
     points = (
         pointwise.points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
     )
@@ -272,6 +275,7 @@ def tangent(
         *start,
         motion,
         *_adhesion(pair),
+        pair.bilateral,
         np.asarray(touch.direction, float),
         geometric,
         data,

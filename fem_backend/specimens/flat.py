@@ -91,6 +91,10 @@ class Flat:
         """As it is."""
         return self
 
+    def within(self, radius: float) -> Flat | None:
+        """Itself in a round well of a radius (mm); None where it has no side to be held."""
+        return None if self.alike else self
+
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
         return True, True

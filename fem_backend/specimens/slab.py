@@ -25,11 +25,13 @@ class Slab(Flat):
 
     The model ends 20 thicknesses and 8 lengths of the indenter, `around` (mm), from the axis: on a bonded base what
     is beyond has no share (the field decays exponentially), on a sliding one a share of the square of the ratio.
+    In a well it ends at the radius of that, `wide` (mm), and its places are no longer alike.
     """
 
     thickness: float
     layers: tuple[tuple[float, float], ...] = ()
     around: float = 0.0
+    wide: float = 0.0
 
     class Table(members.MemberTable):
         """{ shape = "slab", thickness = 2.3, layers = [{ thickness = 0.3, ratio = 5.0 }, …] }"""
@@ -66,8 +68,12 @@ class Slab(Flat):
         )
 
     name: ClassVar[str] = "slab"
-    alike: ClassVar[bool] = True
     gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
+
+    @property
+    def alike(self) -> bool:  # type: ignore[override]
+        """Whether it has no end to the sides."""
+        return self.wide == 0.0
 
     @property
     def height(self) -> float:  # type: ignore[override]
@@ -77,11 +83,15 @@ class Slab(Flat):
     @property
     def half_width(self) -> float:  # type: ignore[override]
         """How far the model reaches (mm)."""
-        return WIDE * self.thickness + self.around
+        return self.wide or WIDE * self.thickness + self.around
 
     def under(self, indenter: Any) -> Slab:
         """Wide enough for an indenter."""
         return replace(self, around=BESIDE * indenter.length)
+
+    def within(self, radius: float) -> Slab:
+        """As wide as a well."""
+        return replace(self, wide=radius)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
