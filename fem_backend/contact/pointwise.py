@@ -65,6 +65,12 @@ def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ign
 
 
 @numba.njit(cache=True)
+def _rubs(friction, p, bilateral, bound, f, q):  # type: ignore[no-untyped-def]
+    """Whether there may be friction at a point: where it presses, or is held on to and friction has a limit anyhow."""
+    return friction > 0.0 and (p > 0.0 or (bilateral and bound[f, q] >= 0.0))
+
+
+@numba.njit(cache=True)
 def evaluate(  # type: ignore[no-untyped-def]
     facets,
     N,
@@ -105,7 +111,7 @@ def evaluate(  # type: ignore[no-untyped-def]
             pressure[f, q] = p
             for i in range(3):
                 load[i] = p * n[i]
-            if friction > 0.0 and p > 0.0:
+            if _rubs(friction, p, bilateral, bound, f, q):
                 share, _, counts = _share(g, opened[f, q], met[f, q])
                 stiff = share * TANGENTIAL * epsilon[f, q]
                 _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stiff, v, t)
@@ -176,7 +182,7 @@ def tangent(  # type: ignore[no-untyped-def]
                     stiff += fall
             _normal(k, n, h, stiff, turn, geometric)
             counts = 1.0
-            if friction > 0.0 and p > 0.0:
+            if _rubs(friction, p, bilateral, bound, f, q):
                 share, growth, counts = _share(g, opened[f, q], met[f, q])
                 stick = share * TANGENTIAL * e
                 square, along, long = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)

@@ -358,7 +358,7 @@ def _before(pair: Pair, touch: Touch) -> tuple[Five, np.ndarray]:
     motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
     points, traction = np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)
     unknown = -np.ones(start.gap.shape)
-    bound = unknown if start.pressure is None else np.ascontiguousarray(pair.friction * start.pressure)
+    bound = unknown if start.pressure is None else pair.friction * np.maximum(start.pressure, 0.0)
     share = unknown if start.met is None else np.ascontiguousarray(start.met)
     return (points, traction, np.ascontiguousarray(start.gap), bound, share), motion
 
