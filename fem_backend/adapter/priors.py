@@ -32,7 +32,8 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
 
     Lengths are plausible in proportion to what they belong to.  An inclusion stays as far from the lower side as it
     does from the upper one, and inside wherever it sits.  Laws do not combine: beside that of the settings, or of knobs
-    that are `given` a value, there is no other; nor are there knobs of other specimens and indenters, nor effects of other supports.
+    that are `given` a value, there is no other; nor are there knobs of other specimens and indenters, nor effects of
+    other supports.
     """
     knobs = {name: LAWS.own(name) for name in LAWS.members}
     law = next((name for name, mine in knobs.items() if not mine.isdisjoint(given)), own.law)

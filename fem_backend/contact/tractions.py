@@ -126,8 +126,9 @@ class Touch:
 class ContactState:
     """One evaluation: energy (N mm), residual (n, 3) N, force on the rigid body (3,) N; at the points (f, q) the rest.
 
-    Pressure p (MPa, the contact alone, negative only where it is bilateral), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
-    slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without friction, which has none.
+    Pressure p (MPa, the contact alone, negative only where it is bilateral), gap g (mm), tangential traction on the
+    body (f, q, 3) MPa, whether a point slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without
+    friction, which has none.
     """
 
     energy: float

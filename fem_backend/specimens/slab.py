@@ -73,7 +73,12 @@ class Slab(Flat):
     @property
     def alike(self) -> bool:  # type: ignore[override]
         """Whether it has no end to the sides."""
-        return self.wide == 0.0
+        return not self.walled
+
+    @property
+    def walled(self) -> bool:  # type: ignore[override]
+        """Whether it ends at a wall."""
+        return self.wide > 0.0
 
     @property
     def height(self) -> float:  # type: ignore[override]

@@ -85,9 +85,9 @@ class Walls(Holding):
     """Base and side of a specimen, each bonded, slipping, touched from one side or free; a base class, no member.
 
     `rubs` is the Coulomb coefficient of all that is not bonded, `yields` (mm/MPa) the compliance of the base: a Winkler
-    foundation, p = −u_z/`yields` per undeformed area, that neither sags beside its load nor is pulled off.  What slips
-    without friction on a plane is held in its normal; with friction, or on the round wall of a model in space, a contact
-    of both signs keeps it there by a penalty and multipliers.
+    foundation, p = −u_z/`yields` per undeformed area, which pulls too.  What slips without friction on a plane is held
+    in its normal; with friction, or on the round wall of a model in space, a contact of both signs keeps it there by a
+    penalty and multipliers.
     """
 
     rubs: float = 0.0

@@ -28,7 +28,7 @@ class Well(Walls):
     side: str = SLIP
 
     class Table(members.MemberTable):
-        """{ kind = "well", radius = 3.2, base = "bonded" | "slip", wall = "bonded" | "slip" | "gap", friction = 0.0 }"""
+        """{ kind = "well", radius = 3.2, base = "bonded" | "slip", wall = "bonded" | "slip" | "gap", friction = 0 }"""
 
         kind: Literal["well"] = "well"
         """The specimen sits in a round rigid well."""
@@ -88,15 +88,18 @@ class Well(Walls):
 
     def wall(self, specimen: Any) -> float:
         """The radius of the well, or that of the specimen which fills it."""
-        return self.radius if self.side == GAP and self.radius else specimen.half_width
+        return self.radius if self.radius and (self.side == GAP or specimen.alike) else specimen.half_width
 
     def actual(self, knobs: Any) -> Well:
         """The friction."""
         return replace(self, rubs=knobs.well_friction)
 
     def confines(self, specimen: Any) -> Any:
-        """A slab as wide as the well."""
-        return specimen if self.refusal(specimen) else specimen.within(self.radius)
+        """A slab as wide as the well, a fine grid at a wall that touches."""
+        if self.refusal(specimen):
+            return specimen
+        room = not specimen.alike and self.wall(specimen) > specimen.half_width * (1.0 + ON)
+        return specimen if room else specimen.within(self.wall(specimen))
 
     def offered(self, specimen: Any) -> bool:
         """Nobody is unaware of a well."""
@@ -109,10 +112,10 @@ class Well(Walls):
             return said
         if not specimen.of_revolution or specimen.within(self.radius or specimen.half_width) is None:
             return f'support.kind = "well" is round and as wide as what it holds; a {specimen.name} is not'
+        if not self.radius and specimen.alike:
+            return f"support.radius: a {specimen.name} has no width of its own; say the radius of the well, mm"
         if not self.radius:
-            return f"support.radius: a {specimen.name} has no width of its own; say the radius of the well, mm" * (
-                specimen.alike
-            ) or None
+            return None
         own = specimen.within(self.radius).half_width
         if own > self.radius * (1.0 + ON):
             return f"support.radius = {self.radius:g} mm: the specimen, of radius {own:g} mm, is wider than the well"
