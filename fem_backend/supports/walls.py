@@ -16,6 +16,7 @@ from fem_backend.supports.holding import Holding
 from rso.contract import knob
 
 PENALTY = 2e4  # ε h/μ, h the smallest size of the specimen: a base rests on few elements of a fifth of that
+TOUCHING = 1e-9  # of that size, by which a plane that lets go is above the base: seated, its whole base presses first
 ON = 1e-9  # of the half width: nodes this near the side are on its rims
 BONDED, SLIP, GAP = "bonded", "slip", "gap"  # held in all directions; in the normal one; touched from one side
 
@@ -149,7 +150,8 @@ class Walls(Holding):
         for surface, part in zip(surfaces, parts, strict=True):
             how, founded = grips[part], part == "base" and self.yields > 0.0
             epsilon = np.full(surface.weights.shape, 1.0 / self.yields if founded else PENALTY * mu / specimen.smallest)
-            rigid = Plane() if part == "base" else Wall(self.wall(specimen))
+            above = TOUCHING * specimen.smallest if how == GAP else 0.0
+            rigid = Plane(above) if part == "base" else Wall(self.wall(specimen))
             rubs = 0.0 if how == BONDED else self.rubs
             out.append(Pair(surface, rigid, epsilon, rubs, None, soft or founded, how != GAP))
         return tuple(out)
