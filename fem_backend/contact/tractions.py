@@ -361,7 +361,8 @@ def _before(pair: Pair, touch: Touch) -> tuple[Five, np.ndarray]:
     unknown = -np.ones(start.gap.shape)
     bound = unknown if start.pressure is None else pair.friction * np.maximum(start.pressure, 0.0)
     share = unknown if start.met is None else np.ascontiguousarray(start.met)
-    return (points, traction, np.ascontiguousarray(start.gap), bound, share), motion
+    opened = unknown if pair.bilateral else np.ascontiguousarray(start.gap)  # which never opens
+    return (points, traction, opened, bound, share), motion
 
 
 def _adhesion(pair: Pair) -> tuple[float, float]:
