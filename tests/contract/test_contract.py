@@ -19,6 +19,7 @@ import pytest
 
 from fem_backend.indenters import INDENTERS
 from fem_backend.specimens import SPECIMENS
+from fem_backend.supports import SUPPORTS
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
 from rso.evaluation import Source
 from rso.evaluation.store import RunStore
@@ -64,7 +65,7 @@ SUBJECTS = {
         settings={"mesh": MAPPED},
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
-        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere"),
+        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere") | SUPPORTS.of_others("fixed"),
     ),
     "finite elements of a slab": Subject(
         Source(use="fem_backend.backend:BACKEND"),
