@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from pydantic import model_validator
+from skfem import MeshTet2
 
 from fem_backend import members
+from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.specimens.flat import Flat, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -97,6 +99,12 @@ class Slab(Flat):
     def within(self, radius: float) -> Slab:
         """As wide as a well."""
         return replace(self, wide=radius)
+
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """As of every flat specimen; BadMesh in a well, which is round."""
+        if self.walled:
+            raise BadMesh("a slab in a well is modelled on its axis only; beside it take a cylinder that fills the well")
+        return super().quadratic(mesh, recipe, point, planes)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
