@@ -103,7 +103,7 @@ class Slab(Flat):
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """As of every flat specimen; BadMesh in a well, which is round."""
         if self.walled:
-            raise BadMesh("a slab in a well is modelled on its axis only; beside it take a cylinder that fills the well")
+            raise BadMesh("a slab in a well is modelled on its axis only; beside it take a cylinder as wide")
         return super().quadratic(mesh, recipe, point, planes)
 
     def plain(self) -> dict[str, Any]:
