@@ -100,6 +100,7 @@ LAYERS = {
     ),
     "fem_backend.supports": (
         "holding support",
+        "walls",
         "*",
         "__init__",
     ),
