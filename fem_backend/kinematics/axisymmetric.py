@@ -178,7 +178,8 @@ def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
             if small:
                 v = h[0, 0] + h[1, 1] + h[2, 2]
             else:
-                v = (1.0 + h[1, 1]) * ((1.0 + h[0, 0]) * (1.0 + h[2, 2]) - h[0, 2] * h[2, 0]) - 1.0
+                flat = h[0, 0] + h[2, 2] + h[0, 0] * h[2, 2] - h[0, 2] * h[2, 0]  # no 1: K v would be round-off
+                v = flat + h[1, 1] + flat * h[1, 1]
             for i in range(3):
                 hat[i] += Q[e, i, q] * v
         for q in range(n):
@@ -188,6 +189,45 @@ def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
             for i in range(3):
                 out[e, i] += Q[e, i, q] * factor * mean
     return out, energy
+
+
+def carried(
+    body: Meridian,
+    F: np.ndarray,
+    S: np.ndarray,
+    C: np.ndarray,
+    p: np.ndarray,
+    dH: np.ndarray,
+    K: float,
+    scale: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stresses S (m, q, 6) and pressures p̂ (m, 3) MPa to first order after a change δH (m, q, 3, 3) of gradients."""
+    s = np.ones((1, 1)) if scale is None else scale
+    return _carried(body.Q, linear_functions(), F, S, C, p, dH, K, s)
+
+
+@numba.njit(cache=True)
+def _carried(Q, phi, F, S, C, p, dH, K, s):  # type: ignore[no-untyped-def]
+    m, n = F.shape[0], F.shape[1]
+    one = s.shape[0] != m
+    out, hat, dv = S.copy(), p.copy(), np.empty(3)
+    for e in range(m):
+        dv[:] = 0.0
+        for q in range(n):
+            a, b, c, d, h = F[e, q, 0, 0], F[e, q, 0, 2], F[e, q, 2, 0], F[e, q, 2, 2], F[e, q, 1, 1]
+            xx, xz, zx, zz, yy = dH[e, q, 0, 0], dH[e, q, 0, 2], dH[e, q, 2, 0], dH[e, q, 2, 2], dH[e, q, 1, 1]
+            e0, e1, e2 = a * xx + c * zx, h * yy, b * xz + d * zz
+            e4 = a * xz + b * xx + c * zz + d * zx
+            for k in (0, 1, 2, 4):
+                out[e, q, k] += C[e, q, k, 0] * e0 + C[e, q, k, 1] * e1 + C[e, q, k, 2] * e2 + C[e, q, k, 4] * e4
+            v = h * (d * xx - c * xz - b * zx + a * zz) + (a * d - b * c) * yy
+            for i in range(3):
+                dv[i] += Q[e, i, q] * v
+        for q in range(n):
+            change = (K if one else K * s[e, q]) * (dv[0] * phi[q, 0] + dv[1] * phi[q, 1] + dv[2] * phi[q, 2])
+            for i in range(3):
+                hat[e, i] += Q[e, i, q] * change
+    return out, hat
 
 
 def internal_force(body: Meridian, F: np.ndarray, S: np.ndarray, p: np.ndarray) -> np.ndarray:

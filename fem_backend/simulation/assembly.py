@@ -177,7 +177,7 @@ def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> 
         discrete = axisymmetric.discretise(points, mesh.cells, carried, symmetric)
     except ValueError as error:
         raise meshing.BadMesh(str(error)) from error
-    factor = direct.solver(discrete.pattern, settings.solver)
+    factor = direct.precise(discrete.pattern, settings.solver)  # at K/μ = 10⁴ single precision says nothing
     condenser = condensation.condenser(discrete.pattern, settings.solver)
     return AssembledModel(mesh, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
@@ -369,7 +369,7 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
     Only where nothing else touches (a support may do so everywhere), and where the dense matrix of those is no larger
     than the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
     """
-    if system.seat:
+    if system.seat or isinstance(model.body, axisymmetric.Meridian):
         return system
     pair, c = system.pressing, [load.pressing.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)

@@ -1,0 +1,182 @@
+"""Newton for bodies of revolution with stresses and contact pressures as unknowns of their own.
+
+A step that is right to first order leaves strains wrong to second, and K or ε times that is a large stress: it spoils
+the next tangent, which turns stresses with the body.  So the stresses in that part of the tangent are carried along by
+the linear step itself, S + ℂ : δE, p̂ + K Π δJ and λ − ε (g + n·δx), and are not evaluated anew (the mixed Newton of
+Magisano, Leonetti & Garcea 2017, Int. J. Numer. Methods Eng. 109, 1237; condensed, so that only the tangent changes).
+Which points touch is told by the same linear pressures (primal-dual active set; Hintermüller, Ito & Kunisch 2002).
+What is found is an equilibrium of the same residual as that of :mod:`fem_backend.solver.newton`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem_backend.contact import tractions
+from fem_backend.kinematics.axisymmetric import Meridian
+from fem_backend.materials import response, stress
+from fem_backend.solver import newton
+from fem_backend.solver.direct import EXACT, NotPositiveDefinite, Solve
+from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
+
+CHORD = 0.15  # of the residual may be left by a step with an old factor
+NEAR = 0.05  # relative residual below which an old factor is tried
+SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
+NEW = 1e-300  # pressure of points that have come to touch: they count as active
+AFAR = 1e4  # relative residual that grows beyond this will not come back
+
+Pressures = tuple[np.ndarray, ...]  # (f, q) MPa of each pair
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What turns with the body: stresses at its points and in its cells, None as evaluated; pressures of contact."""
+
+    body: response.Turning | None
+    contact: Pressures
+
+
+def applies(system: System, load: Load) -> bool:
+    """Whether all that touches has a potential of pressure alone, on a meridian."""
+    plain = all(p.friction == 0.0 and p.adhesion is None for p in system.pairs)
+    return isinstance(system.body, Meridian) and plain and not any(t.before for t in load.touches)
+
+
+def solve(
+    system: System,
+    u: np.ndarray,
+    load: Load,
+    tolerance: float,
+    counters: Counters,
+    limit: int = 15,
+    known: Known | None = None,
+    before: Evaluation | None = None,
+) -> Equilibrium:
+    """As :func:`fem_backend.solver.newton.solve`, for systems that this `applies` to.
+
+    `before` is a state nearby from which the start u (n, 3) was predicted.  Raises NotConverged.
+    """
+    body, history = system.body, []
+    factor, moving = known or (None, None)
+    try:
+        at = newton.evaluate(system, u, load)
+    except stress.Inverted as error:
+        raise NotConverged("inversion", str(error), ()) from None
+    carried = Carried(None, tuple(c.pressure for c in at.contacts))
+    if before is not None:
+        origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
+        carried = Carried(response.carried(body, origin, u - before.u, system.scale), _expected(before, at))
+    fresh = False
+    while limit > 0:
+        history.append(_relative(body, at))
+        if time.process_time() > counters.deadline:
+            raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
+        if not history[-1] < AFAR * max(history[0], 1.0):
+            raise NotConverged("contact", "the residual grows", tuple(history))
+        found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
+        lazy = factor is not None and history[-1] < NEAR and (len(history) == 1 or history[-1] < CHORD * history[-2])
+        if found and factor is not None:
+            linear = lambda v, factor=factor: newton.full(body, factor(newton.reduced(body, v), EXACT))  # noqa: E731
+            moving = newton.contact_tangent(system, at, load)[1]
+            return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
+        if not lazy:
+            factor, linearised = _factorise(system, at, load, carried, counters)
+            limit -= 1
+        fresh = not lazy
+        if found:
+            continue
+        counters.iterations += 1
+        normals = [_normals(system, k, at, load) for k in range(len(system.pairs))]
+        R = newton.reduced(body, at.residual + _held(system, at, load, carried, normals))
+        step = newton.full(body, factor(-R, EXACT))
+        at, carried = _stepped(system, at, load, carried, step, normals, linearised if fresh else None, counters, history)
+    raise NotConverged("contact", "no equilibrium in time", tuple(history))
+
+
+def _relative(body: Meridian, at: Evaluation) -> float:
+    norm = float(np.linalg.norm(newton.reduced(body, at.residual)))
+    return norm / at.scale if at.scale > 0 else float(norm > 0)
+
+
+def _expected(before: Evaluation, at: Evaluation) -> Pressures:
+    """Pressures of a predicted state: as before where it touched, the rest touches where it has come to overlap."""
+    pairs = zip(before.contacts, at.contacts, strict=True)
+    return tuple(np.where(b.pressure > 0.0, b.pressure, np.where(a.pressure > 0.0, NEW, 0.0)) for b, a in pairs)
+
+
+def _normals(system: System, k: int, at: Evaluation, load: Load) -> np.ndarray:
+    pair, touch = system.pairs[k], load.touches[k]
+    points = tractions.contact_points(pair.surface, system.body.nodes + at.u)
+    return pair.rigid.gap(points, touch.centre, touch.direction)[1]
+
+
+def _held(
+    system: System, at: Evaluation, load: Load, carried: Carried, normals: list[np.ndarray]
+) -> np.ndarray:
+    """What the residual lacks of pressures λ − ε g, of any sign, at just the points that count as touching."""
+    out = np.zeros_like(at.u)
+    for pair, touch, state, p, n in zip(system.pairs, load.touches, at.contacts, carried.contact, normals, strict=True):
+        held = np.where(p > 0.0, touch.multiplier - pair.epsilon * touch.raised * state.gap, 0.0)
+        load_of = ((held - state.pressure) * pair.surface.weights)[..., None] * n
+        np.add.at(out, pair.surface.facets, -np.einsum("qa,fqi->fai", pair.surface.N, load_of))
+    return out
+
+
+def _stepped(
+    system: System,
+    at: Evaluation,
+    load: Load,
+    carried: Carried,
+    step: np.ndarray,
+    normals: list[np.ndarray],
+    linearised: response.Linearised | None,
+    counters: Counters,
+    history: list[float],
+) -> tuple[Evaluation, Carried]:
+    """The state after a step, shortened where elements would turn over, and what is carried there."""
+    alpha = 1.0
+    while True:
+        try:
+            new = newton.evaluate(system, at.u + alpha * step, load)
+            break
+        except stress.Inverted as error:
+            alpha *= 0.5
+            counters.halvings += 1
+            if alpha < SHORTEST:
+                raise NotConverged("inversion", str(error), tuple(history)) from None
+    pressures = []
+    for pair, touch, state, n, old in zip(system.pairs, load.touches, at.contacts, normals, carried.contact, strict=True):
+        moved = np.einsum("qa,fai->fqi", pair.surface.N, step[pair.surface.facets])
+        gap = state.gap + (n * moved).sum(-1)
+        p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
+        pressures.append(p if alpha == 1.0 else alpha * p + (1.0 - alpha) * old)
+    turning = None if linearised is None else response.carried(system.body, linearised, alpha * step, system.scale)
+    return new, Carried(turning, tuple(pressures))
+
+
+def _factorise(
+    system: System, at: Evaluation, load: Load, carried: Carried, counters: Counters
+) -> tuple[Solve, response.Linearised]:
+    """Factor of the tangent with what is carried; where it is not definite, first without its contact's turning."""
+    body, shift, geometric = system.body, 0.0, True
+    linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
+    bulk = response.stiffness(body, linearised, carried.body, system.scale)
+    bulk = newton.sprung(system, load, bulk)
+    contacts = tuple(replace(c, pressure=p) for c, p in zip(at.contacts, carried.contact, strict=True))
+    touching = replace(at, contacts=contacts)
+    for _ in range(8):
+        data = bulk + newton.contact_tangent(system, touching, load, geometric)[0]
+        data[body.pattern.diagonal] += shift
+        counters.factorisations += 1
+        try:
+            return system.factor(data), linearised
+        except NotPositiveDefinite:
+            counters.shifts += 1
+            if geometric:
+                geometric = False
+            else:
+                shift = 10.0 * shift or 1e-3 * float(np.median(bulk[body.pattern.diagonal]))
+    raise NotConverged("instability", "the tangent stays indefinite", ())
