@@ -36,7 +36,8 @@ from fem_backend.specimens import Specimen
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
-STIFF = 3000.0  # the same of a meridian, over μ/h: see `penalty`
+STIFF = 100.0  # the same of a meridian, over μ/h
+FIRM = 3000.0  # that of friction and adhesion, which act per undeformed area: see `penalty`
 FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
@@ -287,7 +288,7 @@ def system(
     else:
         surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
-    epsilon = penalty(placement, body, surface, mu)
+    epsilon = penalty(placement, body, surface, mu, knobs.friction > 0.0 or adhesion is not None)
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion)
     # multipliers stay with points of the body: where that turns, they do not hold its weight in place
     soft = knobs.weight > 0.0 and not all(placement.planes)
@@ -304,17 +305,19 @@ def system(
     return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
 
-def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float) -> np.ndarray:
+def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float, rubs: bool) -> np.ndarray:
     """ε (f, q) MPa/mm: on a meridian by the length of each edge, as fine elements give way to a soft penalty.
 
     Pressed by p on a foundation of ε per undeformed area, a surface of modulus μ buckles in waves shorter than p²/(με):
-    no element may be that short up to p = √STIFF μ.
+    no element may be that short up to p = √FIRM μ where it `rubs`, friction or adhesion.  Without them contact acts per
+    area now, and multipliers make it exact.
     """
     if not placement.meridian:
         return np.full(surface.weights.shape, PENALTY * mu / placement.indenter.length)
     ends = body.nodes[surface.facets[:, :2]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return np.repeat((STIFF * mu / length)[:, None], surface.weights.shape[1], axis=1)
+    factor = FIRM if rubs else STIFF
+    return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
 
 
 def touching(

@@ -41,8 +41,11 @@ class Carried:
 
 def applies(system: System, load: Load) -> bool:
     """Whether all that touches has a potential of pressure alone, on a meridian."""
-    plain = all(p.friction == 0.0 and p.adhesion is None for p in system.pairs)
-    return isinstance(system.body, Meridian) and plain and not any(t.before for t in load.touches)
+    return (
+        isinstance(system.body, Meridian)
+        and all(tractions.follows(p) for p in system.pairs)
+        and not any(t.before for t in load.touches)
+    )
 
 
 def solve(
@@ -65,7 +68,7 @@ def solve(
         at = newton.evaluate(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
-    carried = Carried(None, tuple(c.pressure for c in at.contacts))
+    carried = Carried(None, _begun(load, at, factor is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
         carried = Carried(response.carried(body, origin, u - before.u, system.scale), _expected(before, at))
@@ -77,7 +80,7 @@ def solve(
         if not history[-1] < AFAR * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
         found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
-        lazy = factor is not None and history[-1] < NEAR and (len(history) == 1 or history[-1] < CHORD * history[-2])
+        lazy = factor is not None and (len(history) == 1 or history[-1] < min(CHORD * history[-2], NEAR))
         if found and factor is not None:
             linear = lambda v, factor=factor: newton.full(body, factor(newton.reduced(body, v), EXACT))  # noqa: E731
             moving = newton.contact_tangent(system, at, load)[1]
@@ -90,9 +93,11 @@ def solve(
             continue
         counters.iterations += 1
         normals = [_normals(system, k, at, load) for k in range(len(system.pairs))]
-        R = newton.reduced(body, at.residual + _held(system, at, load, carried, normals))
+        R = newton.reduced(body, at.residual + _held(system, at, load, carried))
         step = newton.full(body, factor(-R, EXACT))
-        at, carried = _stepped(system, at, load, carried, step, normals, linearised if fresh else None, counters, history)
+        at, carried = _stepped(
+            system, at, load, carried, step, normals, linearised if fresh else None, counters, history
+        )
     raise NotConverged("contact", "no equilibrium in time", tuple(history))
 
 
@@ -104,7 +109,20 @@ def _relative(body: Meridian, at: Evaluation) -> float:
 def _expected(before: Evaluation, at: Evaluation) -> Pressures:
     """Pressures of a predicted state: as before where it touched, the rest touches where it has come to overlap."""
     pairs = zip(before.contacts, at.contacts, strict=True)
-    return tuple(np.where(b.pressure > 0.0, b.pressure, np.where(a.pressure > 0.0, NEW, 0.0)) for b, a in pairs)
+    return tuple(np.where(b.multiplier > 0.0, b.multiplier, np.where(a.multiplier > 0.0, NEW, 0.0)) for b, a in pairs)
+
+
+def _begun(load: Load, at: Evaluation, near: bool) -> Pressures:
+    """Pressures to begin with: the multipliers where there are any, those of a start that lies `near`, else hardly any.
+
+    What an overlap tells from far away is far too large, and so is λ + p = 2 p where multipliers are new.
+    """
+
+    def of(multiplier: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        known = pressure if near and not multiplier.any() else np.maximum(multiplier, NEW)
+        return np.where(pressure > 0.0, known, 0.0)
+
+    return tuple(of(t.multiplier, a.multiplier) for t, a in zip(load.touches, at.contacts, strict=True))
 
 
 def _normals(system: System, k: int, at: Evaluation, load: Load) -> np.ndarray:
@@ -113,15 +131,11 @@ def _normals(system: System, k: int, at: Evaluation, load: Load) -> np.ndarray:
     return pair.rigid.gap(points, touch.centre, touch.direction)[1]
 
 
-def _held(
-    system: System, at: Evaluation, load: Load, carried: Carried, normals: list[np.ndarray]
-) -> np.ndarray:
+def _held(system: System, at: Evaluation, load: Load, carried: Carried) -> np.ndarray:
     """What the residual lacks of pressures λ − ε g, of any sign, at just the points that count as touching."""
-    out = np.zeros_like(at.u)
-    for pair, touch, state, p, n in zip(system.pairs, load.touches, at.contacts, carried.contact, normals, strict=True):
-        held = np.where(p > 0.0, touch.multiplier - pair.epsilon * touch.raised * state.gap, 0.0)
-        load_of = ((held - state.pressure) * pair.surface.weights)[..., None] * n
-        np.add.at(out, pair.surface.facets, -np.einsum("qa,fqi->fai", pair.surface.N, load_of))
+    out, x = np.zeros_like(at.u), system.body.nodes + at.u
+    for pair, touch, state, p in zip(system.pairs, load.touches, at.contacts, carried.contact, strict=True):
+        out += tractions.evaluate(pair, x, touch, p).residual - state.residual
     return out
 
 
@@ -148,7 +162,9 @@ def _stepped(
             if alpha < SHORTEST:
                 raise NotConverged("inversion", str(error), tuple(history)) from None
     pressures = []
-    for pair, touch, state, n, old in zip(system.pairs, load.touches, at.contacts, normals, carried.contact, strict=True):
+    for pair, touch, state, n, old in zip(
+        system.pairs, load.touches, at.contacts, normals, carried.contact, strict=True
+    ):
         moved = np.einsum("qa,fai->fqi", pair.surface.N, step[pair.surface.facets])
         gap = state.gap + (n * moved).sum(-1)
         p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
@@ -165,7 +181,7 @@ def _factorise(
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
     bulk = response.stiffness(body, linearised, carried.body, system.scale)
     bulk = newton.sprung(system, load, bulk)
-    contacts = tuple(replace(c, pressure=p) for c, p in zip(at.contacts, carried.contact, strict=True))
+    contacts = tuple(replace(c, multiplier=p) for c, p in zip(at.contacts, carried.contact, strict=True))
     touching = replace(at, contacts=contacts)
     for _ in range(8):
         data = bulk + newton.contact_tangent(system, touching, load, geometric)[0]

@@ -421,4 +421,4 @@ def _balance(
 def augmented(system: System, load: Load, at: Evaluation) -> Load:
     """The load with multipliers λ ← p on every pair that is not soft (Uzawa)."""
     of_all = zip(system.pairs, load.touches, at.contacts, strict=True)
-    return load.touching(t if p.soft else replace(t, multiplier=s.pressure) for p, t, s in of_all)
+    return load.touching(t if p.soft else replace(t, multiplier=s.multiplier) for p, t, s in of_all)
