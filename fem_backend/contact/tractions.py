@@ -305,6 +305,13 @@ def _line() -> tuple[np.ndarray, np.ndarray]:
     return dN.T.copy(), 2.0 * np.pi * weights
 
 
+def areas(pair: Pair, x: np.ndarray) -> np.ndarray:
+    """Areas now (f, q) mm² of the points of a meridian, 2πr ds, at nodal positions x (n, 3)."""
+    surface, (dN, around) = pair.surface, _line()
+    length = np.linalg.norm(np.einsum("qa,fai->fqi", dN, x[surface.facets]), axis=-1)
+    return around * contact_points(surface, x)[..., 0] * length
+
+
 def _evaluate_rings(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None) -> ContactState:
     surface = pair.surface
     points = contact_points(surface, x)

@@ -76,6 +76,7 @@ def _basis(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return N, dN
 
 
+@functools.cache
 def linear_functions() -> np.ndarray:
     """Pressure functions φ (q, 3) at the quadrature points: the barycentric coordinates."""
     x, y = get_quadrature(RefTri, ORDER)[0]

@@ -13,6 +13,7 @@ from fem_backend.solver.condensation import Kept
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
+BOLD = 0.25  # of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
 CARRYING = 4  # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
@@ -132,9 +133,10 @@ def find(
         try:
             return mixed_newton.solve(system, u, load, tolerance, counters, known=known, before=before)
         except NotConverged as error:
-            if error.cause == "time_limit":
+            if error.cause == "time_limit" or before is not None:
                 raise
             counters.fallbacks += 1
+            known = None if known is None else NOTHING
     if not rigid_motions.rolls(system):
         try:
             return newton.solve(system, u, load, tolerance, counters, limit, known)
@@ -251,7 +253,16 @@ def travel(
             goal = target if here + 1.2 * step >= target else here + step
             try:
                 guessed = ahead(system, u, (goal - here) * rate)
-                found = find(system, guessed, start(goal), control.loose, counters, limit, NOTHING, last)
+                found = find(
+                    system,
+                    guessed,
+                    start(goal),
+                    control.loose,
+                    counters,
+                    limit,
+                    NOTHING,
+                    last if step > BOLD * control.first else None,
+                )
             except NotConverged as error:
                 counters.cutbacks += 1
                 step = 0.5 * (goal - here)
@@ -334,6 +345,8 @@ def equilibrate(
     u = starts[0]
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
+        if mixed_newton.applies(system, load):  # what is left moves the answer by no more than its share
+            tolerance = max(tolerance, control.medium if k < control.augmentations else mixed_newton.TIGHT)
         try:
             found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:

@@ -11,6 +11,7 @@ What is found is an equilibrium of the same residual as that of :mod:`fem_backen
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,10 +23,12 @@ from fem_backend.solver import newton
 from fem_backend.solver.direct import EXACT, NotPositiveDefinite, Solve
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
-CHORD = 0.15  # of the residual may be left by a step with an old factor
-NEAR = 0.05  # relative residual below which an old factor is tried
+TIGHT = 1e-8  # relative residual at an asked travel
+CHORD = 0.3  # of the residual may be left by a step with an old factor
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 NEW = 1e-300  # pressure of points that have come to touch: they count as active
+NEAR = 0.3  # relative residual below which an old factor is tried
+OLD = 8  # steps with one factor
 AFAR = 1e4  # relative residual that grows beyond this will not come back
 
 Pressures = tuple[np.ndarray, ...]  # (f, q) MPa of each pair
@@ -63,42 +66,89 @@ def solve(
     `before` is a state nearby from which the start u (n, 3) was predicted.  Raises NotConverged.
     """
     body, history = system.body, []
-    factor, moving = known or (None, None)
+    frame = known[0] if known is not None and isinstance(known[0], Frame) else None
     try:
         at = newton.evaluate(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
-    carried = Carried(None, _begun(load, at, factor is not None))
+    carried = Carried(None, _begun(load, at, frame is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
         carried = Carried(response.carried(body, origin, u - before.u, system.scale), _expected(before, at))
-    fresh = False
+    fresh, sizes, age = False, [], 0
+    if time.process_time() > counters.deadline:
+        raise NotConverged("time_limit", "the time of the run is used up", ())
     while limit > 0:
         history.append(_relative(body, at))
-        if time.process_time() > counters.deadline:
-            raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
         if not history[-1] < AFAR * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
         found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
-        lazy = factor is not None and (len(history) == 1 or history[-1] < min(CHORD * history[-2], NEAR))
-        if found and factor is not None:
-            linear = lambda v, factor=factor: newton.full(body, factor(newton.reduced(body, v), EXACT))  # noqa: E731
+        lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
+        lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
+        if found and frame is not None:
+            linear = frame.exactly(carried.contact)
             moving = newton.contact_tangent(system, at, load)[1]
-            return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
+            return Equilibrium(at, -linear(moving), tuple(history), linear, (frame, moving))
         if not lazy:
-            factor, linearised = _factorise(system, at, load, carried, counters)
+            frame, linearised = _factorise(system, at, load, carried, counters, before is not None)
             limit -= 1
-        fresh = not lazy
+        assert frame is not None
+        fresh, age = not lazy, age + 1 if lazy else 0
         if found:
             continue
         counters.iterations += 1
         normals = [_normals(system, k, at, load) for k in range(len(system.pairs))]
         R = newton.reduced(body, at.residual + _held(system, at, load, carried))
-        step = newton.full(body, factor(-R, EXACT))
+        step = newton.full(body, frame.solve(-R, carried.contact))
+        sizes.append(float(np.linalg.norm(step)))
         at, carried = _stepped(
             system, at, load, carried, step, normals, linearised if fresh else None, counters, history
         )
     raise NotConverged("contact", "no equilibrium in time", tuple(history))
+
+
+class Frame:
+    """Factor of a tangent, whose contact may then change at a few points: (K + V W Vᵀ)⁻¹ by Woodbury's formula.
+
+    `vectors` holds of each pair normals n (f, q, 3) and stiffness ε a (f, q) N/mm at the state of the factor, `active`
+    the points (f, q) that counted there.
+    """
+
+    def __init__(self, system: System, factor: Solve, normals: list[np.ndarray], stiff: list[np.ndarray],
+                 active: list[np.ndarray]) -> None:  # fmt: skip
+        self._system, self._factor = system, factor
+        self._normals, self._stiff, self._active = normals, stiff, active
+        self._known: dict[tuple[int, int, int], tuple[np.ndarray, np.ndarray]] = {}
+
+    def solve(self, b: np.ndarray, contact: Pressures) -> np.ndarray:
+        """x (f,) of the matrix whose contact is at the points of positive pressure."""
+        y = self._factor(b, EXACT)
+        V, Z, W = [], [], []
+        for k, p in enumerate(contact):
+            now = p > 0.0
+            for f, q in zip(*np.nonzero(now != self._active[k]), strict=True):
+                v, z = self._of(k, int(f), int(q))
+                V.append(v)
+                Z.append(z)
+                W.append(self._stiff[k][f, q] if now[f, q] else -self._stiff[k][f, q])
+        if not V:
+            return y
+        v, z = np.array(V), np.array(Z)
+        return y - z.T @ np.linalg.solve(np.diag(1.0 / np.array(W)) + v @ z.T, v @ y)
+
+    def _of(self, k: int, f: int, q: int) -> tuple[np.ndarray, np.ndarray]:
+        if (k, f, q) not in self._known:
+            surface, body = self._system.pairs[k].surface, self._system.body
+            v = np.zeros_like(body.nodes)
+            v[surface.facets[f]] = surface.N[q][:, None] * self._normals[k][f, q]
+            one = newton.reduced(body, v)
+            self._known[k, f, q] = one, self._factor(one, EXACT)
+        return self._known[k, f, q]
+
+    def exactly(self, contact: Pressures) -> Callable[[np.ndarray], np.ndarray]:
+        """Of nodal fields (n, 3), with the contact at these points."""
+        body = self._system.body
+        return lambda v: newton.full(body, self.solve(newton.reduced(body, v), contact))
 
 
 def _relative(body: Meridian, at: Evaluation) -> float:
@@ -174,8 +224,8 @@ def _stepped(
 
 
 def _factorise(
-    system: System, at: Evaluation, load: Load, carried: Carried, counters: Counters
-) -> tuple[Solve, response.Linearised]:
+    system: System, at: Evaluation, load: Load, carried: Carried, counters: Counters, predicted: bool
+) -> tuple[Frame, response.Linearised]:
     """Factor of the tangent with what is carried; where it is not definite, first without its contact's turning."""
     body, shift, geometric = system.body, 0.0, True
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
@@ -188,11 +238,19 @@ def _factorise(
         data[body.pattern.diagonal] += shift
         counters.factorisations += 1
         try:
-            return system.factor(data), linearised
+            factor = system.factor(data)
+            normals = [_normals(system, k, at, load) for k in range(len(system.pairs))]
+            stiff = [
+                p.epsilon * t.raised * tractions.areas(p, body.nodes + at.u)
+                for p, t in zip(system.pairs, load.touches, strict=True)
+            ]
+            return Frame(system, factor, normals, stiff, [p > 0.0 for p in carried.contact]), linearised
         except NotPositiveDefinite:
             counters.shifts += 1
             if geometric:
                 geometric = False
+            elif predicted:
+                raise NotConverged("instability", "the tangent is indefinite after this step", ()) from None
             else:
                 shift = 10.0 * shift or 1e-3 * float(np.median(bulk[body.pattern.diagonal]))
     raise NotConverged("instability", "the tangent stays indefinite", ())
