@@ -199,7 +199,7 @@ def tangent(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def evaluate_rings(facets, N, dN, around, weights, x, points, normal, epsilon, multiplier, p, known):  # type: ignore[no-untyped-def]
-    """Residual, force, pressure per reference area and energy of Σ (p² − λ²)/(2ε) a, a = 2πr |∂x/∂t| dt; p in ψ `known`."""
+    """Residual, force, pressure per reference area and energy of Σ ψ a, ψ = (p² − λ²)/(2ε), with p `known` in ψ."""
     m, nq = p.shape
     residual, force, pressure = np.zeros(x.shape), np.zeros(3), np.zeros((m, nq))
     energy = 0.0
