@@ -136,7 +136,6 @@ def find(
             if error.cause == "time_limit" or before is not None:
                 raise
             counters.fallbacks += 1
-            known = None if known is None else NOTHING
     if not rigid_motions.rolls(system):
         try:
             return newton.solve(system, u, load, tolerance, counters, limit, known)

@@ -65,7 +65,8 @@ def solve(
 
     `before` is a state nearby from which the start u (n, 3) was predicted.  Raises NotConverged.
     """
-    body, history = system.body, []
+    body = _meridian(system)
+    history: list[float] = []
     frame = known[0] if known is not None and isinstance(known[0], Frame) else None
     try:
         at = newton.evaluate(system, u, load)
@@ -75,7 +76,8 @@ def solve(
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
         carried = Carried(response.carried(body, origin, u - before.u, system.scale), _expected(before, at))
-    fresh, sizes, age = False, [], 0
+    fresh, age = False, 0
+    sizes: list[float] = []
     if time.process_time() > counters.deadline:
         raise NotConverged("time_limit", "the time of the run is used up", ())
     while limit > 0:
@@ -107,6 +109,11 @@ def solve(
     raise NotConverged("contact", "no equilibrium in time", tuple(history))
 
 
+def _meridian(system: System) -> Meridian:
+    assert isinstance(system.body, Meridian)
+    return system.body
+
+
 class Frame:
     """Factor of a tangent, whose contact may then change at a few points: (K + V W Vᵀ)⁻¹ by Woodbury's formula.
 
@@ -119,6 +126,10 @@ class Frame:
         self._system, self._factor = system, factor
         self._normals, self._stiff, self._active = normals, stiff, active
         self._known: dict[tuple[int, int, int], tuple[np.ndarray, np.ndarray]] = {}
+
+    def __call__(self, b: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
+        """x (f,) of the matrix as it was factorised."""
+        return self._factor(b, accuracy)
 
     def solve(self, b: np.ndarray, contact: Pressures) -> np.ndarray:
         """x (f,) of the matrix whose contact is at the points of positive pressure."""
@@ -219,7 +230,9 @@ def _stepped(
         gap = state.gap + (n * moved).sum(-1)
         p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
         pressures.append(p if alpha == 1.0 else alpha * p + (1.0 - alpha) * old)
-    turning = None if linearised is None else response.carried(system.body, linearised, alpha * step, system.scale)
+    turning = (
+        None if linearised is None else response.carried(_meridian(system), linearised, alpha * step, system.scale)
+    )
     return new, Carried(turning, tuple(pressures))
 
 
@@ -227,7 +240,7 @@ def _factorise(
     system: System, at: Evaluation, load: Load, carried: Carried, counters: Counters, predicted: bool
 ) -> tuple[Frame, response.Linearised]:
     """Factor of the tangent with what is carried; where it is not definite, first without its contact's turning."""
-    body, shift, geometric = system.body, 0.0, True
+    body, shift, geometric = _meridian(system), 0.0, True
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
     bulk = response.stiffness(body, linearised, carried.body, system.scale)
     bulk = newton.sprung(system, load, bulk)
