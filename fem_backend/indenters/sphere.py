@@ -79,6 +79,8 @@ class Sphere:
     def actual(self, knobs: Any, specimen: Any) -> Sphere:
         """The sphere with the error of its radius; ValueError where that is none to press this specimen with."""
         R, fattest = self.R + knobs.delta_R, FATTEST * specimen.smallest
+        if specimen.alike and R > 0.0:  # a wide slab may be thin beside the ball
+            return replace(self, R=R)
         if not 0 < R <= fattest:
             raise ValueError(
                 f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at most "

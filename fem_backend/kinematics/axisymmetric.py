@@ -312,7 +312,7 @@ def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # ty
                     CB[i, k] = c0 * B[0, k] + c1 * B[1, k] + c2 * B[2, k] + c3 * B[3, k]
             for k in range(14):
                 b0, b1, b2, b3 = B[0, k], B[1, k], B[2, k], B[3, k]
-                for l in range(14):
+                for l in range(k, 14):
                     block[k, l] += b0 * CB[0, l] + b1 * CB[1, l] + b2 * CB[2, l] + b3 * CB[3, l]
             if small:
                 continue
@@ -321,20 +321,24 @@ def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # ty
                 g, z, o = G[e, q, k, 0], G[e, q, k, 1], ring[e, q, k]
                 t0, t1 = s0 * g + s4 * z, s4 * g + s2 * z
                 bent, tilt = pw * (d * g - c * z), pw * (a * z - b * g)
-                for l in range(7):
+                for l in range(k, 7):
                     gl, zl, ol = G[e, q, l, 0], G[e, q, l, 1], ring[e, q, l]
                     v = t0 * gl + t1 * zl
                     cross = pw * h * (g * zl - z * gl)
                     block[2 * k, 2 * l] += v + s1 * o * ol + bent * ol + pw * o * (d * gl - c * zl)
                     block[2 * k + 1, 2 * l + 1] += v
                     block[2 * k, 2 * l + 1] += cross + pw * o * (a * zl - b * gl)
-                    block[2 * k + 1, 2 * l] += -cross + tilt * ol
+                    if l > k:
+                        block[2 * k + 1, 2 * l] += -cross + tilt * ol
         for q in range(n):
             factor = w[e, q] * (K if one else K * s[e, q])
             for k in range(14):
                 vk = factor * V[q, k]
-                for l in range(14):
+                for l in range(k, 14):
                     block[k, l] += vk * V[q, l]
+        for k in range(14):
+            for l in range(k):
+                block[k, l] = block[l, k]
         for k in range(14):
             for l in range(14):
                 if place[e, k, l] >= 0:

@@ -345,7 +345,7 @@ def equilibrate(
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
         if mixed_newton.applies(system, load):  # what is left moves the answer by no more than its share
-            tolerance = max(tolerance, control.medium if k < control.augmentations else mixed_newton.TIGHT)
+            tolerance = max(tolerance, mixed_newton.BEFORE if k < control.augmentations else mixed_newton.TIGHT)
         try:
             found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:
