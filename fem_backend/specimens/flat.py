@@ -16,6 +16,7 @@ from fem_backend.specimens.specimen import Meshing
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
+LAYER = 1.5  # height of the first elements over the least width
 ACROSS = 5.0  # elements through the height at least, at unit fineness
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
 DEEPEST = 0.75  # of the height
@@ -192,7 +193,7 @@ class Flat:
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        return Meshing("", (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
+        return Meshing("", (("level", level),), 0.06 * LEVELS[level] * length, level, LEVELS[level])
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Only bodies of revolution, touched on their axis, are meshed so far."""
@@ -209,7 +210,7 @@ class Flat:
 
     def meridian(self, actual: Flat, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
-        near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
+        near = LAYER * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height
 
         def across(r: np.ndarray) -> np.ndarray:
