@@ -105,10 +105,14 @@ def marks(own: Settings) -> dict[str, list[list[float]]]:
 
 
 def variants(own: Settings) -> dict[str, Mapping[str, Any]]:
-    """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
+    """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it.
+
+    One that makes the same model of this specimen is left out: a flat one that is held is bonded to a stiff base.
+    """
     found = {}
     for name, other in SUPPORTS.members.items():
-        if name != own.support.name and SUPPORTS.read({"kind": name}).refusal(own.specimen) is None:
+        usual = SUPPORTS.read({"kind": name})
+        if usual.refusal(own.specimen) is None and not own.support.same(usual, own.specimen):
             words = f"{other.words} instead of {own.support.words}"
             found[other.variant] = {"settings": {"support": {"kind": name}}, "group": other.group, "description": words}
     return found

@@ -100,6 +100,10 @@ class BowlSupport:
             return None
         return f'support.kind = "bowl" has the shape of the specimen, an ellipsoid; there is none of a {specimen.name}'
 
+    def same(self, other: Any, specimen: Any) -> bool:
+        """No other support is a bowl."""
+        return isinstance(other, BowlSupport)
+
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""
         return True, True

@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND
+from fem_backend.simulation import experiment
+from fem_backend.supports.bonded import Bonded
+from fem_backend.supports.bowl import BowlSupport
+from fem_backend.supports.fixed import Fixed
 
 BENCH = "specimen and ball on the bench: callipers, a micrometer, a balance"
 ALIGNED = "ink on the ball and a level on the holder"
@@ -37,3 +41,41 @@ def test_gauges_are_as_fine_beside_a_small_body_as_beside_a_large_one(k):
         np.testing.assert_allclose(found[name][1], factor * fine, rtol=1e-12)
         np.testing.assert_allclose(ranges.get(name, declared[name]), np.multiply(factor, declared[name]), rtol=1e-12)
     assert k != 1.0 or found == GAUGES
+
+
+SLAB = {"shape": "slab", "thickness": 4.0}
+PUCK = {"shape": "cylinder", "radius": 10.0, "height": 8.0}
+
+
+@pytest.mark.parametrize(
+    ("specimen", "kind", "tried"),
+    [
+        ({"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]}, "fixed", {"bowl"}),
+        ({"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]}, "bowl", {"held"}),
+        (SLAB, "fixed", set()),
+        (SLAB, "bonded", set()),
+        (PUCK, "fixed", set()),
+        (PUCK, "bonded", set()),
+    ],
+)
+def test_a_support_that_is_the_same_under_another_name_is_not_tried(specimen, kind, tried):
+    """A flat specimen that is held is held at its base: that is the one bonded to a stiff base."""
+    found = BACKEND.variants({"specimen": specimen, "support": {"kind": kind}})
+    assert tried <= set(found) and not {"held", "bonded"} & set(found) - tried
+
+
+def test_what_is_held_tells_supports_apart():
+    """Of an ellipsoid one that holds the lower half and one that holds nothing, or only z, are two."""
+    body, puck = experiment.read_settings({}).specimen, experiment.read_settings({"specimen": PUCK}).specimen
+
+    class Half(Fixed):
+        def held(self, specimen, X, surface):
+            return super().held(specimen, X, surface) & np.array([False, False, True])
+
+    class Group(Bonded):
+        group = "elsewhere"
+
+    assert Fixed().same(Bonded(), puck) and Bonded().same(Fixed(), puck) and Fixed().same(Fixed(), body)
+    assert not Fixed().same(Half(), body) and not Fixed().same(Half(), puck)
+    assert not Fixed().same(BowlSupport(), body) and not BowlSupport().same(Fixed(), body)
+    assert not Fixed().same(Group(), puck)  # it has knobs of its own: it does more than to hold
