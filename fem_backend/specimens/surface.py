@@ -478,7 +478,7 @@ def _region(table: Surface.Table, body: scans.Scan) -> dict[str, Any]:
 def _first_contact(
     body: Surface, indenter: Any, through: tuple[float, ...], direction: tuple[float, ...]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Reference point and point touched, see :meth:`Surface.first_contact`; a study asks for the same again and again."""
+    """Reference point and point touched, see :meth:`Surface.first_contact`; a study asks for the same again."""
     origin, d = np.array(through), np.array(direction) / np.linalg.norm(direction)
     corners = body._out(body.scan.smooth.tree.corners)
     away = 4.0 * (body.largest + indenter.length) + float(np.linalg.norm(origin - body.middle))

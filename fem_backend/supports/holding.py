@@ -9,7 +9,6 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
-from fem_backend.supports.support import Support
 
 LOOKED_AT = 200  # points of the surface by which two supports are compared
 
@@ -35,7 +34,7 @@ class Holding:
         """No knobs."""
         return {}
 
-    def same(self, other: Support, specimen: Any) -> bool:
+    def same(self, other: Any, specimen: Any) -> bool:
         """Whether the other only holds, too, and the same: compared at points all around the specimen."""
         if not isinstance(other, Holding) or self.group or other.group:
             return False  # what has knobs of its own does more

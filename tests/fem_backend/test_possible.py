@@ -1,5 +1,7 @@
 """What may be otherwise than a study says suits the size of its specimen."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from fem_backend.simulation import experiment
 from fem_backend.supports.bonded import Bonded
 from fem_backend.supports.bowl import BowlSupport
 from fem_backend.supports.fixed import Fixed
+from rso.contract import Case, Programme
 
 BENCH = "specimen and ball on the bench: callipers, a micrometer, a balance"
 ALIGNED = "ink on the ball and a level on the holder"
@@ -79,3 +82,38 @@ def test_what_is_held_tells_supports_apart():
     assert not Fixed().same(Half(), body) and not Fixed().same(Half(), puck)
     assert not Fixed().same(BowlSupport(), body) and not BowlSupport().same(Fixed(), body)
     assert not Fixed().same(Group(), puck)  # it has knobs of its own: it does more than to hold
+
+
+AXIS = "of revolution: solved on its meridian"
+BESIDE = "the specimen is of revolution, its test is not: {} of it is solved in space"
+
+
+@pytest.mark.parametrize(
+    ("settings", "values", "words"),
+    [
+        ({"specimen": PUCK}, {}, AXIS),
+        ({"specimen": {"shape": "sphere", "radius": 20.0}}, {}, AXIS),
+        ({"specimen": PUCK}, {"fibre": 0.5}, BESIDE.format("a quarter")),
+        ({"specimen": PUCK, "point": [0.0, 2.0]}, {}, BESIDE.format("half")),
+        ({"specimen": PUCK}, {"tilt_x": 2.0, "tilt_y": 1.0}, BESIDE.format("all")),
+        ({"specimen": SLAB, "point": [3.0, 2.0]}, {}, AXIS),  # all its places are alike
+        ({}, {}, None),
+        ({"point": [3.0, 2.0]}, {}, None),
+        ({"specimen": PUCK}, {"offset_x": 50.0}, None),  # beside it: the run says why
+    ],
+)
+def test_how_much_of_a_body_of_revolution_is_modelled_is_said(settings, values, words):
+    """By symmetry: fibres along x leave two planes, a place on y one, a tilt about both axes none."""
+    case = Case("case", Programme.ramp((0.5,)), settings)
+    assert BACKEND.reduction({"mu": 0.01, "D1": 5.0, **values}, case) == words
+
+
+def test_what_is_said_of_friction_and_forces_holds_for_every_indenter():
+    flat = {"specimen": SLAB, "indenter": {"shape": "flat", "radius": 2.0, "fillet": 0.1}}
+    said = [*BACKEND.prevented(), *BACKEND.tests(flat), *(words for words, _ in BACKEND.gauges(flat).values())]
+    said += [v["description"] for v in BACKEND.variants(flat).values()]
+    absent = [name for name, range_ in BACKEND.plausible(flat).items() if range_ is None]
+    said += [f"{p.label} {p.description}" for p in BACKEND.parameters if p.name not in absent]
+    said += [f"{level['title']} {level['description']}" for rung in BACKEND.levels(flat) for level in rung]
+    assert len(said) > 20 and "flat end" in " ".join(said)
+    assert not [words for words in said if re.search(r"\b(ball|[Hh]ertz\w*)\b", words)]

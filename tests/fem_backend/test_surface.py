@@ -304,7 +304,7 @@ def test_a_cone_touches_a_torus_with_its_flank(tmp_path):
         Flat(11.0, 0.5).first_contact(ring, (0.0, 0.0, 0.0), down)
 
 
-@pytest.mark.parametrize("shape", [Flat(1.0, 0.1), Flat(4.0, 0.5), Cone(15.0, 0.5)], ids=lambda s: f"{s.noun} {s.length}")
+@pytest.mark.parametrize("shape", [Flat(1.0, 0.1), Flat(4.0, 0.5), Cone(15.0, 0.5)], ids=["narrow", "wide", "cone"])
 def test_an_indenter_that_comes_down_aslant_over_the_rim_of_a_torus(tmp_path, shape):
     """Past the rim, where the distance grows again, to the inner side; against travels to points of the exact torus
     0.1 mm apart: those miss the least one by (0.05 mm)²/2r at an edge of r = 0.1 mm, and a facet's surface 3e-3."""
