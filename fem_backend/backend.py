@@ -133,7 +133,7 @@ class FiniteElements:
         return model_hierarchy.levels(settings)
 
     def closed_form(self, values: Mapping[str, float], case: Case) -> Response:
-        """Hertz's answer to the same case, for no cost; see :func:`fem_backend.adapter.model_hierarchy.closed_form`."""
+        """The indenter's closed form of the case, for no cost; see :func:`.model_hierarchy.closed_form`."""
         self.check(case)
         settings = experiment.read_settings(case.settings)
         return model_hierarchy.closed_form(settings, self.knobs(values, settings), case.programme)
@@ -237,8 +237,21 @@ class FiniteElements:
         each = {n: experiment.read_settings({**settings, "mesh": {"level": n}}) for n in names}
         return {name: at_depth(one, depth) for name, one in each.items()}
 
+    def reduction(self, values: Mapping[str, float], case: Case) -> str | None:
+        """How much of a specimen of revolution is modelled with these values, in words; None of another specimen."""
+        settings = experiment.read_settings(case.settings)
+        try:
+            placed = modelling.place(settings, self.knobs(values, settings))
+        except ValueError:  # NotModelled, too: the run itself will say why
+            return None
+        if placed.meridian:
+            return "of revolution: solved on its meridian"
+        part = ("all", "half", "a quarter")[sum(placed.planes)]
+        whole = settings.specimen.of_revolution
+        return f"the specimen is of revolution, its test is not: {part} of it is solved in space" if whole else None
+
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
-        """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
+        """The modulus (MPa) by knob of Fz (n,) N at depths (n,) mm by the indenter's closed form, incompressible."""
         mu = model_hierarchy.hertz(experiment.read_settings(settings), depth, force)
         return {} if mu is None else {"mu": mu}
 

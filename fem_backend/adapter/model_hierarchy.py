@@ -82,7 +82,8 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
     u, F = np.asarray(travel, dtype=float), np.asarray(force, dtype=float)
     keep = (u > 0.1 * u.max(initial=0.0)) & (F > 0)
     if not keep.any():
-        raise ValueError("no reading beyond a tenth of the depth pushes: there is no start by Hertz")
+        theory = settings.indenter.theory
+        raise ValueError(f"no reading beyond a tenth of the depth pushes: there is no start by {theory}")
     normal, H, tilt = _touch(settings)
     h, F = u[keep] * tilt, F[keep] / normal[2]
     shape = _closed(settings.indenter.force(h, H, 1.0, NU), settings)

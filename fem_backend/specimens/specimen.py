@@ -188,6 +188,9 @@ class NotConvex(Protocol):
     def first_contact(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Reference point (3,) where the indenter first touches on its line: the least of `travel` over the surface."""
 
+    def first_touched(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Point (3,) of the surface that it touches there."""
+
 
 @runtime_checkable
 class OfOnePlace(Protocol):

@@ -308,7 +308,12 @@ class Surface(InSpace):
         smooth surface.  Raises ValueError where the indenter passes by.
         """
         line = tuple(map(float, through)), tuple(map(float, direction))  # type: ignore[arg-type]
-        return np.array(_first_contact(self, indenter, *line))
+        return np.array(_first_contact(self, indenter, *line)[0])
+
+    def first_touched(self, indenter: Any, through: ArrayLike, direction: ArrayLike) -> np.ndarray:
+        """Point (3,) mm of the surface that it touches there; see :meth:`first_contact`."""
+        line = tuple(map(float, through)), tuple(map(float, direction))  # type: ignore[arg-type]
+        return np.array(_first_contact(self, indenter, *line)[1])
 
     # -------------------------------------------------------------------------------------------- what is modelled
 
@@ -472,8 +477,8 @@ def _region(table: Surface.Table, body: scans.Scan) -> dict[str, Any]:
 @functools.lru_cache(maxsize=256)
 def _first_contact(
     body: Surface, indenter: Any, through: tuple[float, ...], direction: tuple[float, ...]
-) -> tuple[float, ...]:
-    """See :meth:`Surface.first_contact`; runs of a study ask for the same again and again."""
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Reference point and point touched, see :meth:`Surface.first_contact`; a study asks for the same again."""
     origin, d = np.array(through), np.array(direction) / np.linalg.norm(direction)
     corners = body._out(body.scan.smooth.tree.corners)
     away = 4.0 * (body.largest + indenter.length) + float(np.linalg.norm(origin - body.middle))
@@ -492,12 +497,16 @@ def _first_contact(
     travel = indenter.travel(on, start, d)
     best = np.argsort(travel.min(1), kind="stable")[:CANDIDATES]
     at, nodes, least = weights[travel[best].argmin(1), 1:], corners[near[best]], float(travel.min())
+    touched = on.reshape(-1, 3)[travel.argmin()]
     offsets, width = np.indices((7, 7)).reshape(2, -1).T / 3.0 - 1.0, 2.0 / GRID
     for _ in range(ZOOMS):
         finer = np.maximum(at[:, None] + width * offsets, 0.0)
         finer /= np.maximum(finer.sum(-1, keepdims=True), 1.0)
         points = np.einsum("fqa,fai->fqi", np.concatenate([1.0 - finer.sum(-1, keepdims=True), finer], axis=-1), nodes)
-        travel = indenter.travel(body.project(points.reshape(-1, 3)).reshape(points.shape), start, d)
+        on = body.project(points.reshape(-1, 3))
+        travel = indenter.travel(on.reshape(points.shape), start, d)
         at = finer[np.arange(len(best)), travel.argmin(1)]
-        width, least = 0.6 * width, min(least, float(travel.min()))
-    return tuple((start + least * d).tolist())
+        if travel.min() < least:
+            least, touched = float(travel.min()), on[travel.argmin()]
+        width *= 0.6
+    return tuple((start + least * d).tolist()), tuple(touched.tolist())

@@ -112,6 +112,10 @@ class BowlSupport:
         """It may be tried."""
         return True
 
+    def same(self, other: Any, specimen: Any) -> bool:
+        """No other support is a bowl."""
+        return isinstance(other, BowlSupport)
+
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""
         return True, True

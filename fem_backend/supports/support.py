@@ -58,6 +58,9 @@ class Support(Protocol):
     def refusal(self, specimen: Any) -> str | None:
         """Why it cannot carry this specimen; None where it can."""
 
+    def same(self, other: Support, specimen: Any) -> bool:
+        """Whether another support, which carries this specimen too, makes the same model of it under another name."""
+
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0."""
 

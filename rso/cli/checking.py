@@ -15,7 +15,7 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
-from rso.contract import Programme, Refusals, capability
+from rso.contract import ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -209,6 +209,7 @@ def _things(plan: Plan) -> list[str]:
         known = (
             _recorded(measured, curve),
             _pace(plan, e),
+            _reduction(plan, e),
             *_small_contacts(plan, e.name, curve),
             _noise(plan.study, e),
         )
@@ -260,29 +261,45 @@ def _pace(plan: Plan, e: ExperimentTable) -> str:
     return f"loaded with {speed:.3g} mm/s ({whose})" if kept != other else ""
 
 
+def _reduction(plan: Plan, e: ExperimentTable) -> str:
+    """How much of a specimen is simulated in the middle of the ranges, where the backend says that."""
+    reductions = capability(plan.backend, Reduction)
+    if reductions is None:
+        return ""
+    case = cases.case_for(plan.study, e.name, (float(plan.curves[e.name].depth.max()),))
+    return reductions.reduction(plan.values(np.full(plan.box.d, 0.5)), case) or ""
+
+
 def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
     """The modulus of the shallow half of a loading Fz in the limit of small contacts, where the backend knows one: far
     from its range a unit is wrong, or what is pressed is no half-space."""
-    out = []
+    out, theory = [], _theory(plan, name)
     opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
     for knob, value in contact_modulus(plan.backend, plan.study.settings_of(name), curve).items():
         if "adhesion" in opened:
-            continue  # Hertz has none
+            continue  # it has none
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (
-                f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
-                "modulus; a sign, a zero, a tensile record, or adhesion: "
+                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} is "
+                f"{value:.2g} MPa, which is no modulus; a sign, a zero, a tensile record, or adhesion: "
                 "then open `adhesion` in [parameters]"
             )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
-        out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
+        out.append(f"shallow half, in the limit of small contacts{theory}: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         fixed = plan.resolved.fixed.get(knob)
         low, high = (axis.low, axis.high) if axis else (fixed, fixed)
         if low is not None and high is not None and not low / FAR < value < high * FAR:
             out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
     return out
+
+
+def _theory(plan: Plan, name: str) -> str:
+    """Whose closed form the backend has for an experiment, in brackets; empty where it does not say."""
+    ladder = capability(plan.backend, ModelHierarchy)
+    rungs = ladder.levels(plan.study.settings_of(name)) if ladder else ()
+    return next((f" ({level['title']})" for rung in rungs for level in rung if level.get("closed_form")), "")
 
 
 def _noise(study: Study, e: ExperimentTable) -> str:

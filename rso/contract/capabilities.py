@@ -164,6 +164,14 @@ class Resolution(Protocol):
         ...
 
 
+class Reduction(Protocol):
+    """How much of a symmetric experiment is simulated; without it `rso check` says nothing of that."""
+
+    def reduction(self, values: Mapping[str, float], case: Case, /) -> str | None:
+        """The part that is simulated with these values, in words; None where that is what one expects."""
+        ...
+
+
 class Refusals(Protocol):
     """Values that have no answer; without it `rso check` says nothing of the corners of the ranges."""
 
@@ -275,6 +283,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         LeanSettings,
         DraftSettings,
         Resolution,
+        Reduction,
         Refusals,
         ErrorCalibration,
         DistortionDepth,
