@@ -118,12 +118,12 @@ class Sphere:
         return True, True
 
     def spacing(self, r: np.ndarray) -> np.ndarray:
-        """R/17 at the axis, r/8 from R/2 to R, from there on growing by 0.3.
+        """R/20 at the axis, r/8 from 0.4 R to R, from there on growing by 0.3.
 
         Finer ones at the axis are flattened most by a deep ball, and make forces there no better but worse.
         """
         R = self.R
-        return np.clip(0.12 * r, 0.06 * R, 0.12 * R) + 0.3 * np.maximum(r - R, 0.0)
+        return np.clip(0.12 * r, 0.05 * R, 0.12 * R) + 0.3 * np.maximum(r - R, 0.0)
 
     def gap(
         self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL

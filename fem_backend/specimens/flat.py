@@ -193,7 +193,7 @@ class Flat:
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        return Meshing("", (("level", level),), 0.06 * LEVELS[level] * length, level, LEVELS[level])
+        return Meshing("", (("level", level),), 0.05 * LEVELS[level] * length, level, LEVELS[level])
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Only bodies of revolution, touched on their axis, are meshed so far."""
