@@ -13,7 +13,7 @@ from fem_backend.backend import BACKEND
 from fem_backend.kinematics import tetrahedra
 from fem_backend.meshing import BadMesh, grids, make, volumes
 from fem_backend.simulation import assembly, experiment
-from fem_backend.specimens.block import Block
+from fem_backend.specimens.block import RectangularBlock
 from fem_backend.specimens.cylinder import Cylinder
 from fem_backend.specimens.half_space import HalfSpace
 from fem_backend.specimens.slab import Slab
@@ -99,7 +99,7 @@ def test_diagonals_meet_the_edges_that_a_map_makes_smooth():
     [
         pytest.param(Slab(6.0, ((0.5, 5.0), (1.0, 2.0)), 24.0), id="slab"),
         pytest.param(Cylinder(10.0, 5.0, 0.0, ((0.5, 5.0),)), id="cylinder"),
-        pytest.param(Block(20.0, 16.0, 5.0, ((0.5, 5.0),)), id="block"),
+        pytest.param(RectangularBlock(20.0, 16.0, 5.0, ((0.5, 5.0),)), id="block"),
     ],
 )
 def test_no_element_lies_in_two_layers(specimen):
@@ -130,16 +130,16 @@ def test_a_rounded_edge_takes_away_what_it_should():
 
 def test_the_same_elements_at_every_place_and_size():
     """The answer is smooth in the place and in errors of sizes: elements keep their corners, nodes move a little."""
-    recipe = Block(20.0, 16.0, 5.0).meshing(3.0, "tetwild", "coarse", 0, 0.0).recipe
+    recipe = RectangularBlock(20.0, 16.0, 5.0).meshing(3.0, "tetwild", "coarse", 0, 0.0).recipe
     quarter = make(recipe)
-    first = Block(20.0, 16.0, 5.0).quadratic(quarter, recipe, (2.0, 1.0), WHOLE)
-    other = Block(20.01, 16.0, 5.0).quadratic(quarter, recipe, (2.01, 1.0), WHOLE)
+    first = RectangularBlock(20.0, 16.0, 5.0).quadratic(quarter, recipe, (2.0, 1.0), WHOLE)
+    other = RectangularBlock(20.01, 16.0, 5.0).quadratic(quarter, recipe, (2.01, 1.0), WHOLE)
     assert (first.t == other.t).all()
     assert 0.0 < np.abs(first.doflocs - other.doflocs).max() < 0.03
 
 
 def test_a_place_at_the_very_edge_still_has_a_mesh():
-    for specimen, point in ((Block(20.0, 16.0, 5.0), (10.0, 8.0)), (Cylinder(10.0, 5.0), (0.0, -10.0))):
+    for specimen, point in ((RectangularBlock(20.0, 16.0, 5.0), (10.0, 8.0)), (Cylinder(10.0, 5.0), (0.0, -10.0))):
         mesh = mesh_of(specimen, point, WHOLE)
         assert volume(mesh) == pytest.approx(specimen.volume(), rel=1e-2)
 
@@ -299,7 +299,7 @@ def test_a_block_is_never_taken_for_a_body_of_revolution():
 
 def test_distances_of_a_block_are_those_of_its_surface():
     """Against the nearest of many points of its faces; to their spacing."""
-    block = Block(4.0, 6.0, 3.0)
+    block = RectangularBlock(4.0, 6.0, 3.0)
     a = np.linspace(-1.0, 1.0, 61)
     faces = [np.insert(np.array(list(itertools.product(a, a))), k, s, axis=1) for k in range(3) for s in (-1.0, 1.0)]
     points = np.concatenate(faces) * [2.0, 3.0, 1.5] + [0.0, 0.0, 1.5]
@@ -311,7 +311,7 @@ def test_distances_of_a_block_are_those_of_its_surface():
 
 def test_meshes_have_their_fine_elements_below_the_contact():
     """Mean length of the edges within a length of the indenter: a third of those far from it at most."""
-    mesh = mesh_of(Block(60.0, 60.0, 8.0), (10.0, -5.0), WHOLE)
+    mesh = mesh_of(RectangularBlock(60.0, 60.0, 8.0), (10.0, -5.0), WHOLE)
     linear = MeshTet(mesh.doflocs[:, : mesh.t[:4].max() + 1], mesh.t[:4])
     ends = linear.p[:, linear.edges]
     length, at = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=0), ends.mean(1).T
