@@ -31,7 +31,18 @@ from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
 from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
-from rso.contract import Case, Line, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
+from rso.contract import (
+    Case,
+    Given,
+    Line,
+    Option,
+    Parameter,
+    Programme,
+    Response,
+    SimulationFailed,
+    drop_neutral,
+    parameters_of,
+)
 
 NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
@@ -243,7 +254,11 @@ class FiniteElements:
         """Exponents of force over small depths, the leading one first, as the indenter of these settings has them."""
         return experiment.read_settings(settings).indenter.exponents
 
-    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float]) -> Mapping[str, Line]:
+    def options(self) -> Sequence[Option]:
+        """Options of `rso new`, those that members of the open sets declare."""
+        return new_study.options()
+
+    def first_settings(self, given: Given, depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
         lines = new_study.geometry(given)
         coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}

@@ -293,6 +293,7 @@ LAYERS = {
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
+    "members",
     "simulation.knobs",
     "simulation.experiment",
     "adapter.model_hierarchy",

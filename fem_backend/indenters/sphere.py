@@ -71,6 +71,21 @@ class Sphere:
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
     of_revolution: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
+        members.SettingsOption(
+            name,
+            ("R",),
+            ("mm",),
+            f"a ball of this radius on a shaft as wide{also}",
+            settings=lambda R: {"indenter": {"shape": "sphere", "radius": R, "shaft": True}},
+        )
+        for name, also in (("ball", ""), ("radius", ", the older name of --ball"))
+    )
+
+    @property
+    def described(self) -> str:
+        """Its radius."""
+        return f"a ball of radius {members.length_words(self.R)}"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

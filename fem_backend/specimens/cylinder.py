@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
-from fem_backend.specimens.flat import Flat, Layers, fitting
+from fem_backend.specimens.flat import LAYERED, Flat, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -83,6 +83,16 @@ class Cylinder(Flat):
 
     name: ClassVar[str] = "cylinder"
     smallest_words: ClassVar[str] = "height"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "puck",
+            ("RADIUS", "HEIGHT"),
+            ("mm", "mm"),
+            "an upright cylinder, bonded to something stiff",
+            settings=lambda r, h: {"specimen": {"shape": "cylinder", "radius": r, "height": h}},
+        ),
+        LAYERED,
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02}
 
     @property
@@ -118,6 +128,12 @@ class Cylinder(Flat):
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
         return replace(self, radius=radius, tall=tall, fillet=fillet, layers=tuple((k * t, v) for t, v in self.layers))
+
+    @property
+    def described(self) -> str:
+        """Its sizes and layers."""
+        radius, height = members.length_words(self.radius), members.length_words(self.tall)
+        return f"a cylinder of radius {radius} and height {height}{self.layers_described}"
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

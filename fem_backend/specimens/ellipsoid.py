@@ -87,6 +87,17 @@ class Ellipsoid(geometry.EllipsoidShape):
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}  # those of `meshing.recipes`
     smallest_words: ClassVar[str] = "smallest semi-axis"
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
+    rests: ClassVar[str] = "fixed"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
+        members.SettingsOption(
+            name,
+            ("A", "B", "C"),
+            ("mm", "mm", "mm"),
+            f"an ellipsoid: semi-axes along x, y and upwards{also}",
+            settings=lambda a, b, c: {"specimen": {"shape": "ellipsoid", "semi_axes": [a, b, c]}},
+        )
+        for name, also in (("ellipsoid", ""), ("semi-axes", ", the older name of --ellipsoid"))
+    )
     of_revolution: ClassVar[bool] = False  # its meshes are those of three dimensions, also where it is a sphere
     alike: ClassVar[bool] = False
 
@@ -113,6 +124,12 @@ class Ellipsoid(geometry.EllipsoidShape):
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""
         return True, True
+
+    @property
+    def described(self) -> str:
+        """Its semi-axes."""
+        a, b, c = map(members.length_words, (self.a, self.b, self.c))
+        return f"a ball of radius {a}" if a == b == c else f"an ellipsoid with semi-axes {a}, {b} and {c}"
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its semi-axis."""

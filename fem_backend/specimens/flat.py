@@ -53,6 +53,29 @@ def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
         )
 
 
+def _of_layers(*pairs: str) -> dict[str, Any]:
+    """The settings of layers THICKNESS:RATIO; ValueError for what is none."""
+    layers = []
+    for pair in pairs:
+        try:
+            thickness, ratio = map(float, pair.split(":"))
+        except ValueError:
+            raise ValueError(f"{pair!r}: THICKNESS:RATIO is expected, in mm and a pure number, such as 0.3:5") from None
+        layers.append({"thickness": thickness, "ratio": ratio})
+    return {"specimen": {"layers": layers}}
+
+
+LAYERED = members.SettingsOption(
+    "layers",
+    ("THICKNESS:RATIO",),
+    ("text",),
+    "layers of a flat specimen from the top: thickness (mm) and stiffness over that of the rest below",
+    repeated=True,
+    adds=True,
+    settings=_of_layers,
+)
+
+
 class Flat:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
@@ -65,6 +88,7 @@ class Flat:
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
+    rests: ClassVar[str] = "bonded"
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
     height: float
@@ -90,6 +114,14 @@ class Flat:
     def under(self, indenter: Any) -> Flat:
         """As it is."""
         return self
+
+    @property
+    def layers_described(self) -> str:
+        """Its layers from the top down, as an addition to what it is."""
+        if not self.layers:
+            return ""
+        each = [f"{members.length_words(t)} ({k:.4g} times as stiff)" for t, k in self.layers]
+        return f" with {'layers' if len(each) > 1 else 'a layer'} of {' and '.join(each)} on top"
 
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""

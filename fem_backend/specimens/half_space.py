@@ -39,6 +39,15 @@ class HalfSpace(Flat):
     name: ClassVar[str] = "half_space"
     Knobs: ClassVar[type | None] = None
     alike: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "half-space",
+            (),
+            (),
+            "a body without end below and beside the indenter",
+            settings=lambda: {"specimen": {"shape": "half_space"}},
+        ),
+    )
     smallest_words: ClassVar[str] = "depth of the model"
 
     @property
@@ -57,6 +66,11 @@ class HalfSpace(Flat):
     def actual(self, knobs: Any) -> HalfSpace:
         """It has no sizes."""
         return self
+
+    @property
+    def described(self) -> str:
+        """It has no sizes."""
+        return "a half-space"
 
     def factors(self) -> Mapping[str, float]:
         """It has no sizes."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import model_validator
 
 from fem_backend import members
-from fem_backend.specimens.flat import Flat, Layers, fitting
+from fem_backend.specimens.flat import LAYERED, Flat, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -67,6 +67,16 @@ class Slab(Flat):
 
     name: ClassVar[str] = "slab"
     alike: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "slab",
+            ("THICKNESS",),
+            ("mm",),
+            "a slab, wide beside its thickness, bonded to something stiff",
+            settings=lambda t: {"specimen": {"shape": "slab", "thickness": t}},
+        ),
+        LAYERED,
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
 
     @property
@@ -98,6 +108,11 @@ class Slab(Flat):
             )
         k = thickness / self.thickness
         return replace(self, thickness=thickness, layers=tuple((k * t, v) for t, v in self.layers))
+
+    @property
+    def described(self) -> str:
+        """Its thickness and layers."""
+        return f"a slab of thickness {members.length_words(self.thickness)}{self.layers_described}"
 
     def factors(self) -> Mapping[str, float]:
         """The error goes with the thickness."""

@@ -13,7 +13,7 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import meshing
-from fem_backend.members import MemberTable, OpenSet
+from fem_backend.members import MemberTable, OpenSet, SettingsOption
 from fem_backend.meshing import MeridianMesh, Mesh, Size
 
 
@@ -56,6 +56,10 @@ class Specimen(Protocol):
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
+    options: ClassVar[tuple[SettingsOption, ...]]
+    """Options of `rso new` that choose it."""
+    rests: ClassVar[str]
+    """The support of a new study."""
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]]
     smallest_words: ClassVar[str]
     parts: ClassVar[tuple[str, ...]]
@@ -79,6 +83,10 @@ class Specimen(Protocol):
 
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0."""
+
+    @property
+    def described(self) -> str:
+        """Itself with its sizes, as a noun phrase: a slab of thickness 2.3 mm."""
 
     def factors(self) -> Mapping[str, float]:
         """Own knobs whose declared ranges and gauges go with one of its lengths → that over the usual one."""

@@ -75,6 +75,16 @@ class BowlSupport:
         )
 
     name: ClassVar[str] = "bowl"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "bowl",
+            ("CLEARANCE",),
+            ("mm",),
+            "it lies in a bowl so much larger in each semi-axis",
+            settings=lambda c: {"support": {"kind": "bowl", "clearance": c, "friction": FRICTION}},
+            guess="its friction",
+        ),
+    )
     lengths: ClassVar[tuple[str, ...]] = ("bowl_clearance",)
     loose: ClassVar[bool] = True
     variant: ClassVar[str] = "bowl"

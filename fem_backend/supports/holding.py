@@ -9,6 +9,7 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
+from fem_backend.members import SettingsOption
 
 
 class Holding:
@@ -16,6 +17,7 @@ class Holding:
 
     name: ClassVar[str]
     Knobs: ClassVar[type | None] = None
+    options: ClassVar[tuple[SettingsOption, ...]] = ()
     lengths: ClassVar[tuple[str, ...]] = ()
     loose: ClassVar[bool] = False
     group: ClassVar[str] = ""

@@ -12,7 +12,7 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
-from fem_backend.members import MemberTable, OpenSet
+from fem_backend.members import MemberTable, OpenSet, SettingsOption
 
 SUPPORTS: OpenSet[Support] = OpenSet("support", "kind", "fixed", marks={"rolling": 3})
 
@@ -30,6 +30,8 @@ class Support(Protocol):
     name: ClassVar[str]
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
+    options: ClassVar[tuple[SettingsOption, ...]]
+    """Options of `rso new` that choose it."""
     lengths: ClassVar[tuple[str, ...]]
     loose: ClassVar[bool]
     variant: ClassVar[str]

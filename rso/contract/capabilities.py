@@ -227,15 +227,38 @@ class Line:
     guess: bool = False
 
 
-class NewStudies(Protocol):
-    """First studies by `rso new`; without it a study of this backend is written by hand.
+@dataclass(frozen=True)
+class Option:
+    """An option of `rso new`: its name, a word and a unit for each of its values, and its help.
 
-    Which options of the command line it is given stands as plain data, OPTIONS, in the module that
-    `rso/core/default_backend.py` names: name, words for its numbers, whether it is required, help.
+    The first `least` values must be given, all by default; with `repeated` the last word stands for any number of
+    values.  A unit is "mm" or "deg", of a number that is handed over in it, "file", a path that is handed over as the
+    study will find it, or "text".
     """
 
-    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float], /) -> Mapping[str, Line]:
-        """Setting → its line, by options → their numbers and the deepest reading (mm) of each force test."""
+    name: str
+    words: tuple[str, ...]
+    units: tuple[str, ...]
+    help: str
+    least: int | None = None
+    repeated: bool = False
+
+
+Given = Mapping[str, tuple[float | str, ...]]
+
+
+class NewStudies(Protocol):
+    """First studies by `rso new`; without it a study of this backend is written by hand."""
+
+    def options(self) -> Sequence[Option]:
+        """Options of the command line that say what a record does not."""
+        ...
+
+    def first_settings(self, given: Given, depths: Sequence[float], /) -> Mapping[str, Line]:
+        """Setting → its line, by options → their values and the deepest reading (mm) of each force test.
+
+        ValueError, naming option, value and unit, for what is missing or contradicts.
+        """
         ...
 
     def first_parameters(self, settings: Settings, depth: np.ndarray, force: np.ndarray, /) -> Mapping[str, Line]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rso.contract import Backend, Line, NewStudies, capability
+from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.units import COLUMN_NAMES
 from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, read, recorded_speed, sheet_of
@@ -36,7 +36,7 @@ class NewTest:
     [columns], where the files do not say it themselves.
     """
 
-    given: Mapping[str, tuple[float, ...]]
+    given: Given
     point: tuple[float, float] | None = None
     repeats: bool = False
     columns: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -190,8 +190,8 @@ def _parameters(
         raise ValueError(f"{force.files[0]}: {error}") from error
 
 
-def _lines(e: _Experiment, beside: Path) -> list[str]:
-    m, data = e.measurement, [_beside(f, beside) for f in e.files]
+def _lines(e: _Experiment, folder: Path) -> list[str]:
+    m, data = e.measurement, [beside(f, folder) for f in e.files]
     lines = [
         "[[experiments]]",
         f"name = {inline(e.name)}",
@@ -214,7 +214,7 @@ def _lines(e: _Experiment, beside: Path) -> list[str]:
     return lines
 
 
-def _beside(file: str, folder: Path) -> str:
+def beside(file: str, folder: Path) -> str:
     """The path of a file, or of a sheet in it, from a folder; its own on another drive."""
     path, sheet = sheet_of(Path(file))
     try:
