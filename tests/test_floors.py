@@ -31,6 +31,12 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
+    "fem_backend.closed_forms": (
+        "half_space homogeneous layer",
+        "approximations",
+        "formulas",
+        "__init__",
+    ),
     "fem_backend.contact": (
         "pointwise",
         "tractions",

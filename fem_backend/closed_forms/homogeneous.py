@@ -1,63 +1,16 @@
-"""Closed forms used as oracles: they share no code with the solver."""
+"""Homogeneous tests of the hyperelastic laws, relaxation and softening.
+
+A test stretches one direction by λ and leaves λ^side to the free one: uniaxial (λ, λ^-½, λ^-½), planar (λ, 1, 1/λ),
+equibiaxial (λ, λ, λ⁻²).  Free faces carry no load, P is force per undeformed area of the stretched face (MPa).
+Incompressible and of shape (n,) where nothing else is said.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-
-
-def youngs_modulus(mu: float, K: float) -> float:
-    """E = 9Kμ/(3K + μ) (MPa)."""
-    return 9.0 * K * mu / (3.0 * K + mu)
-
-
-def poisson_ratio(mu: float, K: float) -> float:
-    """ν = (3K − 2μ)/(6K + 2μ)."""
-    return (3.0 * K - 2.0 * mu) / (6.0 * K + 2.0 * mu)
-
-
-def hertz_force(depth: np.ndarray, radius: float, E: float, nu: float) -> np.ndarray:
-    """F = 4/3 · E/(1 − ν²) · √R · h^{3/2} (N) for depths h (mm) of a rigid sphere of effective radius R (mm).
-
-    Assumptions: elastic half-space, small strain, no friction, contact radius a = √(R h) ≪ R.
-    Source: Johnson 1985, eq. 4.23; thesis eq. 2.3.
-    """
-    return 4.0 / 3.0 * E / (1.0 - nu**2) * np.sqrt(radius) * np.asarray(depth) ** 1.5
-
-
-def hertz_modulus(force: np.ndarray, depth: np.ndarray, radius: float, nu: float) -> np.ndarray:
-    """E = 3F(1 − ν²)/(4 √R h^{3/2}) (MPa), the inverse of :func:`hertz_force`, from forces (N) at depths h > 0 (mm).
-
-    Source: Johnson 1985, eq. 4.23; thesis eq. 2.3.
-    """
-    return 0.75 * np.asarray(force) * (1.0 - nu**2) / (np.sqrt(radius) * np.asarray(depth) ** 1.5)
-
-
-def ellipsoid_mean_curvature(semi_axes: np.ndarray, x: np.ndarray) -> float:
-    """(κ₁ + κ₂)/2 = (a² + b² + c² − |x|²)/(2 (abc)² (x²/a⁴ + y²/b⁴ + z²/c⁴)^{3/2}) (1/mm) at x (3,) of the surface.
-
-    Source: do Carmo 1976, §3.3, exercise 21.
-    """
-    s, x = np.asarray(semi_axes, dtype=float), np.asarray(x, dtype=float)
-    return float((s @ s - x @ x) / (2.0 * np.prod(s) ** 2 * np.sum(x**2 / s**4) ** 1.5))
-
-
-def sneddon_sphere(contact_radius: np.ndarray, radius: float, E: float, nu: float) -> tuple[np.ndarray, np.ndarray]:
-    """Depth h = (a/2) ln((R+a)/(R−a)) (mm) and force F (N) at contact radius a (mm) for the true sphere.
-
-    F = E/(1 − ν²) · [(a² + R²)/2 · ln((R+a)/(R−a)) − a R].  Assumptions as Hertz without a ≪ R for the profile
-    (strain still small).  Source: Sneddon 1965, eq. 6.13–6.15.
-    """
-    a, R = np.asarray(contact_radius), radius
-    log = np.log((R + a) / (R - a))
-    return 0.5 * a * log, E / (1.0 - nu**2) * (0.5 * (a**2 + R**2) * log - a * R)
-
-
-# ----------------------------------------------------------------------- homogeneous tests, incompressible, (n,)
-#
-# A test stretches one direction by λ and leaves λ^side to the free one: uniaxial (λ, λ^-½, λ^-½), planar (λ, 1, 1/λ),
-# equibiaxial (λ, λ, λ⁻²).  Free faces carry no load, P is force per undeformed area of the stretched face (MPa).
 
 SIDE = {"uniaxial": -0.5, "planar": -1.0, "equibiaxial": -2.0}
 
@@ -131,3 +84,30 @@ def softening(energy: np.ndarray, largest: np.ndarray, r_inverse: float, m: floa
     """
     W, most = np.broadcast_arrays(np.asarray(energy, dtype=float), np.asarray(largest, dtype=float))
     return 1 - r_inverse * np.vectorize(math.erf)(np.maximum(most - W, 0) / (m + beta * most))
+
+
+def nominal_compressible(
+    stretch: np.ndarray, nominal: Callable[[np.ndarray], np.ndarray], D1: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Uniaxial P (MPa) and J of a law W̄ + (J − 1)²/D₁ at stretches λ, from its incompressible `nominal` P̄(λ̄).
+
+    P = J^(-1/3) P̄(λ̄) with λ̄ = J^(-1/3) λ and the J of free sides, 2(J − 1)/D₁ = (λ̄/3J) P̄(λ̄).  It is what a cylinder
+    between frictionless plates bears, exactly.  Raises ValueError where no J in (0, 10) fits.
+    Source: Holzapfel 2000, eq. 6.85–6.91, with the energy split into isochoric and volumetric parts.
+    """
+    x = np.asarray(stretch, dtype=float)
+    low, high = np.full_like(x, 1e-3), np.full_like(x, 10.0)
+
+    def excess(J: np.ndarray) -> np.ndarray:
+        bar = J ** (-1.0 / 3.0) * x
+        return 2.0 * (J - 1.0) / D1 - bar / (3.0 * J) * nominal(bar)
+
+    if np.any(excess(low) > 0.0) or np.any(excess(high) < 0.0):
+        raise ValueError("no volume ratio between 0.001 and 10 leaves the sides free of load")
+    for _ in range(60):  # bisection: each halves an interval of 10
+        middle = 0.5 * (low + high)
+        above = excess(middle) > 0.0
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    J = 0.5 * (low + high)
+    bar = J ** (-1.0 / 3.0) * x
+    return J ** (-1.0 / 3.0) * nominal(bar), J
