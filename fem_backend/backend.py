@@ -16,6 +16,7 @@ from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
+from fem_backend.adapter import sketch as sketches
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
@@ -40,6 +41,7 @@ from rso.contract import (
     Programme,
     Response,
     SimulationFailed,
+    Sketch,
     drop_neutral,
     parameters_of,
 )
@@ -253,6 +255,10 @@ class FiniteElements:
     def exponents(self, settings: Mapping[str, Any]) -> tuple[float, ...]:
         """Exponents of force over small depths, the leading one first, as the indenter of these settings has them."""
         return experiment.read_settings(settings).indenter.exponents
+
+    def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
+        """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
+        return sketches.sketch(experiment.read_settings(settings), depth)
 
     def options(self) -> Sequence[Option]:
         """Options of `rso new`, those that members of the open sets declare."""

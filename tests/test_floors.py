@@ -30,7 +30,7 @@ LAYERS = {
         "error_estimate",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
+    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors sketch",),
     "fem_backend.closed_forms": (
         "half_space homogeneous layer",
         "approximations",
@@ -127,6 +127,7 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
+        "text_sketch",
         "checking progress",
         "commands",
         "arguments",
@@ -256,6 +257,7 @@ LAYERS = {
         "layout",
         "reading",
         "canvas notes terminal",
+        "sketch",
         "discrepancy model_selection",
         "calibration optimal_design",
         "__init__",
@@ -304,6 +306,7 @@ SEAM = {
     "simulation.experiment",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.sketch",
     "backend",
     "__main__",
 }

@@ -204,8 +204,15 @@ class Sphere:
         return contact_patch(surface, x, pressure, centre, self.R, tuple(axis), planes, attraction=attraction)
 
     def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Closed line (k, 2) mm of the sphere in the plane of the unit vectors `across` (2, 3)."""
+        """Closed line (k, 2) mm of the sphere, with a piece of its shaft, in the plane of the unit vectors `across`."""
         t = np.linspace(0.0, 2.0 * np.pi, 181)
+        ahead = across @ np.asarray(direction, float)
+        if self.shaft and np.linalg.norm(ahead) > 0.5:
+            ahead = ahead / np.linalg.norm(ahead)
+            side = np.array([-ahead[1], ahead[0]])
+            t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 91)
+            front = np.outer(np.cos(t), ahead) + np.outer(np.sin(t), side)
+            return across @ centre + self.R * np.vstack([front, front[-1] - 2.0 * ahead, front[0] - 2.0 * ahead])
         return across @ centre + self.R * np.column_stack([np.cos(t), np.sin(t)])
 
     def effective_radius(self, curvature: float) -> float:

@@ -14,7 +14,7 @@ from skfem import MeshTet2
 from fem_backend import closed_forms, geometry, members, meshing
 from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
-from rso.contract import knob
+from rso.contract import Drawn, knob
 
 USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
 THINNEST = 0.2  # smallest semi-axis over that of the settings
@@ -130,6 +130,18 @@ class Ellipsoid(geometry.EllipsoidShape):
         """Its semi-axes."""
         a, b, c = map(members.length_words, (self.a, self.b, self.c))
         return f"a ball of radius {a}" if a == b == c else f"an ellipsoid with semi-axes {a}, {b} and {c}"
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """An ellipse and its semi-axes."""
+        across = float(1.0 / np.linalg.norm(way / self.semi_axes[:2]))
+        turn = np.linspace(-0.5 * np.pi, 1.5 * np.pi, 121)
+        ellipse = tuple(zip(*(v.tolist() for v in (across * np.cos(turn), self.c * np.sin(turn))), strict=True))
+        return [
+            Drawn("specimen", ellipse, self.described),
+            Drawn("edge", ellipse),
+            Drawn("dimension", ((0.0, 0.0), (across, 0.0)), members.length_words(across)),
+            Drawn("dimension", ((0.0, -self.c), (0.0, 0.0)), members.length_words(self.c)),
+        ]
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its semi-axis."""

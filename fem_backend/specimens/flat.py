@@ -13,6 +13,7 @@ from skfem import MeshTet2
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
 from fem_backend.specimens.specimen import Meshing
+from rso.contract import Drawn
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
@@ -93,6 +94,8 @@ class Flat:
     smallest_words: ClassVar[str] = "thickness"
     height: float
     half_width: float
+    cut: ClassVar[float] = math.inf
+    """Half widths of a sketch below the top from which on it is cut."""
     edge: float = 0.0
     layers: tuple[tuple[float, float], ...] = ()
 
@@ -123,9 +126,39 @@ class Flat:
         each = [f"{members.length_words(t)} ({k:.4g} times as stiff)" for t, k in self.layers]
         return f" with {'layers' if len(each) > 1 else 'a layer'} of {' and '.join(each)} on top"
 
+    @property
+    def described(self) -> str:
+        """As its member says."""
+        raise NotImplementedError
+
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
         return True, True
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """A rectangle, whose edge is rounded; its sides are no edges where it goes on beyond them."""
+        half, h, low = min(wide, self.half_width), self.height, max(0.0, self.height - self.cut * wide)
+        f = 0.0 if self.alike else self.edge
+        turn = np.linspace(0.0, 0.5 * np.pi, 9)
+        corner = np.column_stack([half - f + f * np.cos(turn), h - f + f * np.sin(turn)]) if f else [[half, h]]
+        right = [(half, low), *((float(x), float(z)) for x, z in corner)]
+        left = [(-x, z) for x, z in right[::-1]]
+        out = [Drawn("specimen", tuple(right + left), self.described.removesuffix(self.layers_described))]
+        down = h
+        for thickness, ratio in self.layers:
+            box = ((-half, down - thickness), (half, down - thickness), (half, down), (-half, down))
+            text = f"{members.length_words(thickness)}, {ratio:.4g} times as stiff"
+            out.append(Drawn("layer", box, text))
+            down -= thickness
+        top = tuple(p for p in right + left if p[1] > low)
+        out.append(Drawn("edge", (top[0], top[-1]) if self.alike else (*right, *left, right[0])))
+        gap = 0.07 * wide
+        if low == 0.0:
+            side = half + gap
+            out.append(Drawn("dimension", ((side, 0.0), (side, h)), members.length_words(h)))
+        if not self.alike:
+            out.append(Drawn("dimension", ((0.0, h + gap), (half, h + gap)), members.length_words(half)))
+        return out
 
     # ------------------------------------------------------------------------------------------------- surface
 

@@ -48,6 +48,7 @@ class HalfSpace(Flat):
             settings=lambda: {"specimen": {"shape": "half_space"}},
         ),
     )
+    cut: ClassVar[float] = 0.8
     smallest_words: ClassVar[str] = "depth of the model"
 
     @property

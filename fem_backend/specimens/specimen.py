@@ -15,6 +15,7 @@ from skfem import MeshTet2
 from fem_backend import meshing
 from fem_backend.members import MemberTable, OpenSet, SettingsOption
 from fem_backend.meshing import MeridianMesh, Mesh, Size
+from rso.contract import Drawn
 
 
 class Specimens(OpenSet):
@@ -94,6 +95,12 @@ class Specimen(Protocol):
     @property
     def ratio(self) -> float:
         """Its size over the usual one, which other declared ranges are meant for."""
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """Its section along the horizontal unit vector `way` (2,), to `wide` (mm) off the axis, with its sizes.
+
+        The polygon `specimen` comes first, its points counterclockwise.
+        """
 
     # ------------------------------------------------------------------------------------------------- surface
 

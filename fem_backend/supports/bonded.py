@@ -31,6 +31,11 @@ class Bonded(Holding):
     variant: ClassVar[str] = "bonded"
     words: ClassVar[str] = "bonded to a stiff base"
 
+    @property
+    def described(self) -> str:
+        """Which part of the surface it holds."""
+        return "bonded to a rigid base"
+
     def refusal(self, specimen: Any) -> str | None:
         """Only a specimen with a base."""
         if "base" in specimen.parts:

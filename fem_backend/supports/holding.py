@@ -10,6 +10,7 @@ import numpy as np
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
 from fem_backend.members import SettingsOption
+from rso.contract import Drawn
 
 
 class Holding:
@@ -29,6 +30,10 @@ class Holding:
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
         return {"kind": self.name}
+
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """No walls."""
+        return []
 
     def defaults(self) -> Mapping[str, float]:
         """No knobs."""

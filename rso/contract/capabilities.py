@@ -215,6 +215,40 @@ class Gauges(Protocol):
         ...
 
 
+# --- what is modelled, in words and lines ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One part of a sketch: its role, points (horizontal, up) in mm, and what is written beside it.
+
+    Roles: the polygons `specimen`, `layer`, `indenter` where it first touches and `deepest` where it ends; the lines
+    `edge` of the specimen, `held` where it is held, `support` of what it touches, solid to the right of their way;
+    `dimension` between two points; `contact`, one point.
+    """
+
+    role: str
+    points: tuple[tuple[float, float], ...]
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """An experiment in a sentence and as a vertical section through the axis of its indenter, along `plane`."""
+
+    words: str
+    plane: str
+    drawn: tuple[Drawn, ...]
+
+
+class Sketches(Protocol):
+    """A sketch of an experiment for `rso check`, `rso new` and reports; without it they show none."""
+
+    def sketch(self, settings: Settings, depth: float, /) -> Sketch:
+        """What these settings are taken for, with a deepest travel (mm); ValueError for what is not modelled."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -295,6 +329,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
+    "what is modelled": (Sketches,),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }

@@ -53,6 +53,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "marks": ((SETTINGS,), lambda v: all(len(at) == 2 for places in v.values() for at in places)),
     "prevented": ((), lambda v: v == {"the tests again with oil": ("friction",)}),
     "gauges": ((SETTINGS,), lambda v: v["delta_t"][1] == 0.02),
+    "sketch": ((SETTINGS, 1.0), lambda v: v.words and v.drawn[0].role == "specimen"),
     "options": ((), lambda v: [o.name for o in v] == ["thickness"]),
     "first_settings": (({"thickness": (5.0,)}, [1.0]), lambda v: v["thickness"].value == 5.0 and v["base"].guess),
     "first_parameters": ((SETTINGS, U, U), lambda v: v["mu"].value.keys() == {"low", "high", "scale"}),

@@ -33,6 +33,7 @@ from rso.report.reading import (
     points,
     validations,
 )
+from rso.report.sketch import NAME, sketch_figure
 
 _FINE = 81  # points of a drawn curve
 _BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
@@ -45,6 +46,8 @@ def draw(results: Results, name: str) -> str:
     kind, _, index = name.partition("-")
     k = int(index or 0)
     with style():
+        if kind == NAME:
+            return sketch_figure(results)
         if kind == "determined":
             return determined(results, name)
         if kind == "profile":
