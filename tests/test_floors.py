@@ -30,7 +30,10 @@ LAYERS = {
         "error_estimate",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors sketch",),
+    "fem_backend.adapter": (
+        "command_line cost_model model_hierarchy new_study priors sketch",
+        "formulas",
+    ),
     "fem_backend.closed_forms": (
         "half_space homogeneous layer",
         "approximations",
@@ -114,7 +117,7 @@ LAYERS = {
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
-        "range_ends readings required_runs stages stated_settings stored_runs",
+        "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
         "finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
@@ -263,7 +266,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background displacements gap gauss_newton identification influence maps range_extension",
+        "background closed_forms displacements gap gauss_newton identification influence maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -304,6 +307,7 @@ SEAM = {
     "members",
     "simulation.knobs",
     "simulation.experiment",
+    "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
     "adapter.sketch",

@@ -19,6 +19,7 @@ AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is no
 PULLS = 0.1  # of its range: a force that is negative by more pulls
 WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
+HERTZ = "Hertz's limit"
 Limit = Callable[[np.ndarray, np.ndarray], Mapping[str, float]]  # of depths (n,) mm and Fz (n,) N, by knob
 
 
@@ -113,11 +114,11 @@ def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, floa
     return Line({"level": level}, said)
 
 
-def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit) -> dict[str, Line]:
-    """Ranges about the modulus that Hertz's limit has in a loading Fz (n,) N at depths (n,) mm; wide ones if n = 0.
+def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit, name: str = HERTZ) -> dict[str, Line]:
+    """Ranges about the modulus that a loading Fz (n,) N at depths (n,) mm has in a limit; wide ones if n = 0.
 
-    The shallow half counts.  Where the force pulls, the JKR limit says modulus and adhesion.  ValueError for a record
-    with no modulus.
+    The limit is Hertz's or another closed form by `name`.  The shallow half counts.  Where the force pulls, the JKR
+    limit says modulus and adhesion.  ValueError for a record with no modulus.
     """
     mu: float = 0.0
     pull: Mapping[str, float] = {}
@@ -129,12 +130,12 @@ def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit) -
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
             raise ValueError(
-                f"the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
+                f"the modulus by {name} would be {mu:.2g} MPa, which is none: "
                 "Fz falls while the indenter goes deeper; is it a tensile record, "
                 "or a sign or a zero wrong?"
             )
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
-    limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
+    limit = f"{name} of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     why = limit if mu > 0 else "no reading tells: narrow it"
     bulk = "bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"

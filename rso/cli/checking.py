@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rso import discrepancy
-from rso.calibration import confirmed_optimum, required_runs, stated_settings
+from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings
 from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
@@ -221,6 +221,7 @@ def _things(plan: Plan) -> list[str]:
             _recorded(measured, curve),
             _pace(plan, e),
             *_small_contacts(plan, e.name, curve),
+            *formula_comparison.stated(plan, e.name),
             _noise(plan.study, e),
         )
         about = (*known, unread, *remarks)

@@ -95,6 +95,24 @@ class ClosedForm(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class FormulaCurve:
+    """A closed form of the literature: forces (n,) N at the asked travels, and at each why it does not hold or ""."""
+
+    name: str
+    source: str
+    force: np.ndarray
+    invalid: tuple[str, ...]
+
+
+class Formulas(Protocol):
+    """Closed forms of the literature for an experiment; without it a report compares the simulations with none."""
+
+    def formulas(self, values: Mapping[str, float], case: Case, /) -> Sequence[FormulaCurve]:
+        """Each closed form that exists, the simplest first, at the asked travels of loading."""
+        ...
+
+
 class ClosedFormStart(Protocol):
     """Ranges from a measured curve before any simulation; without it a ladder starts from the study's ranges."""
 
@@ -318,7 +336,7 @@ class Fingerprint(Protocol):
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy),
-    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, ForceExponents),
+    "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
         CostModel,
         LeanSettings,

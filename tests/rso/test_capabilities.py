@@ -42,6 +42,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "variants": ((SETTINGS,), lambda v: {"description", "settings", "group"} <= v["loose"].keys()),
     "levels": ((SETTINGS,), lambda v: [level["name"] for rung in v for level in rung] == ["layer", "yeoh"]),
     "closed_form": ((VALUES, CASE), lambda v: np.allclose(v.channels["Fz"], [0.08, 0.16])),
+    "formulas": ((VALUES, CASE), lambda v: np.allclose(v[0].force, [0.08, 0.16]) and v[0].invalid[0] != ""),
     "start": ((CASE, U, 0.16 * U), lambda v: np.isclose(v["mu"][1], 0.01)),
     "hertz": ((SETTINGS, U, 0.16 * U), lambda v: np.isclose(v["mu"], 0.01)),
     "exponents": ((SETTINGS,), lambda v: v[0] == 1.0),

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
 from rso.report.calibration.identification import allowed, profiles
@@ -48,6 +49,8 @@ def draw(results: Results, name: str) -> str:
     with style():
         if kind == NAME:
             return sketch_figure(results)
+        if kind == "formulas":
+            return closed_form_figure(results, k, name)
         if kind == "determined":
             return determined(results, name)
         if kind == "profile":
