@@ -53,7 +53,7 @@ def of_pair(settings: Settings, E: float, nu: float) -> tuple[Formula, ...]:
             nu,
             **sizes,
             thickness=thickness(settings),
-            base=_base(settings),
+            **({} if _held(settings) else {"base": "slip"}),
             neo_hookean=settings.law == LAWS.default and not curvature,
         )
     except ValueError:  # of an indenter that they do not know
@@ -84,11 +84,11 @@ def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> 
     return found[-1].name, float(unit[good] @ force[good] / (unit[good] @ unit[good]))
 
 
-def _base(settings: Settings) -> str:
-    """Whether the base is held in all directions or slides."""
+def _held(settings: Settings) -> bool:
+    """Whether the base is held in all directions, as formulas take it to be by default, rather than sliding."""
     specimen = settings.specimen
     held: Any = settings.support.held(specimen, specimen.lowest[None], np.zeros(1, int))
-    return "bonded" if np.asarray(held).all() else "slip"
+    return bool(np.asarray(held).all())
 
 
 def _general(settings: Settings, depth: float, nu: float) -> str:

@@ -41,10 +41,17 @@ def of_formulas(plan: Plan, found: Mapping[str, Any]) -> dict[str, Any]:
                 "experiment": name,
                 "depth": depth,
                 "simulated": fe,
+                "error": _error(curve, depth),
                 "formulas": [_row(f, depth, fe, at, np.asarray(simulated(at), float), force) for f in forms],
             }
         )
     return {"formulas": rows}
+
+
+def _error(curve: Mapping[str, Any], depth: np.ndarray) -> np.ndarray:
+    """Estimated numerical error (N) of a simulated curve at depths (n,); empty where it has none."""
+    error = np.asarray(curve.get("error", ()), float)
+    return np.interp(depth, curve["depth"], error) if len(error) == len(curve["depth"]) else np.empty(0)
 
 
 def _row(

@@ -37,17 +37,19 @@ def text_sketch(sketch: Mapping[str, Any]) -> list[str]:
             mark = next(layers) if role == "layer" else MARKS[role]
             inside = _inside(p["points"], x, z)
             if not inside.any():  # too small for a middle of a character
-                inside = _touched(p["points"], x, z)
+                inside = _inside(_grown(p["points"], x, z), x, z)
             page[inside] = mark
-            legend.append((int(np.flatnonzero(inside.any(1)).mean()), f"{mark} {p['text']}"))
+            seen = np.flatnonzero(inside.any(1))
+            legend.append((int(seen.mean()) if len(seen) else 0, f"{mark} {p['text']}"))
     for p in (p for p in parts if p["role"] in ("held", "support")):
         beside = _beside(p["points"], row, column)
         cells = _cells(beside, x, z)
         page[cells & (page == " ")] = MARKS[p["role"]]
         if p["text"]:
             legend.append((int(np.flatnonzero(cells.any(1)).max(initial=0)), f"{MARKS[p['role']]} {p['text']}"))
+    legend = [entry for entry in legend if entry[1][0] in page]  # what a later part covers has no mark
     lines = ["".join(line).rstrip() for line in page]
-    return [line.rstrip() for line in _with(legend, lines, columns + 2)]
+    return "\n".join(line.rstrip() for line in _with(legend, lines, columns + 2)).rstrip().split("\n")
 
 
 def _with(legend: Sequence[tuple[int, str]], lines: Sequence[str], width: int) -> list[str]:
@@ -88,10 +90,16 @@ def _inside(points: np.ndarray, x: np.ndarray, z: np.ndarray) -> np.ndarray:
     return odd
 
 
-def _touched(points: np.ndarray, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Places (z, x) of a grid that a polygon touches."""
-    closed = np.vstack([points, points[:1]])
-    return _cells(_dense(closed), x, z)
+def _grown(points: np.ndarray, x: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """A polygon that holds no middle of a character, made as large as one around the nearest."""
+    low, high = points.min(0), points.max(0)
+    middle, size = 0.5 * (low + high), high - low
+    cell = np.array([x[1] - x[0], z[0] - z[1] if len(z) > 1 else x[1] - x[0]])
+    small = size < cell
+    nearest = np.array([x[np.abs(x - middle[0]).argmin()], z[np.abs(z - middle[1]).argmin()]])
+    factor = np.where(small, 1.02 * cell / np.maximum(size, 1e-300), 1.0)
+    grown: np.ndarray = np.where(small, nearest, middle) + factor * (points - middle)
+    return grown
 
 
 def _dense(points: np.ndarray, n: int = 400) -> np.ndarray:

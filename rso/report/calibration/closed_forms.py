@@ -42,6 +42,8 @@ def closed_form_figure(results: Results, k: int, name: str) -> str:
     axes.axhspan(-100 * ENOUGH, 100 * ENOUGH, color=LIGHT, alpha=0.5, lw=0)
     axes.axhline(0.0, color=GREY, lw=0.8)
     x = depth * unit.factor
+    if (own := _own_error(row)) is not None:
+        axes.plot(x, 100.0 * own, x, -100.0 * own, color=GREY, lw=0.8, ls=":")
     for f, colour in zip(row["formulas"], _COLOURS * 3, strict=False):
         off = 100.0 * (_force(f) / simulated - 1.0)
         off[np.abs(off) > 100.0 * FAR] = np.nan
@@ -73,6 +75,13 @@ def _off(row: Mapping[str, Any], f: Mapping[str, Any]) -> np.ndarray:
     return off
 
 
+def _own_error(row: Mapping[str, Any]) -> np.ndarray | None:
+    """Estimated numerical error of the simulation over its force (n,); None where it states none."""
+    if not row.get("error"):
+        return None
+    return np.array([v if known(v) else np.nan for v in row["error"]], float) / np.asarray(row["simulated"], float)
+
+
 def _near(row: Mapping[str, Any], f: Mapping[str, Any]) -> float:
     """Depth (mm) up to which a formula is within ENOUGH of the simulation, 0 where it never is."""
     within = np.abs(np.nan_to_num(_off(row, f), nan=np.inf)) <= ENOUGH
@@ -101,10 +110,11 @@ def _sentence(row: Mapping[str, Any]) -> str:
 
 
 def _caption(row: Mapping[str, Any]) -> str:
+    own = "" if _own_error(row) is None else " Dotted: the estimated numerical error of the simulation itself."
     return (
         f"{clean(row['experiment'])}: force of each formula over that of the best candidate, at its parameters. Full "
         f"where the formula claims to hold, dashed where it does not; the band is ±{100 * ENOUGH:.0f}{NBSP}%. "
-        f"Beyond ±{100 * FAR:.0f}{NBSP}% nothing is drawn."
+        f"Beyond ±{100 * FAR:.0f}{NBSP}% nothing is drawn.{own}"
     )
 
 
@@ -136,14 +146,13 @@ def _holds(row: Mapping[str, Any], f: Mapping[str, Any]) -> str:
     holds = [not why for why in f["invalid"]]
     if all(holds):
         return "to the deepest reading"
-    why = clean(next(w for w in f["invalid"][:: 1 if not holds[0] else -1] if w))
     if not any(holds):
-        return f"not here: {why}"
+        return f"not here: {clean(f['invalid'][0])}"
     last = len(holds) - 1 - holds[::-1].index(True)
     first = holds.index(True)
     if last == len(holds) - 1:
         return f"from {_length(float(row['depth'][first]))}"
-    return f"to {_length(float(row['depth'][last]))}; then {why}"
+    return f"to {_length(float(row['depth'][last]))}; then {clean(f['invalid'][last + 1])}"
 
 
 def _length(mm: float) -> str:
