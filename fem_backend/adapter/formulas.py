@@ -42,18 +42,19 @@ def formulas(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[Form
 def of_pair(settings: Settings, E: float, nu: float) -> tuple[Formula, ...]:
     """The closed forms of specimen, indenter and support; E in MPa."""
     indenter, specimen = settings.indenter, settings.specimen
-    sizes = {k: float(v) for k, v in indenter.plain().items() if k in SIZES}
+    sizes: dict[str, Any] = {k: float(v) for k, v in indenter.plain().items() if k in SIZES}
     curvature = specimen.mean_curvature(*settings.point)
     if curvature and "radius" in sizes:
         sizes["radius"] = indenter.effective_radius(curvature)
+    base: dict[str, Any] = {} if _held(settings) else {"base": "slip"}
     try:
         return closed_forms.formulas(
             indenter.name,
             E,
             nu,
             **sizes,
+            **base,
             thickness=thickness(settings),
-            **({} if _held(settings) else {"base": "slip"}),
             neo_hookean=settings.law == LAWS.default and not curvature,
         )
     except ValueError:  # of an indenter that they do not know

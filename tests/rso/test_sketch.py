@@ -12,7 +12,11 @@ from rso.cli.text_sketch import text_sketch
 from rso.contract import plain
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
+from rso.report.discrepancy import figures as diagnosis
 from rso.report.layout.document import Picture
+from rso.report.model_selection import figures as ladder
+from rso.report.optimal_design import report as next_test
+from rso.report.sketch import sketch_blocks
 
 BALL = {"shape": "sphere", "radius": 1.0, "shaft": True}
 SLAB = {"specimen": {"shape": "slab", "thickness": 2.3}, "indenter": BALL, "support": {"kind": "bonded"}}
@@ -146,6 +150,13 @@ def test_the_report_shows_it_on_its_first_page(many):
     assert ("2 more are not drawn" in picture.caption) is (many == 5)
     svg = draw(results, "sketch")
     assert svg.startswith("<svg") and svg == draw(results, "sketch")
+
+
+@pytest.mark.parametrize("draws", [ladder.draw, diagnosis.draw, next_test.draw])
+def test_every_other_page_draws_it_too(draws):
+    found = {"sketches": [{"experiments": ["top"], **sketched("slab")}]}
+    assert sketch_blocks(found)[0].name == "sketch" and draws(found, "sketch").startswith("<svg")
+    assert sketch_blocks({}) == ()
 
 
 def test_results_of_an_older_program_have_no_sketch():
