@@ -191,17 +191,15 @@ class FiniteElements:
             (INDENTERS, settings.indenter),
             (SUPPORTS, settings.support),
         ):
-            absent = kind.of_others(present.name)
+            absent = kind.of_others(present.name) | settings.specimen.absent()
             kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
                 kept = {k: v for k, v in kept.items() if k not in known or known[k].group != group}
         kept = drop_neutral(self.parameters, kept)
         plain = experiment.plain_settings(settings)
-        if settings.specimen.alike:
-            kept = {k: v for k, v in kept.items() if k not in MISALIGNED[:2]}
-            if not settings.profile:
-                plain["point"], settings = [0.0, 0.0], dataclasses.replace(settings, point=(0.0, 0.0))
+        if settings.specimen.alike and not settings.profile:
+            plain["point"], settings = [0.0, 0.0], dataclasses.replace(settings, point=(0.0, 0.0))
         if settings.direction == "normal" and settings.point == (0.0, 0.0):
             plain["direction"] = "vertical"
         if "mullins" not in kept:
@@ -233,6 +231,11 @@ class FiniteElements:
         except ValueError as error:  # NotModelled, too
             return str(error)
         return end.why if end is not None else admissible_depth.small_strains(settings, knobs, deepest)
+
+    def relaxes(self, values: Mapping[str, float], settings: Mapping[str, Any]) -> bool:
+        """Whether forces go on changing while the indenter rests: a Prony term is there."""
+        shares = (values.get(name, 0.0) for name in ("prony_g", "prony_g2", "prony_g3"))
+        return any(shares) or bool(experiment.read_settings(settings).prony)
 
     def ordinary(self) -> Mapping[str, str]:
         """Conditions between knobs that ordinary materials respect, and what they say: K/μ ≥ 2/3 with K = 2/D₁."""
@@ -343,10 +346,11 @@ class FiniteElements:
             if anchor is not None:
                 guess = warm_starts.guess(str(anchor), model, closed_forms.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
             elastic = not path_dependent(settings, dataclasses.asdict(knobs))
-            if guess is None and elastic and two_grid.worthwhile(settings, knobs):
+            if guess is None and elastic and not placement.meridian and two_grid.worthwhile(settings, knobs):
                 guess = two_grid.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
             how = two_grid.limit if settings.level == meshing.LIMIT else indentation.solve
+            how = two_grid.checked if placement.meridian else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             if indentation.unstable(result) is not None:

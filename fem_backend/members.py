@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import functools
 import importlib
 import math
+import os
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -137,8 +139,14 @@ def choose(word: str, choices: Sequence[str]) -> str:
 # ------------------------------------------------------------------------------------------------- problems in words
 
 
+MISSING = object()  # the value of a key that is not there
+
+
 def refused(text: str, key: str = "", value: Any = None) -> PydanticCustomError:
-    """An error whose sentence is `key = value` and the text: of a `key` below the place, with the `value` as read."""
+    """An error whose sentence is `key = value` and the text: of a `key` below the place, with the `value` as read.
+
+    With the value `MISSING` the sentence is the key and the text.
+    """
     return PydanticCustomError("refused", "{text}", {"text": text, "key": key, "value": value})
 
 
@@ -163,7 +171,7 @@ def problems(
         if e["type"] == "refused":
             place = (*place, own["key"]) if own["key"] else place
             given = given if own["value"] is None else own["value"]
-            out.append(f"{'.'.join(place)} = {given!r}{own['text']}")
+            out.append(f"{'.'.join(place)}{own['text'] if given is MISSING else f' = {given!r}' + own['text']}")
         elif e["type"] == "extra_forbidden":
             text = f"{'.'.join(place)} = {given!r}: unknown" if place[1:] else f"unknown setting {place[0]!r}"
             out.append(f"{text}; {choose(place[-1], keys)}")
@@ -256,6 +264,18 @@ def one_of(choices: Iterable[str]) -> Callable[[Any], str]:
         return value
 
     return check
+
+
+def stamps(value: Any) -> tuple[tuple[str, int, int], ...]:
+    """Place, time of the last change (ns) and size of every file that tables of settings name by `file`."""
+    found: list[tuple[str, int, int]] = []
+    for key, inner in value.items() if isinstance(value, Mapping) else ():
+        found += stamps(inner)
+        if key == "file" and isinstance(inner, str):
+            with contextlib.suppress(OSError, ValueError):
+                about = os.stat(inner)
+                found.append((inner, about.st_mtime_ns, about.st_size))
+    return tuple(found)
 
 
 Length = Annotated[float, BeforeValidator(lengths(1))]

@@ -41,12 +41,13 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.contact": (
-        "pointwise",
+        "bonded pointwise",
         "tractions",
         "rings",
     ),
     "fem_backend.indenters": (
-        "indenter spherical_patch",
+        "indenter meridian spherical_patch",
+        "revolution",
         "*",
         "__init__",
     ),
@@ -66,9 +67,10 @@ LAYERS = {
         "response zones",
     ),
     "fem_backend.meshing": (
-        "mesh",
-        "mapped meridian placing surface templates",
-        "recipes refined tetwild",
+        "closed_surface mesh nearest_facets surface_files",
+        "mapped meridian placing smooth_surface surface templates",
+        "recipes refined remeshed tetwild",
+        "scans",
         "__init__",
     ),
     "fem_backend.post": (
@@ -94,7 +96,7 @@ LAYERS = {
     ),
     "fem_backend.specimens": (
         "specimen",
-        "flat",
+        "flat in_space",
         "*",
         "__init__",
     ),
@@ -151,7 +153,7 @@ LAYERS = {
         "force_holds plausibility",
         "branches",
         "files",
-        "loading_rate outliers",
+        "holds loading_rate outliers",
         "repeats",
         "__init__",
     ),
@@ -266,7 +268,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms displacements gap gauss_newton identification influence maps range_extension",
+        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
+        "range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -292,13 +295,13 @@ LAYERS = {
     ),
     "rso.report.optimal_design": ("report",),
     "rso.study": (
-        "base_table confusable_text fields line_numbers",
+        "base_table confusable_text fields line_numbers settings_files",
         "columns_table errors noise_table search_table",
         "analysis_tables laboratory_nominal toml_text",
         "schema",
         "keys loader resolve",
         "cases",
-        "laboratory_folder",
+        "holds laboratory_folder",
         "new_study",
     ),
 }

@@ -76,8 +76,8 @@ def calibration(settings: Settings) -> Calibration:
 def uncalibrated(settings: Settings) -> str | None:
     """What a reader must know of the errors that runs with these settings state; None where the pair is calibrated."""
     c = calibration(settings)
-    if c.inflated == 1.0:
-        return None
+    if c.inflated == 1.0 or all(m.of_revolution for m in (settings.specimen, settings.indenter, settings.support)):
+        return None  # a meridian states its errors by a second run of its own
     return (
         f"numerical errors are not calibrated for specimen.shape = {settings.specimen.name!r} under indenter.shape = "
         f"{settings.indenter.name!r}: stated are {c.inflated:g} times those of {c.specimen!r} under {c.indenter!r}"

@@ -25,6 +25,7 @@ from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
+COARSER = 2.0  # times the size of the elements of a meridian, for its error
 CANDIDATES = 60  # cells whose centres are nearest
 KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
 
@@ -127,6 +128,29 @@ def limit(
         residual=np.maximum(first.residual, second.residual),
         cpu_s=first.cpu_s + second.cpu_s,
     )
+
+
+def checked(
+    settings: Settings,
+    knobs: Knobs,
+    placement: Placement,
+    model: AssembledModel,
+    instants: Sequence[Instant],
+    start: Guess | None = None,
+    slopes: Sequence[str] = (),
+) -> Result:
+    """Result of a meridian beside the channels of one with elements of twice the size, which tell its error.
+
+    Raises NotModelled and Stopped, as the run itself does; without the other where that does not reach as far.
+    """
+    result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
+    crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
+    try:
+        other = modelling.model_for(crude, knobs, placement, None)
+        first = indentation.solve(crude, knobs, placement, other, instants)
+    except (NotModelled, Stopped):
+        return result
+    return replace(result, coarser=first.channels, cpu_s=result.cpu_s + first.cpu_s)
 
 
 def located(coarse: AssembledModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

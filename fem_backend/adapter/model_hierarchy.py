@@ -43,7 +43,7 @@ def levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...], ...
         rungs.setdefault(law.rung, []).append(of_law(law))
     hertz = {
         "name": "hertz",
-        "title": "Hertz",
+        "title": indenter.theory,
         "description": "closed form, half-space, small strain",
         "closed_form": True,
         "hold": {"D1": HELD},

@@ -17,6 +17,7 @@ from fem_backend.supports import SUPPORTS
 
 OF_THE_SPECIMEN = ("offset_x", "offset_y", "inclusion_radius", "inclusion_depth", "inclusion_x")  # lengths like it
 OF_THE_INDENTER = ("skin_thickness", "adhesion", "adhesion_range")
+
 POSE = {"offset_x": 0.1, "offset_y": 0.1, "tilt_x": 0.1, "tilt_y": 0.1}  # uncertainties, mm and degrees
 BALANCE = {"weight": 2e-7}  # N/mm³
 PREVENTED = {
@@ -40,6 +41,7 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
     if LAWS.members[law].small_strain:  # no stretch to relax, soften or stiffen with
         others += [next(iter(next(iter(each.switches.values())))) for each in ADDITIONS]
     others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
+    others += own.specimen.absent()
     return {**_lengths(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
 
 
@@ -63,7 +65,8 @@ def _factors(own: Settings) -> dict[str, float]:
     """What knobs that hold a length belong to, over its usual size, where that is another."""
     of_it = (*(k for support in SUPPORTS.members.values() for k in support.lengths), *OF_THE_SPECIMEN)
     factors = {**own.specimen.factors(), **dict.fromkeys(of_it, own.specimen.ratio)}
-    factors |= dict.fromkeys((*own.indenter.gauges, *OF_THE_INDENTER), own.indenter.ratio)
+    lengths = {f.name for f in fields(known()) if f.metadata["parameter"].unit == "mm"}  # not angles or shares
+    factors |= dict.fromkeys((*lengths.intersection(own.indenter.gauges), *OF_THE_INDENTER), own.indenter.ratio)
     return {name: k for name, k in factors.items() if abs(k - 1.0) > 1e-9}
 
 

@@ -14,6 +14,7 @@ from rso.contract import Drawn, Sketch
 WIDE = 3.5  # lengths of the indenter to either side of the axis of a specimen without end
 LOW = 1.6  # heights of it
 HIGH = 2.4  # lengths of the indenter above the contact
+BAR = 0.1  # half widths: what a plate is drawn thick
 FINE = 400  # points of an outline
 
 
@@ -31,7 +32,7 @@ def sketch(settings: Settings, depth: float) -> Sketch:
     wide = _half_width(settings, way)
     parts = _specimen(settings, way, wide)
     walls = _support(settings, way, wide, parts[0].points)
-    contact = across @ indenter.contact(specimen, touch)
+    contact = across @ indenter.contact(specimen, touch, direction)
     high = max(HIGH * indenter.length, 0.12 * wide)
     box = np.array([[-wide, -np.inf], [wide, contact[1] + high]])
     first = _polygon(indenter.outline(touch, direction, across), box)
@@ -161,7 +162,11 @@ def _runs(points: np.ndarray, chosen: Any) -> list[tuple[tuple[float, float], ..
 
 
 def _polygon(points: np.ndarray, box: np.ndarray) -> tuple[tuple[float, float], ...]:
-    """A closed outline cut off at a box of two corners (2, 2)."""
+    """A closed outline cut off at a box of two corners (2, 2); of a plane without thickness, a plate above it."""
+    if np.ptp(points[:, 1]) <= 1e-9 * np.ptp(points[:, 0]):
+        low, wide = float(points[0, 1]), float(box[1, 0])
+        high = low + BAR * wide
+        points = np.array([(-wide, low), (wide, low), (wide, high), (-wide, high)])
     return tuple(_pair(p) for p in np.clip(_dense(points), *box))
 
 

@@ -1,12 +1,12 @@
 """Closed forms of indentation and of homogeneous tests; used as oracles, they share no code with the solver."""
 
 from fem_backend.closed_forms.approximations import (
+    bonded_puck,
     confined_ball,
     dimitriadis,
     garcia,
     gent_lindley,
     long_ball,
-    pressure_disc,
 )
 from fem_backend.closed_forms.formulas import Formula, formulas, thickness_factor
 from fem_backend.closed_forms.half_space import (
@@ -51,6 +51,7 @@ __all__ = [
     "Formula",
     "Profile",
     "ball",
+    "bonded_puck",
     "cone",
     "confined_ball",
     "deep_limit",
@@ -77,7 +78,6 @@ __all__ = [
     "nominal_yeoh",
     "paraboloid",
     "poisson_ratio",
-    "pressure_disc",
     "relaxation",
     "rounded_flat",
     "sneddon_cone",

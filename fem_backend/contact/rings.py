@@ -57,5 +57,5 @@ def ring_patch(
         slope, level = np.polyfit(r[near], p[near] ** 2, 1)
         if slope < 0.0:
             edge = float(np.clip(-level / slope, r[last], outer))
-    touched = float(ring[: last + 1].sum()) + np.pi * (edge**2 - r[last] ** 2) * 0.5
-    return RingPatch(touched, float(edge), peak)
+    within = np.cumsum(ring) - 0.5 * ring  # area up to each point
+    return RingPatch(float(np.interp(edge, r, within)), float(edge), peak)

@@ -18,7 +18,7 @@ from skfem import ElementLineP2, ElementTriP2, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine, RefTri
 
-from fem_backend.contact import pointwise
+from fem_backend.contact import bonded, pointwise
 from fem_backend.kinematics.bodies import Body
 
 ORDER = 6  # twelve points a facet
@@ -77,7 +77,8 @@ class Adhesion:
 class Pair:
     """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion.
 
-    A `soft` one never gets multipliers.
+    A `soft` one never gets multipliers.  Points with a place `held` (f, q, 3) mm relative to the reference point of the
+    rigid body, nan elsewhere, are glued to it: :mod:`.bonded`.
     """
 
     surface: ContactSurface
@@ -86,6 +87,7 @@ class Pair:
     friction: float = 0.0
     adhesion: Adhesion | None = None
     soft: bool = False
+    held: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -219,21 +221,29 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
     points = contact_points(surface, x)
     gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
     before, motion = _before(pair, touch)
+    epsilon = _epsilon(pair, touch)
     residual, force, pressure, traction, slipping, attraction, energy = pointwise.evaluate(
         surface.facets,
         surface.N,
         surface.weights,
         len(x),
         points,
-        gap,
+        gap if pair.held is None else np.where(bonded.glued(pair.held), np.inf, gap),  # what is glued does not touch
         normal,
-        _epsilon(pair, touch),
+        epsilon,
         _full(touch.multiplier, gap.shape),
         float(pair.friction),
         *before,
         motion,
         *_adhesion(pair),
     )
+    if pair.held is not None:
+        t = bonded.traction(pair.held, points, np.asarray(touch.centre, float), epsilon)
+        energy += bonded.energy(t, epsilon, surface.weights)
+        residual -= bonded.loads(surface.facets, surface.N, surface.weights, t, len(x))
+        force -= np.einsum("fq,fqi->i", surface.weights, t)
+        along = (t * normal).sum(-1)
+        pressure, traction = pressure + np.maximum(along, 0.0), traction + t - along[..., None] * normal
     return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction)
 
 
@@ -246,8 +256,15 @@ def tangent(
     `geometric` all that comes from the turning of the normal and the falling attraction is left out, which keeps the
     symmetric part positive semi-definite where nothing slips, at the price of slower convergence.
     """
-    surface = pair.surface
-    active = np.nonzero(((state.pressure > 0) | (state.attraction > 0)).any(1))[0]
+    surface, pressure, gap = pair.surface, state.pressure, state.gap
+    moving = np.zeros(x.shape)
+    if pair.held is not None:
+        glued, epsilon = bonded.glued(pair.held), _epsilon(pair, touch)
+        bonded.stiffness(pair.held, surface.N, surface.weights, surface.place, epsilon, data)
+        rate = np.where(glued[..., None], bonded.BOND * epsilon[..., None] * np.asarray(touch.direction, float), 0.0)
+        moving -= bonded.loads(surface.facets, surface.N, surface.weights, rate, len(x))
+        pressure, gap = np.where(glued, 0.0, pressure), np.where(glued, np.inf, gap)
+    active = np.nonzero(((pressure > 0) | (state.attraction > 0)).any(1))[0]
     points = (
         pointwise.points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
     )
@@ -256,7 +273,6 @@ def tangent(
     if pair.friction > 0.0:
         points0, traction0, gap0, bound, met = start
         start = points0[active], traction0[active], gap0[active], bound[active], met[active]
-    moving = np.zeros(x.shape)
     pointwise.tangent(
         surface.facets[active],
         surface.N,
@@ -265,8 +281,8 @@ def tangent(
         points,
         normal,
         hessian,
-        state.gap[active],
-        state.pressure[active],
+        gap[active],
+        pressure[active],
         _epsilon(pair, touch)[active],
         float(pair.friction),
         *start,

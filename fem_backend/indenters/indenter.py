@@ -35,6 +35,8 @@ class Indenter(Rigid, Protocol):
 
     name: ClassVar[str]
     noun: ClassVar[str]
+    theory: ClassVar[str]
+    """Whose closed form `force` is."""
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
@@ -42,7 +44,10 @@ class Indenter(Rigid, Protocol):
     """Options of `rso new` that choose it."""
     exponents: ClassVar[tuple[float, ...]]
     of_revolution: ClassVar[bool]
-    """Whether it is of revolution about its path."""
+    """Whether it is of revolution about its way."""
+
+    def on(self, specimen: Any) -> Indenter:
+        """Itself as settings put it on a specimen, with what it takes from that: a plate its length."""
 
     @property
     def length(self) -> float: ...
@@ -52,8 +57,15 @@ class Indenter(Rigid, Protocol):
         """Key of its table and value (mm) of what must be small beside the specimen."""
 
     @property
+    def finest(self) -> tuple[str, float]:
+        """Key of its table and the radius (mm) of an edge or tip that elements must resolve; ∞ where it has none."""
+
+    @property
     def reach(self) -> float:
         """Distance (mm) from the first contact within which facets may touch."""
+
+    def spacing(self, r: np.ndarray) -> np.ndarray:
+        """Wanted element size (…) mm, at unit fineness, on the surface at distances r (…) mm from its axis."""
 
     @property
     def cover(self) -> float:
@@ -76,11 +88,11 @@ class Indenter(Rigid, Protocol):
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0 when it goes down along z."""
 
-    def spacing(self, r: np.ndarray) -> np.ndarray:
-        """Wanted size (mm) of elements of the surface at distances r (mm) from its axis, at unit fineness."""
+    def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Whether points (…, 3) lie inside of it at some place of its reference point between two (3,).
 
-    def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Whether points (…, 3) lie inside of it at some place of its reference point between two (3,)."""
+        `direction` (3,) is its way into the body, from the one to the other or back.
+        """
 
     def first_contact(self, specimen: Any, through: ArrayLike, direction: ArrayLike) -> np.ndarray:
         """Reference point (3,) where it first touches the undeformed specimen on the line through `through`.
@@ -88,11 +100,17 @@ class Indenter(Rigid, Protocol):
         Raises ValueError where it passes by.
         """
 
-    def contact(self, specimen: Any, touch: np.ndarray) -> np.ndarray:
-        """Point (3,) of first contact for the reference point `touch` (3,)."""
+    def contact(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Point (3,) of the specimen about which contact grows, for the reference point `touch` (3,) on its way."""
 
-    def normal(self, specimen: Any, touch: np.ndarray) -> np.ndarray:
-        """Unit normal (3,) there, out of the specimen."""
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """Places (…, 3) mm relative to the reference point at which points (…, 3) are glued to it from the first
+        contact on, nan where they are free; None of an indenter that lets go of all.  Raises ValueError where it ought
+        to hold and touches none.
+        """
+
+    def normal(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Unit vector (3,) out of the specimen about which its contact is reported: the axis of `patch`."""
 
     def patch(
         self,
@@ -111,6 +129,9 @@ class Indenter(Rigid, Protocol):
 
     def effective_radius(self, curvature: float) -> float:
         """Radius (mm) of the sphere that meets a half-space as it meets a specimen of mean curvature (1/mm)."""
+
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Radius (mm) of the contact by the same closed form; where there is none, an order of magnitude."""
 
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray | None:
         """Closed form of the force (N) at depths (mm), small strain; None where there is none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
@@ -18,10 +19,10 @@ from fem_backend.indenters.spherical_patch import Patch, contact_patch
 from rso.contract import knob
 
 USUAL = 3.0  # radius (mm) that declared ranges of knobs are meant for
-FATTEST = 0.6  # radius over the smallest length of the specimen; settings say 0.5, knobs that err may exceed it
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
 GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
+FINE, COARSE, GRADED = 0.03, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
 VERIFIED = 2.0  # of R: depth up to which runs reach more than that
 
 
@@ -58,8 +59,8 @@ class Sphere:
         delta_R: float = knob(
             "error of the indenter radius",
             "mm",
-            -100.0,
-            100.0,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.05,
             plausible=(-0.3, 0.3),
@@ -68,6 +69,7 @@ class Sphere:
 
     name: ClassVar[str] = "sphere"
     noun: ClassVar[str] = "ball"
+    theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
     of_revolution: ClassVar[bool] = True
@@ -92,19 +94,37 @@ class Sphere:
         return {"shape": self.name, "radius": self.R, "shaft": self.shaft}
 
     def actual(self, knobs: Any, specimen: Any) -> Sphere:
-        """The sphere with the error of its radius; ValueError where that is none to press this specimen with."""
-        R, fattest = self.R + knobs.delta_R, FATTEST * specimen.smallest
-        if not 0 < R <= fattest:
+        """The sphere with the error of its radius; ValueError where that leaves none, or none that a mesh takes."""
+        R = self.R + knobs.delta_R
+        if not 0.0 < R <= specimen.fattest:
             raise ValueError(
                 f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at most "
-                f"{fattest:g} mm ({FATTEST:g} of the {specimen.smallest_words})"
+                f"{specimen.fattest:g} mm on this specimen"
             )
         return replace(self, R=R)
+
+    def on(self, specimen: Any) -> Sphere:
+        """Itself: it takes no size from the specimen."""
+        return self
+
+    def spacing(self, r: np.ndarray) -> np.ndarray:
+        """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.03 R and 0.12 R.
+
+        Beyond R it grows by 0.3 of the distance.
+        """
+        r = np.asarray(r, float)
+        fine, coarse = FINE * self.R, COARSE * self.R
+        return np.clip(COARSE * r, fine, coarse) + GRADED * np.maximum(r - self.R, 0.0)
 
     @property
     def size(self) -> tuple[str, float]:
         """Key of the table and its value (mm)."""
         return "radius", self.R
+
+    @property
+    def finest(self) -> tuple[str, float]:
+        """No edge."""
+        return "radius", math.inf
 
     @property
     def length(self) -> float:
@@ -130,11 +150,6 @@ class Sphere:
         """It is of revolution about its path."""
         return True, True
 
-    def spacing(self, r: np.ndarray) -> np.ndarray:
-        """R/33 at the axis, r/8 up to R, from there on growing by 0.3: a contact of any radius has as many elements."""
-        R = self.R
-        return np.clip(0.12 * r, 0.03 * R, 0.12 * R) + 0.3 * np.maximum(r - R, 0.0)
-
     def gap(
         self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -156,7 +171,7 @@ class Sphere:
         inside = self.R**2 - ((v - along[..., None] * direction) ** 2).sum(-1)
         return np.where(inside >= 0.0, along - np.sqrt(np.maximum(inside, 0.0)), np.inf)
 
-    def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def swept(self, points: np.ndarray, start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Whether points (…, 3) lie inside the sphere somewhere between two centres (3,)."""
         share = np.clip((points - start) @ (end - start) / max(float((end - start) @ (end - start)), 1e-300), 0.0, 1.0)
         return np.linalg.norm(points - start - share[..., None] * (end - start), axis=-1) < self.R
@@ -168,6 +183,8 @@ class Sphere:
         distance from a convex body is convex along a line, so Newton from far away goes to the first contact without
         passing it.  Raises ValueError when the sphere passes by.
         """
+        if hasattr(specimen, "first_contact"):  # not convex: it knows
+            return specimen.first_contact(self, through, direction)
         origin, d = np.asarray(through, float), np.asarray(direction, float)
         d = d / np.linalg.norm(d)
         s = -(origin @ d) - 2.0 * (specimen.largest + self.R) - np.linalg.norm(origin - (origin @ d) * d)
@@ -182,13 +199,17 @@ class Sphere:
                 return origin + s * d
         raise ValueError(f"a sphere of radius {self.R} mm on the line through {origin} along {d} passes by the body")
 
-    def contact(self, specimen: Any, touch: np.ndarray) -> np.ndarray:
+    def contact(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Point (3,) of the specimen that the sphere around `touch` (3,) meets first."""
         return specimen.closest(touch)
 
-    def normal(self, specimen: Any, touch: np.ndarray) -> np.ndarray:
+    def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+        """It lets go of everything."""
+        return None
+
+    def normal(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Unit normal (3,) there, out of the specimen."""
-        return (touch - self.contact(specimen, touch)) / self.R
+        return (touch - self.contact(specimen, touch, direction)) / self.R
 
     def patch(
         self,
@@ -218,6 +239,10 @@ class Sphere:
     def effective_radius(self, curvature: float) -> float:
         """R* (mm) where the specimen has a mean curvature H (1/mm), 1/R* = 1/R + H (Johnson 1985, eq. 4.3)."""
         return 1.0 / (1.0 / self.R + curvature)
+
+    def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
+        """Hertz's contact radius √(R* d) (mm) at depths d (mm)."""
+        return np.sqrt(self.effective_radius(curvature) * np.asarray(depth, float))
 
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray:
         """Hertz's force (N) at depths (mm) in a specimen of mean curvature H (1/mm): half-space, small strain."""

@@ -1,4 +1,4 @@
-"""Where and how hard a body touches a ball."""
+"""Where and how hard a body touches a ball, or another rigid surface of revolution."""
 
 from __future__ import annotations
 
@@ -69,10 +69,50 @@ def contact_patch(
     Valid for a ball that sticks to nothing; the edge needs two or three elements across the contact.  Without contact
     all is zero.
     """
+    up = np.asarray(axis, float) / np.linalg.norm(axis)
+
+    def seen(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        distance = np.linalg.norm(d, axis=-1)
+        return distance - radius, 2.0 * radius**2 * (1.0 + d @ up / distance)
+
+    cap = Cap(seen, lambda s: _plan(s, radius), NEAR * radius)
+    return patch_on(surface, x, pressure, centre, cap, up, planes, sectors, attraction)
+
+
+@dataclass(frozen=True)
+class Cap:
+    """A rigid surface of revolution about its reference point: what a contact on it is measured by.
+
+    `seen` takes places d (…, 3) mm from the reference point to the gap (…) mm and the area over π s (…) mm² of the cap
+    below them, `plan` takes s to the distance (…) mm from the axis; `near` is the gap (mm) whose surroundings the edge
+    is found from; `rounded` says whether pressures vanish at the edge, as on a smooth surface, or are largest there.
+    """
+
+    seen: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    plan: Callable[[np.ndarray], np.ndarray]
+    near: float
+    rounded: bool = True
+
+
+def patch_on(
+    surface: ContactSurface,
+    x: np.ndarray,
+    pressure: np.ndarray,
+    centre: np.ndarray,
+    cap: Cap,
+    up: np.ndarray,
+    planes: tuple[bool, bool],
+    sectors: int = 16,
+    attraction: np.ndarray | None = None,
+) -> Patch:
+    """The contact patch of :func:`contact_patch` on another surface of revolution, about the unit axis `up` (3,).
+
+    Where it is not rounded, area and radius are those counted, and the peak is the largest pressure at a point.
+    """
     X, w = get_quadrature(RefTri, ORDER)
     dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
     d = np.einsum("qa,fai->fqi", surface.N, x[surface.facets]) - centre
-    beside = ((np.linalg.norm(d, axis=-1) - radius < FARTHEST * NEAR * radius) | (pressure > 0.0)).any(1)
+    beside = ((cap.seen(d)[0] < FARTHEST * cap.near) | (pressure > 0.0)).any(1)
     d, pressure, weights = d[beside], pressure[beside], surface.weights[beside]
     tangent = np.einsum("fai,akq->fqki", x[surface.facets[beside]], dN)
     vector = np.cross(tangent[:, :, 0], tangent[:, :, 1]) * w[:, None]
@@ -83,14 +123,13 @@ def contact_patch(
         no, none = np.zeros(0), np.full(sectors, np.nan)
         return Patch(0.0, 0.0, none, 0.0, no, no, theta, 0.0, 0.0, none, 0.0, no, no)
     current = pressure[on] * weights[on] / area[on]
-    up = np.asarray(axis, float) / np.linalg.norm(axis)
     east = np.array([1.0, 0.0, 0.0]) - up[0] * up if abs(up[0]) < 0.9 else np.cross([0.0, 1.0, 0.0], up)
     east /= np.linalg.norm(east)
     a, b = d @ east, d @ np.cross(up, east)
-    distance, r, angle = np.linalg.norm(d, axis=-1), np.hypot(a, b), np.arctan2(b, a)
-    s = 2.0 * radius**2 * (1.0 + d @ up / distance)
+    r, angle = np.hypot(a, b), np.arctan2(b, a)
+    gap, s = cap.seen(d)
     harmonics = _harmonics(planes)
-    edge = _edge(s, distance - radius, area, angle, ~on, harmonics, NEAR * radius)
+    edge = _edge(s, gap, area, angle, ~on, harmonics, cap.near)
     if edge is None:  # nothing free near by
         edge = np.eye(1, harmonics(theta).shape[1])[0] * s[on].max()
     rim = np.maximum(harmonics(theta) @ edge, 0.0)
@@ -104,16 +143,18 @@ def contact_patch(
     outermost = np.full(sectors, -np.inf)
     np.maximum.at(outermost, sector, r[on])
     order, copies = np.argsort(r[on]), 2 ** sum(planes)
+    counted_area = copies * float(area[on].sum())
+    counted_radius = float(np.sqrt(copies * np.abs(vector[on] @ up).sum() / np.pi))
     return Patch(
-        area=float(np.pi * rim.mean()),
-        radius=float(_plan(rim, radius).mean()),
-        edge=_plan(rim, radius),
-        peak=float(net.max()),
-        profile_radius=_plan(xi * rim.mean(), radius),
+        area=float(np.pi * rim.mean()) if cap.rounded else counted_area,
+        radius=float(cap.plan(rim).mean()) if cap.rounded else counted_radius,
+        edge=cap.plan(rim),
+        peak=float(net.max()) if cap.rounded else float(current.max()),
+        profile_radius=cap.plan(xi * rim.mean()),
         profile_pressure=smooth,
         directions=theta,
-        counted_area=copies * float(area[on].sum()),
-        counted_radius=float(np.sqrt(copies * np.abs(vector[on] @ up).sum() / np.pi)),
+        counted_area=counted_area,
+        counted_radius=counted_radius,
         outermost=np.where(np.isfinite(outermost), outermost, np.nan),
         largest=float(current.max()),
         points_radius=r[on][order],

@@ -30,7 +30,7 @@ MIDDLES = ((0, 1), (1, 2), (0, 2))  # corners on both sides of mid-edge nodes 3 
 
 
 @dataclass(frozen=True)
-class Meridian:
+class MeridianBody:
     """A discretised meridian: nodes (n, 3) mm with y = 0, cells (m, 7), gradients G (m, q, 7, 2) by (r, z) in 1/mm,
     ring (m, q, 7) = N_a/r in 1/mm, weights w (m, q) = 2πr dA in mm³, projection Q (m, 3, q) = M⁻¹ φ w.
 
@@ -59,7 +59,7 @@ class Volume:
 
 @functools.cache
 def shape_functions() -> np.ndarray:
-    """Shape functions at the quadrature points of a Meridian, (q, 7)."""
+    """Shape functions at the quadrature points of a MeridianBody, (q, 7)."""
     return _basis(get_quadrature(RefTri, ORDER)[0])[0].T.copy()
 
 
@@ -82,8 +82,8 @@ def linear_functions() -> np.ndarray:
     return np.column_stack([1.0 - x - y, x, y])
 
 
-def discretise(points: np.ndarray, cells: np.ndarray, held: np.ndarray, symmetric: bool = True) -> Meridian:
-    """Meridian from nodes (n, 2) = (r, z) mm and cells (m, 7); `held` (n, 3) marks components fixed at zero.
+def discretise(points: np.ndarray, cells: np.ndarray, held: np.ndarray, symmetric: bool = True) -> MeridianBody:
+    """MeridianBody from nodes (n, 2) = (r, z) mm and cells (m, 7); `held` (n, 3) marks components fixed at zero.
 
     On the axis u_r = 0 is held by itself.  `symmetric` stores tangents as upper triangles; friction needs both.
     Raises ValueError for cells that are inside out or lie beyond the axis.
@@ -110,7 +110,7 @@ def discretise(points: np.ndarray, cells: np.ndarray, held: np.ndarray, symmetri
     free = numbering(cells, held)
     pattern = pattern_of(cells, free, symmetric)
     dofs = free.reshape(-1, 3)[:, [0, 2]][cells].reshape(len(cells), 14)
-    return Meridian(
+    return MeridianBody(
         nodes,
         cells,
         np.ascontiguousarray(G),
@@ -131,7 +131,7 @@ def _quadratic_slopes(X: np.ndarray) -> np.ndarray:
     return np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
 
 
-def displacement_gradients(body: Meridian, u: np.ndarray) -> np.ndarray:
+def displacement_gradients(body: MeridianBody, u: np.ndarray) -> np.ndarray:
     """H = ∂u/∂X at the quadrature points, (m, q, 3, 3), from nodal displacements u (n, 3); H_yy = u_r/r."""
     return _displacement_gradients(body.cells, body.G, body.ring, u)
 
@@ -155,7 +155,7 @@ def _displacement_gradients(cells, G, ring, u):  # type: ignore[no-untyped-def]
     return H
 
 
-def volume(body: Meridian, H: np.ndarray, K: float, scale: np.ndarray | None, small: bool) -> Volume:
+def volume(body: MeridianBody, H: np.ndarray, K: float, scale: np.ndarray | None, small: bool) -> Volume:
     """Pressure and energy of the projected volume change of displacement gradients H (m, q, 3, 3); K in MPa.
 
     v = J − 1, or tr H where strains are `small`; `scale` (m, q) multiplies K.
@@ -190,7 +190,7 @@ def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
     return out, energy
 
 
-def internal_force(body: Meridian, F: np.ndarray, S: np.ndarray, p: np.ndarray) -> np.ndarray:
+def internal_force(body: MeridianBody, F: np.ndarray, S: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Nodal forces f_a = Σ w (F S + p cof F) : ∂H/∂u_a, (n, 3) N, p̂ (m, 3) MPa the pressures of `volume`."""
     return _internal_force(body.cells, body.G, body.ring, body.w, linear_functions(), F, S, p, len(body.nodes))
 
@@ -217,7 +217,7 @@ def _internal_force(cells, G, ring, w, phi, F, S, hat, count):  # type: ignore[n
 
 
 def stiffness(
-    body: Meridian,
+    body: MeridianBody,
     F: np.ndarray,
     S: np.ndarray,
     C: np.ndarray,

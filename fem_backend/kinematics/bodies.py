@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fem_backend.kinematics import axisymmetric, tetrahedra
-from fem_backend.kinematics.axisymmetric import Meridian
+from fem_backend.kinematics.axisymmetric import MeridianBody
 
-Body = tetrahedra.Body | Meridian
+Body = tetrahedra.Body | MeridianBody
 
 
 def displacement_gradients(body: Body, u: np.ndarray) -> np.ndarray:

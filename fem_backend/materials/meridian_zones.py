@@ -10,12 +10,12 @@ from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.kinematics.axisymmetric import ORDER, Meridian
+from fem_backend.kinematics.axisymmetric import ORDER, MeridianBody
 
 SPLIT = 8  # pieces along an edge of a cut cell
 
 
-def fractions(body: Meridian, level: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def fractions(body: MeridianBody, level: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Fraction (m, q) of each weight with φ < 0, φ = `level` (…,) at points X (…, 3) mm.
 
     Cells are divided into 64 pieces, each cut exactly by the line through the values at its corners and counted with
@@ -32,7 +32,9 @@ def fractions(body: Meridian, level: Callable[[np.ndarray], np.ndarray]) -> np.n
     for q in range(body.w.shape[1]):
         own = owner == q
         inside[:, q], total[:, q] = (part * r)[:, own].sum(1), whole[:, own].sum(1)
-    return np.clip(inside / total, 0.0, 1.0)
+    f = inside / total
+    share = (part * r).sum(1) / whole.sum(1)  # of the cell: its points are given just that
+    return np.clip(f * (share * body.w.sum(1) / np.maximum((f * body.w).sum(1), 1e-300))[:, None], 0.0, 1.0)
 
 
 @functools.cache
@@ -67,7 +69,7 @@ def _below(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centre = np.where(np.arange(3) == lone, 0.0, t / 3.0)
     centre = np.where(np.arange(3) == lone, 1.0 - centre.sum(-1, keepdims=True), centre)
     third = np.full(3, 1.0 / 3.0)
-    rest = (third - part[..., None] * centre) / np.maximum(1.0 - part, 1e-300)[..., None]
+    rest = (third - part[..., None] * centre) / np.where(part < 1.0, 1.0 - part, 1.0)[..., None]
     cut = (negative == 1) | flipped
     part = np.where(cut, np.where(flipped, 1.0 - part, part), (negative == 3).astype(float))
     centre = np.where(cut[..., None], np.where(flipped[..., None], rest, centre), third)

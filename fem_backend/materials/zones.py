@@ -20,7 +20,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend import geometry
-from fem_backend.kinematics.axisymmetric import Meridian
+from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body
 from fem_backend.materials import meridian_zones
 
@@ -55,7 +55,7 @@ def skin(body: Body, specimen: ZoneShape, thickness: float) -> np.ndarray:
         raise ValueError(f"skin thickness {thickness!r} mm: from 0 to {limit:.4g} mm, half the smallest radius")
     if thickness == 0.0:
         return np.zeros_like(body.w)
-    if isinstance(body, Meridian):
+    if isinstance(body, MeridianBody):
         return meridian_zones.fractions(body, lambda X: depth(specimen, X) - thickness)
     faces = surface_faces(body, specimen)
 
@@ -201,7 +201,7 @@ def _ellipsoid(body: Body, centre: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """Fractions of a full ellipsoid; φ = r(r − 1)/|∇ r²/2| is its distance to first order, r = |(X − c)/axes|."""
     if np.any(axes == 0.0):
         return np.zeros_like(body.w)
-    if isinstance(body, Meridian):
+    if isinstance(body, MeridianBody):
         return meridian_zones.fractions(body, lambda X: np.linalg.norm((X - centre) / axes, axis=-1) - 1.0)
 
     def level(cells: np.ndarray, at: np.ndarray) -> np.ndarray:

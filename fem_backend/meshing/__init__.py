@@ -8,7 +8,7 @@ Bodies of revolution touched on their axis have graded grids of their meridian, 
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
-from fem_backend.meshing.meridian import MeridianMesh, Size, graded, triangulated
+from fem_backend.meshing.meridian import MeridianMesh, Size, graded, halved, triangulated
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import (
@@ -40,6 +40,7 @@ __all__ = [
     "assemble",
     "cached",
     "graded",
+    "halved",
     "kuhn_simplex",
     "make",
     "mapped_quarter",

@@ -50,8 +50,9 @@ def graded(size: Size, places: tuple[float, ...]) -> np.ndarray:
 def triangulated(r: np.ndarray, z: np.ndarray, shape: Shape | None = None) -> MeridianMesh:
     """The grid of r (i,) and z (j,) mm, both increasing, each rectangle cut in two; `shape` maps its points.
 
-    The diagonals alternate, and turn at the outer corners so that no triangle has both of its free sides there.
-    Raises BadMesh where the shape turns a triangle over.
+    Only edges of the outline are curved: a shape may have kinks inside.  The diagonals alternate, and turn at the
+    outer corners so that no triangle has both of its free sides there.  Raises BadMesh where the shape turns a triangle
+    over.
     """
     i, j = (k.ravel() for k in np.meshgrid(np.arange(len(r) - 1), np.arange(len(z) - 1), indexing="ij"))
     up = (i + j) % 2 == 0
@@ -72,7 +73,7 @@ def triangulated(r: np.ndarray, z: np.ndarray, shape: Shape | None = None) -> Me
     used, cells = np.unique(lattice[..., 0] * width + lattice[..., 1], return_inverse=True)
     cells = cells.reshape(-1, 6)
     grid = np.column_stack([_halves(r)[used // width], _halves(z)[used % width]])
-    points = grid if shape is None else shape(grid)
+    points = grid if shape is None else _straight(shape(grid), cells)
     middle = np.einsum("a,mai->mi", np.array([-1.0, -1.0, -1.0, 4.0, 4.0, 4.0]) / 9.0, points[cells])
     cells = np.column_stack([cells, len(points) + np.arange(len(cells))])
     points = np.concatenate([points, middle])
@@ -81,6 +82,30 @@ def triangulated(r: np.ndarray, z: np.ndarray, shape: Shape | None = None) -> Me
     if area.min() <= 0.0:
         raise BadMesh(f"{int((area <= 0.0).sum())} triangles of the meridian are turned over")
     return MeridianMesh(points, cells.astype(np.int64))
+
+
+def _straight(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Points (n, 2) with the middle of every inner edge of the cells (m, 6) halfway between its ends."""
+    edges = np.concatenate([cells[:, [0, 1, 3]], cells[:, [1, 2, 4]], cells[:, [0, 2, 5]]])
+    _, first, count = np.unique(edges[:, 2], return_index=True, return_counts=True)
+    inner = edges[first[count == 2]]
+    points = points.copy()
+    points[inner[:, 2]] = 0.5 * (points[inner[:, 0]] + points[inner[:, 1]])
+    return points
+
+
+def halved(points: np.ndarray) -> np.ndarray:
+    """Points (n, 2) of the rectangle 0 ≤ r ≤ 1, |z| ≤ 1 in the half disc of radius 1.
+
+    Squares around the centre become circles of the same size, angles along them in proportion (Shirley and Chiu 1997).
+    """
+    a, b = points[:, 0], np.abs(points[:, 1])
+    big, small = np.maximum(a, b), np.minimum(a, b)
+    angle = 0.25 * np.pi * small / np.where(big > 0.0, big, 1.0)
+    first, second = big * np.cos(angle), big * np.sin(angle)
+    return np.column_stack(
+        [np.where(a >= b, first, second), np.copysign(np.where(a >= b, second, first), points[:, 1])]
+    )
 
 
 def _halves(x: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
 
 FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
 LEAST = -1.0  # share of the projective map: a tower's elements fold with less
+REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]])
 WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
 
 
@@ -116,6 +117,5 @@ def scaled_jacobian(mesh: MeshTet2) -> np.ndarray:
     xi = np.hstack([RefTet.p, 0.5 * (RefTet.p[:, i] + RefTet.p[:, j]), get_quadrature(RefTet, 2)[0]])
     gradient = np.stack([ElementTetP2().lbasis(xi, a)[1] for a in range(10)])  # (10, 3, q)
     X = mesh.doflocs.T[mesh.dofs.element_dofs.T]
-    regular = np.array([[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]])
-    T = np.einsum("mai,ajq->mqij", X, gradient) @ np.linalg.inv(regular)
+    T = np.einsum("mai,ajq->mqij", X, gradient) @ np.linalg.inv(REGULAR)
     return (np.linalg.det(T) / (np.linalg.norm(T, axis=(2, 3)) / math.sqrt(3)) ** 3).min(1)

@@ -46,12 +46,18 @@ def make(recipe: str) -> Mesh:
             raise BadMesh(f"the template {data['level']!r} of this version is not the one of the recipe")
         mesh = template_mesh(data["level"])
         return Mesh(mesh.vertices * (np.array(data["semi_axes"]) / NOMINAL.semi_axes), mesh.tets)
+    axes = " x ".join(f"{v:.4g}" for v in data["semi_axes"])
+    return in_child("fem_backend.meshing.tetwild", recipe, f"a new specimen (scaled semi-axes {axes} mm)")
+
+
+def in_child(module: str, recipe: str, what: str) -> Mesh:
+    """What `python -m module recipe file` writes into the file; raises BadMesh where it fails."""
     with tempfile.TemporaryDirectory() as folder:
-        child = [sys.executable, "-m", "fem_backend.meshing.tetwild", recipe, "mesh.npz"]
+        child = [sys.executable, "-m", module, recipe, "mesh.npz"]
         path = os.pathsep.join(filter(None, [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]))
         environment = {**os.environ, "PYTHONPATH": path}
         try:
-            with _said(data["semi_axes"]):
+            with _said(f"meshing {what} with fTetWild"):
                 done = subprocess.run(child, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
         except subprocess.TimeoutExpired:
             raise BadMesh("fTetWild took more than 600 s") from None
@@ -62,10 +68,9 @@ def make(recipe: str) -> Mesh:
 
 
 @contextlib.contextmanager
-def _said(semi_axes: list[float]) -> Iterator[None]:
+def _said(what: str) -> Iterator[None]:
     """Signs of life on stderr while fTetWild works: at once, then every ten seconds, then how long it took."""
-    axes, began, over = " x ".join(f"{v:.4g}" for v in semi_axes), time.monotonic(), threading.Event()
-    what = f"meshing a new specimen (scaled semi-axes {axes} mm) with fTetWild"
+    began, over = time.monotonic(), threading.Event()
 
     def tell() -> None:
         while not over.wait(ALIVE):
@@ -132,13 +137,25 @@ def cached(recipe: str) -> Mesh:
     """
     if mesher(recipe) == "template":
         return make(recipe)  # it lies beside the program already
-    path = cache() / f"{hashlib.sha256(recipe.encode()).hexdigest()}.npz"
-    found = _kept(path, recipe)
+    own = identity(recipe)
+    path = cache() / f"{hashlib.sha256(own.encode()).hexdigest()}.npz"
+    found = _kept(path, own)
     if found is not None:
         return found
     mesh = make(recipe)
-    _keep(path, recipe, mesh.to_bytes())
-    return _kept(path, recipe) or mesh  # the first of two racing processes wins: both then use the same mesh
+    _keep(path, own, mesh.to_bytes())
+    return _kept(path, own) or mesh  # the first of two racing processes wins: both then use the same mesh
+
+
+def identity(recipe: str) -> str:
+    """The recipe without the places of files whose contents it names by `sha256`: they are not what the mesh is."""
+
+    def without(value: Any) -> Any:
+        if not isinstance(value, dict):
+            return value
+        return {k: without(v) for k, v in value.items() if not (k == "file" and "sha256" in value)}
+
+    return recipe if '"file"' not in recipe else json.dumps(without(json.loads(recipe)), sort_keys=True)
 
 
 def cache() -> Path:

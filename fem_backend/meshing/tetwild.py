@@ -36,26 +36,9 @@ def tetwild_quarter(body: EllipsoidShape, sizing: Sizing) -> Mesh:
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     best, most, refused = None, -np.inf, BadMesh("fTetWild was not asked")
     for epsilon in TETWILD_EPSILON:
-        points, tets = _extension().tetrahedralize_mesh(
-            vertices,
-            faces.astype(np.uint32),
-            True,
-            True,  # optimise, keep the surface (it is graded already)
-            sizing.hmax / diagonal,
-            0.0,
-            epsilon,
-            10.0,
-            False,
-            1,
-            80,
-            6,
-            True,
-            True,
-            False,
-            *background,
-        )
+        points, tets = tetrahedra(vertices, faces, sizing.hmax, epsilon, background)
         try:
-            mesh = finish(body, np.asarray(points), np.asarray(tets, int), 1.5 * epsilon * diagonal)
+            mesh = finish(body, points, tets, 1.5 * epsilon * diagonal)
             assemble(mesh, body, body)  # sound as a quadratic mesh too: a sliver may have a volume and no use
         except BadMesh as error:
             refused = error
@@ -68,6 +51,39 @@ def tetwild_quarter(body: EllipsoidShape, sizing: Sizing) -> Mesh:
     if best is None:
         raise refused
     return best
+
+
+def tetrahedra(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    longest: float,
+    epsilon: float,
+    background: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) and tetrahedra (m, 4) of fTetWild inside a surface that is graded already.
+
+    `epsilon` is the tolerance of the surface by its diagonal; `background` are points, tetrahedra and edge lengths.
+    """
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    points, tets = _extension().tetrahedralize_mesh(
+        vertices,
+        faces.astype(np.uint32),
+        True,
+        True,  # optimise, keep the surface
+        longest / diagonal,
+        0.0,
+        epsilon,
+        10.0,
+        False,
+        1,
+        80,
+        6,
+        True,
+        True,
+        False,
+        *background,
+    )
+    return np.asarray(points, float), np.asarray(tets, int)
 
 
 def soundness(mesh: Mesh, body: EllipsoidShape) -> float:
@@ -119,7 +135,7 @@ def _background(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.nd
     return points, tets, TETWILD_SCALE * sizing.at(points, body)
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Ask Linux to kill this process when its parent dies: native code would mesh on for nobody."""
     try:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
@@ -128,7 +144,7 @@ def _die_with_parent() -> None:
 
 
 if __name__ == "__main__":
-    _die_with_parent()
+    die_with_parent()
     _recipe = json.loads(sys.argv[1])
     _mesh = tetwild_quarter(EllipsoidShape(*_recipe["semi_axes"]), Sizing(**_recipe["sizing"]))
     Path(sys.argv[2]).write_bytes(_mesh.to_bytes())

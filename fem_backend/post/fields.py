@@ -10,7 +10,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend.kinematics import axisymmetric
-from fem_backend.kinematics.axisymmetric import Meridian
+from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body, displacement_gradients
 from fem_backend.kinematics.voigt import PLACE
 from fem_backend.materials import stress
@@ -82,7 +82,7 @@ def to_nodes(body: Body, values: np.ndarray) -> np.ndarray:
     mid-edge node has the mean of its ends.  Linear fields are exact.  Across a jump of stiffness the stress is smeared
     over one row of cells.
     """
-    if isinstance(body, Meridian):
+    if isinstance(body, MeridianBody):
         at, middles = axisymmetric.linear_functions(), np.array(axisymmetric.MIDDLES)
     else:
         xi = get_quadrature(RefTet, 2)[0].T
@@ -99,7 +99,7 @@ def to_nodes(body: Body, values: np.ndarray) -> np.ndarray:
     out[used] /= weight[used].reshape(-1, *[1] * (values.ndim - 2))
     for k, (i, j) in enumerate(middles):
         out[body.cells[:, at.shape[1] + k]] = 0.5 * (out[body.cells[:, i]] + out[body.cells[:, j]])
-    if isinstance(body, Meridian):
+    if isinstance(body, MeridianBody):
         out[body.cells[:, 6]] = out[body.cells[:, :3]].mean(1)
     return out
 

@@ -25,6 +25,9 @@ class Outlined(Protocol):
     def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Closed line (k, 2) mm of its cut by the plane of the unit vectors `across` (2, 3) through `centre` (3,)."""
 
+    def gap(self, x: np.ndarray, centre: Any, direction: Any = ...) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gap (…), its gradient (…, 3) and Hessian (…, 3, 3) at points x (…, 3)."""
+
 
 SPLIT = 3  # straight pieces of a quadratic edge
 COLOURS = "viridis"
@@ -130,7 +133,7 @@ def draw_section(
 
     `values` (n,) with their `label`, e.g. "von Mises stress (MPa)"; `planes` as in `contact_patch`: a cut of a part
     model is completed by its mirror image; `contact` = positions (k, 3) mm and pressures (k,) of points in contact,
-    drawn as spikes into the ball if they lie within 0.15 radius of the plane.
+    drawn as spikes into the indenter if they lie within 0.15 of its length of the plane.
     """
     x = body.nodes + u
     n = np.asarray(normal, float) / np.linalg.norm(normal)
@@ -161,7 +164,8 @@ def draw_section(
         axes.set_xlabel(f"{_name(across[0])} (mm)")
         axes.set_ylabel(f"{_name(across[1])} (mm)")
     if contact is not None:
-        _spikes(near, contact, centre, radius, n, across, signs)
+        inward = -indenter.gap(contact[0], centre, direction)[1]
+        _spikes(near, contact, inward, centre, radius, n, across, signs)
     whole.autoscale_view()
     near.set_xlim(middle[0] - 2.5 * radius, middle[0] + 2.5 * radius)
     near.set_ylim(middle[1] - 3.0 * radius, middle[1] + 1.2 * radius)
@@ -173,21 +177,21 @@ def draw_section(
 def _spikes(
     axes: Any,
     contact: tuple[np.ndarray, np.ndarray],
+    inward: np.ndarray,
     centre: np.ndarray,
     radius: float,
     normal: np.ndarray,
     across: np.ndarray,
     signs: tuple[float, ...],
 ) -> None:
-    """Contact pressure as lines from the surface into the ball; the longest is half a radius."""
+    """Contact pressure as lines from the surface along `inward` (k, 3), the longest half of the length `radius`."""
     points, pressure = contact
     near = (np.abs((points - centre) @ normal) < 0.15 * radius) & (pressure > 0.0)
     if not near.any():
         return
-    a = points[near] @ across.T
-    inward = across @ centre - a
-    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-    b = a + 0.5 * radius * (pressure[near] / pressure.max())[:, None] * inward
+    a, way = points[near] @ across.T, inward[near] @ across.T
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    b = a + 0.5 * radius * (pressure[near] / pressure.max())[:, None] * way
     for sign in signs:
         lines = np.stack([a, b], axis=1) * np.array([sign, 1.0])
         axes.add_collection(LineCollection(lines, colors="tab:red", linewidths=1.0, zorder=4))
@@ -213,7 +217,7 @@ def draw_surface(
     radius: float = 0.0,
     title: str = "",
 ) -> None:
-    """PNG of the deformed upper surface from above, all of it and the surroundings of the ball (centre, radius) mm.
+    """PNG of the deformed upper surface from above, all of it and the surroundings of the indenter (centre, radius) mm.
 
     Quadratic facets (f, 6) with nodal `values` (n,); edges straight between nodes; a part model is completed.
     """

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import ElementTriP2
 
+SAME = 1e-6  # of the height of the model: points of one surface differ by less
 OUTSIDE = 1e-9  # how far out of its triangle, in its coordinates, a point may lie
 
 
@@ -25,7 +26,7 @@ class Probes:
 def surface_points(
     nodes: np.ndarray, facets: np.ndarray, points: np.ndarray, planes: tuple[bool, bool] = (False, False)
 ) -> Probes:
-    """Points of the upper surface (z ≥ 0) above reference places (x, y), `points` (k, 2) mm.
+    """Points of the upper surface, what a ray from above meets first, at reference places (x, y), `points` (k, 2) mm.
 
     Solves Σ N_a(ξ) (X_a, Y_a) = (x, y) on the quadratic facets (f, 6) by Newton's method, to round-off.  `planes` says
     which of x = 0, y = 0 cut the model: a point of the missing part is found at its mirror image and its displacement
@@ -39,8 +40,7 @@ def surface_points(
         if planes[k]:
             sign[:, k] = np.where(points[:, k] < 0.0, -1.0, 1.0)
     folded = points * sign[:, :2]
-    upper = facets[(nodes[facets, 2] >= -1e-9).all(1)]
-    flat = nodes[upper][:, :, :2]
+    flat, height = nodes[facets][:, :, :2], nodes[facets][:, :, 2]
     low, high = flat.min(1), flat.max(1)
     margin = 0.1 * (high - low).max(1, keepdims=True)  # an edge may bulge beyond its three nodes
     found, N = np.empty((len(points), 6), int), np.empty((len(points), 6))
@@ -48,10 +48,13 @@ def surface_points(
         near = np.nonzero(((p >= low - margin) & (p <= high + margin)).all(1))[0]
         xi = _newton(flat[near], p)
         slack = np.minimum(xi.min(1), 1.0 - xi.sum(1)) if len(near) else np.array([-np.inf])
-        best = int(np.argmax(slack))
-        if not slack[best] >= -OUTSIDE:
+        on = np.nonzero(slack >= -OUTSIDE)[0]
+        if not len(on):
             raise ValueError(f"the point ({points[i, 0]:g}, {points[i, 1]:g}) mm is not on the upper surface")
-        found[i], N[i] = upper[near[best]], _shape(xi[best : best + 1])[0][0]
+        z = np.einsum("ca,ca->c", _shape(xi[on])[0], height[near[on]])
+        first = on[z >= z.max() - SAME * np.ptp(nodes[:, 2])]  # two facets share a point on their edge
+        best = int(first[np.argmax(slack[first])])
+        found[i], N[i] = facets[near[best]], _shape(xi[best : best + 1])[0][0]
     return Probes(found, N, sign)
 
 

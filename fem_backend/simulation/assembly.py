@@ -26,7 +26,7 @@ from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.meshing import MeridianMesh, Mesh
 from fem_backend.simulation import symmetry
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import Settings, element_size
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
 from fem_backend.solver.condensation import Condense
@@ -42,6 +42,7 @@ RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
 STIFFEST_MERIDIAN = 2e4  # the same where volume changes are projected
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
+BULKY = 30.0  # K/μ beyond which glue goes with K
 SPRINGS = 1e-4  # grounding springs of a loose body, all together, over μ times the length of the indenter
 
 
@@ -72,13 +73,13 @@ class Placement:
 
     @property
     def contact(self) -> np.ndarray:
-        """Point of first contact (3,)."""
-        return self.indenter.contact(self.specimen, self.touch)
+        """Point (3,) of the specimen about which contact grows."""
+        return self.indenter.contact(self.specimen, self.touch, self.direction)
 
     @property
     def normal(self) -> np.ndarray:
-        """Unit normal (3,) of the specimen there."""
-        return self.indenter.normal(self.specimen, self.touch)
+        """Unit vector (3,) out of the specimen there, about which its contact is reported."""
+        return self.indenter.normal(self.specimen, self.touch, self.direction)
 
     @property
     def down(self) -> np.ndarray:
@@ -226,11 +227,12 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
         )
-    if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
+    h0 = element_size(settings, placement.meridian)
+    if knobs.adhesion and knobs.adhesion_range < h0 / FINEST_RANGE:
         raise NotModelled(
             "not_supported",
-            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
-            f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
+            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {h0:.3g} mm at the "
+            f"contact resolve ranges of {h0 / FINEST_RANGE:.3g} mm and more",
         )
 
 
@@ -288,7 +290,15 @@ def system(
         surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
     epsilon = penalty(placement, body, surface, mu)
-    indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion)
+    try:
+        held = placement.indenter.held(contact_points(surface, body.nodes), placement.touch, placement.direction)
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+    if held is not None and knobs.weight:
+        raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
+    if held is not None:  # a layer between two that hold it is as stiff as K
+        epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))
+    indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
     # multipliers stay with points of the body: where that turns, they do not hold its weight in place
     soft = knobs.weight > 0.0 and not all(placement.planes)
     seat = settings.support.pairs(settings.specimen, placement.specimen, below, knobs, mu, length, soft)
@@ -373,7 +383,7 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
         return system
     pair, c = system.pressing, [load.pressing.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)
-    nodes = np.unique(pair.surface.facets[pair.rigid.swept(points, *c).any(1)])
+    nodes = np.unique(pair.surface.facets[pair.rigid.swept(points, *c, end.pressing.direction).any(1)])
     dofs = model.body.free.reshape(-1, 3)[nodes]
     dofs = dofs[dofs >= 0]
     if len(dofs) ** 2 > len(model.body.pattern.indices):

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, TypeAdapter, ValidationError, create_model, model_validator
 
 from fem_backend import members, meshing
@@ -22,13 +23,14 @@ from fem_backend.laws.law import plain as law_table
 from fem_backend.members import OpenSet, refused
 from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
-from fem_backend.specimens import SPECIMENS, Specimen
+from fem_backend.specimens import SPECIMENS, OfOnePlace, Specimen
 from fem_backend.supports import SUPPORTS, Support
 
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
+RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
@@ -193,11 +195,11 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         text = json.dumps(settings, sort_keys=True)
     except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
         return _read(table(), settings)
-    return _read_again(table(), text)
+    return _read_again(table(), text, members.stamps(settings))
 
 
 @functools.lru_cache(maxsize=1024)
-def _read_again(model: Any, text: str) -> Settings:
+def _read_again(model: Any, text: str, stamps: tuple[tuple[str, int, int], ...]) -> Settings:
     """A study asks for a few settings thousands of times; they are frozen, and what is wrong is not kept."""
     return _read(model, json.loads(text))
 
@@ -209,6 +211,7 @@ def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     except ValidationError as error:
         raise ValueError("\n".join(members.problems(error, SETS, (), known))) from error
     made = {noun: getattr(read, noun).build() for noun in SETS}
+    made[INDENTERS.noun] = made[INDENTERS.noun].on(made[SPECIMENS.noun])
     wrong = together(made, read)
     if wrong:
         raise ValueError("\n".join(wrong))
@@ -228,7 +231,15 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     specimen, indenter, support = (made[noun] for noun in ("specimen", "indenter", "support"))
     mesh, material = read.mesh, made["material"]
     specimen = specimen.under(indenter)
+    if isinstance(specimen, OfOnePlace):
+        specimen = specimen.touched_at(read.point)
     meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
+    key, bends = indenter.finest
+    if not specimen.of_revolution and bends < RESOLVED * meshed.h0:  # a meridian is as fine as the indenter wants it
+        raise ValueError(
+            f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact do not resolve a radius of {bends:.3g} mm, "
+            f"at least {1.006 * RESOLVED * meshed.h0:.3g} mm; a larger one, or a finer mesh"
+        )
     control = Control().scaled(indenter.length)
     return Settings(
         specimen,
@@ -252,6 +263,11 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.multipliers,
         meshed.fineness,
     )
+
+
+def element_size(settings: Settings, meridian: bool) -> float:
+    """Size (mm) of the smallest elements at the contact, of a meridian or in space."""
+    return settings.fineness * float(settings.indenter.spacing(np.zeros(1))[0]) if meridian else settings.h0
 
 
 def profile_name(place: tuple[float, float]) -> str:

@@ -34,7 +34,8 @@ class Result:
     rises around the ball, the more the less compressible it is); `peak_pressure` is that of the pressure less the
     attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
-    the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved.
+    the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
+    `coarser` are the channels of the same run with elements of twice the size, where that was made.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -47,6 +48,7 @@ class Result:
     gradients: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     notes: Mapping[str, float] = field(default_factory=dict)
     system: System | None = field(default=None, repr=False)
+    coarser: Mapping[str, np.ndarray] | None = None
 
     @property
     def travel(self) -> np.ndarray:
@@ -61,6 +63,7 @@ class Result:
             channels={n: v[:k] for n, v in self.channels.items()},
             reaction=self.reaction[:k],
             gradients=rows,
+            coarser=None if self.coarser is None else {n: v[:k] for n, v in self.coarser.items()},
             contact_error=self.contact_error[:k],
             residual=self.residual[:k],
             points=self.points[:k],

@@ -35,7 +35,27 @@ class Common:
         label="skin",
     )
     skin_thickness: float = knob(
-        "thickness of the skin", "mm", 0.0, 1e3, default=0.5, group="skin", typical=0.5, plausible=(0.25, 2.0)
+        "thickness of the skin", "mm", 0.0, 1e6, default=0.5, group="skin", typical=0.5, plausible=(0.25, 2.0)
+    )
+    delta_layer: float = knob(
+        "error of the thickness of the uppermost layer",
+        "mm",
+        -1e6,
+        1e6,
+        neutral=0.0,
+        typical=0.05,
+        plausible=(-0.2, 0.2),
+        label="wrong thickness of the layer",
+    )
+    layer_ratio: float = knob(
+        "stiffness of the uppermost layer over what the settings say",
+        "1",
+        1e-3,
+        1e3,
+        neutral=1.0,
+        typical=1.5,
+        plausible=(0.3, 3.0),
+        label="wrong stiffness of the layer",
     )
     inclusion_ratio: float = knob(
         "stiffness of the inclusion over that of the body",
@@ -48,16 +68,16 @@ class Common:
         plausible=(0.1, 20.0),
         label="inclusion",
     )
-    inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 1e3, default=5.0, group="inclusion")
+    inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 1e6, default=5.0, group="inclusion")
     inclusion_x: float = knob(
-        "centre of the inclusion, x", "mm", -1e3, 1e3, default=0.0, group="inclusion", plausible=(-16.0, 16.0)
+        "centre of the inclusion, x", "mm", -1e6, 1e6, default=0.0, group="inclusion", plausible=(-16.0, 16.0)
     )
-    inclusion_y: float = knob("centre of the inclusion, y", "mm", -1e3, 1e3, default=0.0, group="inclusion")
+    inclusion_y: float = knob("centre of the inclusion, y", "mm", -1e6, 1e6, default=0.0, group="inclusion")
     inclusion_depth: float = knob(
         "centre of the inclusion below the top of the body",
         "mm",
         0.0,
-        1e3,
+        1e6,
         default=15.0,
         group="inclusion",
         plausible=(7.4, 30.0),
@@ -103,7 +123,7 @@ class Common:
         plausible=(1e-3, 0.2),
         label="adhesion",
     )
-    adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e3, default=0.2, group="adhesion")
+    adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
 
 
 @dataclass(frozen=True)
@@ -113,8 +133,8 @@ class Pose:
     offset_x: float = knob(
         "misalignment of the indenter in x",
         "mm",
-        -100.0,
-        100.0,
+        -1e6,
+        1e6,
         neutral=0.0,
         scope="place",
         typical=0.5,
@@ -124,8 +144,8 @@ class Pose:
     offset_y: float = knob(
         "misalignment of the indenter in y",
         "mm",
-        -100.0,
-        100.0,
+        -1e6,
+        1e6,
         neutral=0.0,
         scope="place",
         typical=0.5,

@@ -2,8 +2,8 @@
 
 import sys
 
-from fem_backend.specimens.specimen import SPECIMENS, Specimen
+from fem_backend.specimens.specimen import SPECIMENS, OfOnePlace, Specimen
 
 SPECIMENS.discover(sys.modules[__name__])
 
-__all__ = ["SPECIMENS", "Specimen"]
+__all__ = ["SPECIMENS", "OfOnePlace", "Specimen"]

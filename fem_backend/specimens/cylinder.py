@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
@@ -11,7 +10,8 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
-from fem_backend.specimens.flat import LAYERED, Flat, Layers, fitting
+from fem_backend.meshing import halved
+from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -21,7 +21,7 @@ SMALLEST = 0.2  # of a size over that of the settings
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Cylinder(Flat):
+class Cylinder(FlatTopped):
     """x² + y² ≤ radius², 0 ≤ z ≤ height (mm), its upper edge rounded by `fillet` (mm)."""
 
     radius: float
@@ -63,8 +63,8 @@ class Cylinder(Flat):
         delta_radius: float = knob(
             "error of the radius of the cylinder",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.1,
             plausible=(-0.5, 0.5),
@@ -73,8 +73,8 @@ class Cylinder(Flat):
         delta_height: float = knob(
             "error of the height of the cylinder",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.1,
             plausible=(-0.4, 0.4),
@@ -127,7 +127,7 @@ class Cylinder(Flat):
                 )
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
-        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=tuple((k * t, v) for t, v in self.layers))
+        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k))
 
     @property
     def described(self) -> str:
@@ -153,7 +153,7 @@ class Cylinder(Flat):
         return sorted({*self.planes_of_layers(), self.tall - self.fillet})
 
     def rounded(self, points: np.ndarray) -> np.ndarray:
-        """The square of the corner becomes the quarter of a disc: by the map of Shirley and Chiu (1997)."""
+        """The square of the corner becomes the quarter of a disc."""
         f = self.fillet
         if not f:
             return points
@@ -161,10 +161,5 @@ class Cylinder(Flat):
         a, b = (points[:, 0] - r0) / f, (points[:, 1] - z0) / f
         corner = (a > 0.0) & (b > 0.0)
         out = points.copy()
-        a, b = a[corner], b[corner]
-        big, small = np.maximum(a, b), np.minimum(a, b)
-        angle = 0.25 * math.pi * small / big
-        first, second = f * big * np.cos(angle), f * big * np.sin(angle)
-        out[corner, 0] = r0 + np.where(a >= b, first, second)
-        out[corner, 1] = z0 + np.where(a >= b, second, first)
+        out[corner] = [r0, z0] + f * halved(np.column_stack([a[corner], b[corner]]))
         return out

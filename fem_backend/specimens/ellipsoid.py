@@ -12,13 +12,15 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import closed_forms, geometry, members, meshing
-from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size
+from fem_backend.meshing import Mesh
+from fem_backend.specimens.in_space import InSpace
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
 from rso.contract import Drawn, knob
 
 USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
 THINNEST = 0.2  # smallest semi-axis over that of the settings
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
+FATTEST = 0.6  # size of the indenter with its errors, over the smallest semi-axis
 DEEPEST = 0.3  # of the smallest semi-axis
 HOLLOW = (4.0, 3.5, 3.5)  # semi-axes over those of the cavity where nobody says otherwise
 SEEN = 0.8  # squared distance from the top in semi-axes within which a camera from above sees a mark
@@ -27,7 +29,7 @@ PLACES = 0.35  # of a semi-axis
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Ellipsoid(geometry.EllipsoidShape):
+class Ellipsoid(geometry.EllipsoidShape, InSpace):
     """(x/a)² + (y/b)² + (z/c)² ≤ 1 with the semi-axes a, b, c and those of a cavity around its lowest point (mm)."""
 
     cavity: tuple[float, float, float] = (15.0, 10.0, 10.0)
@@ -54,8 +56,8 @@ class Ellipsoid(geometry.EllipsoidShape):
         delta_a: float = knob(
             "error of the major semi-axis (x)",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=1.0,
             plausible=(-4.0, 4.0),
@@ -64,8 +66,8 @@ class Ellipsoid(geometry.EllipsoidShape):
         delta_b: float = knob(
             "error of the minor semi-axis (y)",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=1.0,
             plausible=(-3.0, 3.0),
@@ -74,8 +76,8 @@ class Ellipsoid(geometry.EllipsoidShape):
         delta_c: float = knob(
             "error of the vertical semi-axis (z)",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=1.0,
             plausible=(-3.0, 3.0),
@@ -86,7 +88,6 @@ class Ellipsoid(geometry.EllipsoidShape):
     gauges: ClassVar[Mapping[str, float]] = {"delta_a": 0.1, "delta_b": 0.1, "delta_c": 0.1}
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}  # those of `meshing.recipes`
     smallest_words: ClassVar[str] = "smallest semi-axis"
-    parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
     rests: ClassVar[str] = "fixed"
     options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
         members.SettingsOption(
@@ -98,16 +99,10 @@ class Ellipsoid(geometry.EllipsoidShape):
         )
         for name, also in (("ellipsoid", ""), ("semi-axes", ", the older name of --ellipsoid"))
     )
-    of_revolution: ClassVar[bool] = False  # its meshes are those of three dimensions, also where it is a sphere
-    alike: ClassVar[bool] = False
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
         return {"shape": self.name, "semi_axes": self.semi_axes.tolist(), "cavity": list(self.cavity)}
-
-    def under(self, indenter: Any) -> Ellipsoid:
-        """As it is."""
-        return self
 
     def actual(self, knobs: Any) -> Ellipsoid:
         """The body with the errors of its semi-axes; ValueError for sizes that describe none."""
@@ -121,6 +116,11 @@ class Ellipsoid(geometry.EllipsoidShape):
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
 
+    @property
+    def fattest(self) -> float:
+        """0.6 of the smallest semi-axis (mm): settings say 0.5, errors may exceed it."""
+        return FATTEST * self.smallest
+
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""
         return True, True
@@ -129,7 +129,7 @@ class Ellipsoid(geometry.EllipsoidShape):
     def described(self) -> str:
         """Its semi-axes."""
         a, b, c = map(members.length_words, (self.a, self.b, self.c))
-        return f"a ball of radius {a}" if a == b == c else f"an ellipsoid with semi-axes {a}, {b} and {c}"
+        return f"a sphere of radius {a}" if a == b == c else f"an ellipsoid with semi-axes {a}, {b} and {c}"
 
     def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
         """An ellipse and its semi-axes."""
@@ -173,17 +173,21 @@ class Ellipsoid(geometry.EllipsoidShape):
         return self.lowest, np.multiply(size, self.cavity)
 
     def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
-        """Indenters of 1/70 of the largest to half the smallest semi-axis are meshed, to 0.8 semi-axes off the top."""
+        """Indenters of 1/70 of the largest to half the smallest semi-axis are meshed, to 0.8 semi-axes off the top.
+
+        Its meshes are fine in proportion to the indenter's length, of which `size` may be a share.
+        """
         out, (key, size) = [], indenter.size
+        least = self.largest / LARGEST * size / indenter.length
         if size > 0.5 * self.smallest:
             out.append(
-                f"indenter.{key} = {size} mm: only indenters much smaller than the specimen are modelled, at most "
+                f"indenter.{key} = {size} mm: this specimen is meshed for indenters much smaller than it, at most "
                 f"{0.5 * self.smallest:g} mm (half of its {self.smallest_words})"
             )
-        if size < self.largest / LARGEST:
+        if size < least:
             out.append(
                 f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen, at "
-                f"least {self.largest / LARGEST:.3g} mm (1/{LARGEST} of its largest semi-axis); it takes a smaller "
+                f"least {least:.3g} mm (1/{self.largest / least:.3g} of its largest semi-axis); it takes a smaller "
                 "specimen for the same half-space"
             )
         if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.FARTHEST:
@@ -235,14 +239,6 @@ class Ellipsoid(geometry.EllipsoidShape):
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
         return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
-
-    def meridian(self, actual: Ellipsoid, spacing: Size, fineness: float) -> MeridianMesh:
-        """None is made."""
-        raise BadMesh("an ellipsoid has no mesh of a meridian")
-
-    def stiffness(self, X: np.ndarray) -> None:
-        """It has no layers."""
-        return None
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

@@ -12,7 +12,7 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
-from fem_backend.specimens.specimen import Meshing
+from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 from rso.contract import Drawn
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
@@ -77,7 +77,7 @@ LAYERED = members.SettingsOption(
 )
 
 
-class Flat:
+class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
     `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
@@ -92,6 +92,7 @@ class Flat:
     rests: ClassVar[str] = "bonded"
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
+    fattest: ClassVar[float] = math.inf
     height: float
     half_width: float
     cut: ClassVar[float] = math.inf
@@ -114,7 +115,7 @@ class Flat:
         """Half the smallest length (mm)."""
         return 0.5 * self.smallest
 
-    def under(self, indenter: Any) -> Flat:
+    def under(self, indenter: Any) -> FlatTopped:
         """As it is."""
         return self
 
@@ -130,6 +131,14 @@ class Flat:
     def described(self) -> str:
         """As its member says."""
         raise NotImplementedError
+
+    def beyond(self, length: float) -> float:
+        """Nothing."""
+        return 0.0
+
+    def absent(self) -> frozenset[str]:
+        """Those of a layer where it has none, and of a place where all are alike."""
+        return frozenset((() if self.layers else LAYER) + (PLACE if self.alike else ()))
 
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
@@ -157,7 +166,7 @@ class Flat:
             side = half + gap
             out.append(Drawn("dimension", ((side, 0.0), (side, h)), members.length_words(h)))
         if not self.alike:
-            out.append(Drawn("dimension", ((0.0, h + gap), (half, h + gap)), members.length_words(half)))
+            out.append(Drawn("dimension", ((0.0, 0.25 * h), (half, 0.25 * h)), members.length_words(half)))
         return out
 
     # ------------------------------------------------------------------------------------------------- surface
@@ -269,10 +278,11 @@ class Flat:
 
     def planes_of_layers(self) -> list[float]:
         """Heights (mm) of base, interfaces between layers and top, from below."""
-        down = np.cumsum([t for t, _ in self.layers])
-        return [0.0, *(self.height - float(d) for d in down[::-1]), self.height]
+        down, ratios = np.cumsum([t for t, _ in self.layers]), [*(k for _, k in self.layers), 1.0]
+        seen = [float(d) for d, a, b in zip(down, ratios, ratios[1:], strict=False) if a != b]
+        return [0.0, *(self.height - d for d in seen[::-1]), self.height]
 
-    def meridian(self, actual: Flat, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
         near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height
@@ -304,8 +314,22 @@ class Flat:
         """The ratio of the layer that a point lies in."""
         if all(ratio == 1.0 for _, ratio in self.layers):
             return None
-        ratios = np.array([1.0, *(ratio for _, ratio in self.layers[::-1])])
-        return ratios[np.searchsorted(self.planes_of_layers()[1:-1], X[..., 2])]
+        ratios = np.array([*(k for _, k in self.layers), 1.0])
+        return ratios[np.searchsorted(np.cumsum([t for t, _ in self.layers]), self.height - X[..., 2])]
+
+    def changed(self, knobs: Any, k: float) -> tuple[tuple[float, float], ...]:
+        """Layers of a specimen `k` times as high, the uppermost with its own errors; ValueError where one vanishes."""
+        layers = [(k * t, ratio) for t, ratio in self.layers]
+        if not layers:
+            return ()
+        t, ratio = layers[0]
+        left = self.height - sum(v for v, _ in self.layers)
+        if not 0.0 < t + knobs.delta_layer < t + k * left:
+            raise ValueError(
+                f"delta_layer = {knobs.delta_layer:g} mm: the uppermost layer, {t:g} mm thick, would leave nothing of "
+                "itself or of what is below"
+            )
+        return ((t + knobs.delta_layer, ratio * knobs.layer_ratio), *layers[1:])
 
     # ------------------------------------------------------------------------------------------------- proposals
 

@@ -8,20 +8,20 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from fem_backend import members
-from fem_backend.specimens.flat import Flat
+from fem_backend.specimens.flat import FlatTopped
 from fem_backend.specimens.specimen import SPECIMENS
 
-FAR = 1000.0  # lengths of the indenter that are modelled, see `HalfSpace`
+FAR = 400.0  # lengths of the indenter that are modelled, see `HalfSpace`
 USUAL = 3.0  # length (mm) of the indenter where none is known yet
 
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class HalfSpace(Flat):
-    """z ≤ height (mm), held 1000 lengths L of the indenter below the top and modelled as far beside it.
+class HalfSpace(FlatTopped):
+    """z ≤ height (mm), held 400 lengths L of the indenter below the top and modelled as far beside it.
 
-    What is beyond would give way by F/(2πμ·1000 L), which is 16a/(6π·1000 L) of the travel: less than 0.1 % for a
-    contact of radius a ≤ L (Johnson 1985, eq. 3.19, ν = 1/2; Hertz's F = 16 μ a d/3).
+    What is beyond would give way by F/(2πμ·400 L), which is 16a/(6π·400 L) of the travel: 0.2 % for a contact of
+    radius a = L (Johnson 1985, eq. 3.19, ν = 1/2; Hertz's F = 16 μ a d/3).
     """
 
     height: float = FAR * USUAL
@@ -59,6 +59,10 @@ class HalfSpace(Flat):
     def under(self, indenter: Any) -> HalfSpace:
         """Deep enough for an indenter."""
         return replace(self, height=FAR * indenter.length)
+
+    def beyond(self, length: float) -> float:
+        """What it would give way by, see above: 16/(6π · 400), as the force grows with the travel to 3/2 at most."""
+        return 1.5 * 16.0 / (6.0 * math.pi * FAR)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import model_validator
 
 from fem_backend import members
-from fem_backend.specimens.flat import LAYERED, Flat, Layers, fitting
+from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -20,7 +20,7 @@ THINNEST = 0.2  # thickness over that of the settings
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Slab(Flat):
+class Slab(FlatTopped):
     """0 ≤ z ≤ thickness (mm), without end to the sides; all its places are alike.
 
     The model ends 20 thicknesses and 8 lengths of the indenter, `around` (mm), from the axis: on a bonded base what
@@ -57,8 +57,8 @@ class Slab(Flat):
         delta_thickness: float = knob(
             "error of the thickness of the slab",
             "mm",
-            -1e3,
-            1e3,
+            -1e6,
+            1e6,
             neutral=0.0,
             typical=0.1,
             plausible=(-0.4, 0.4),
@@ -106,8 +106,7 @@ class Slab(Flat):
                 f"delta_thickness = {knobs.delta_thickness:g} mm: a slab of {thickness:g} mm, must be thicker than "
                 f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
             )
-        k = thickness / self.thickness
-        return replace(self, thickness=thickness, layers=tuple((k * t, v) for t, v in self.layers))
+        return replace(self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness))
 
     @property
     def described(self) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from skfem import MeshTet2
@@ -28,6 +28,9 @@ class Specimens(OpenSet):
 
 
 SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 2})
+
+LAYER = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
+PLACE = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,8 @@ class Specimen(Protocol):
     largest: float
     skin_limit: float
     """Thickness (mm) that a skin stays below."""
+    fattest: float
+    """Size (mm) of an indenter, with its errors, that its meshes take at most; ∞ where they take any."""
 
     def plain(self) -> dict[str, Any]:
         """Its table as it enters the key of a run, with all defaults written out."""
@@ -81,6 +86,9 @@ class Specimen(Protocol):
 
     def actual(self, knobs: Any) -> Specimen:
         """Itself with the errors that knobs give it; ValueError naming knob, value and unit where nothing is left."""
+
+    def absent(self) -> frozenset[str]:
+        """Knobs of all specimens that say nothing of this one."""
 
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0."""
@@ -101,6 +109,9 @@ class Specimen(Protocol):
 
         The polygon `specimen` comes first, its points counterclockwise.
         """
+
+    def beyond(self, length: float) -> float:
+        """Share of the force that what is not modelled adds under an indenter, at a contact radius of its `length`."""
 
     # ------------------------------------------------------------------------------------------------- surface
 
@@ -181,3 +192,21 @@ class Specimen(Protocol):
 
     def lines(self, point: tuple[float, float], beside: float, unit: float) -> dict[str, list[list[float]]]:
         """Rows of surface marks (x, y) by words, `beside` off the axis of a test at `point`, rounded in `unit`."""
+
+
+class NotConvex(Protocol):
+    """A specimen on which an indenter may touch first anywhere: it finds that itself, indenters ask it where they can.
+
+    Newton's method on the distance, by which an indenter of a convex body goes to its first contact, passes a dent.
+    """
+
+    def first_contact(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Reference point (3,) where the indenter first touches on its line: the least of `travel` over the surface."""
+
+
+@runtime_checkable
+class OfOnePlace(Protocol):
+    """A specimen without a map that moves the fine elements: it has a mesh of its own for every place of a test."""
+
+    def touched_at(self, point: tuple[float, float]) -> Specimen:
+        """Itself, its mesh fine at the place (x, y) mm."""

@@ -54,7 +54,7 @@ class BowlSupport:
             "semi-axes of the bowl minus those of the body",
             "mm",
             1e-8,
-            1e3,
+            1e6,
             default=CLEARANCE,
             group="bowl",
             scope="mounting",

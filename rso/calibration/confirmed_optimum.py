@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from rso.calibration.finished_runs import finished
 from rso.calibration.plan import Plan
-from rso.calibration.readings import as_data, error_at, measured, of_interpolation
+from rso.calibration.readings import as_data, error_at, measured, of_interpolation, place_of
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, misses, sample
 from rso.core.distributions import chi2_ppf
@@ -30,6 +30,7 @@ from rso.inference import (
     all_minima,
     determine,
     emulated,
+    outputs_of,
     p_value,
     resample,
     spread_of,
@@ -304,7 +305,7 @@ def fitted_curves(plan: Plan) -> list[tuple[CurvePlace, Data]]:
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
         keep = (curve.depth > 0) & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
-        place = CurvePlace(name, channel, np.minimum(curve.depth[keep], deepest))
+        place = place_of(name, curve, keep, deepest)
         found.append((place, as_data(label, name, curve, keep)))
     return found
 
@@ -324,8 +325,7 @@ def stated(plan: Plan) -> Box:
 
 def _curve(emulator: Emulator, place: CurvePlace, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Travels (m,) mm and values (m,) of a curve of the emulator at x (d,)."""
-    outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
-    outputs.sort(key=lambda o: o.depth_mm)
+    outputs = [o for o in outputs_of(emulator.outputs, place) if not o.since_s]
     return np.array([o.depth_mm for o in outputs]), emulator.means(outputs, x[None])[0]
 
 

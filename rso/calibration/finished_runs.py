@@ -9,10 +9,9 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.stored_runs import answers, points
 from rso.contract import Response
-from rso.core.curves import Resampling
 from rso.emulation.emulator import Emulator, Sample
 from rso.evaluation.store import RunStore
-from rso.inference import CurvePlace, Misfit, Runs, resample
+from rso.inference import CurvePlace, Misfit, Runs, outputs_of, readings_of, resample
 
 SCALES = 257  # values of the modulus that similarity makes of one run
 
@@ -55,10 +54,8 @@ def _of_sample(emulator: Emulator, sample: Sample, places: Sequence[CurvePlace])
     """The curves (n,) of a sample at the measured depths."""
     parts = []
     for p in places:
-        outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (p.experiment, p.channel)]
-        outputs.sort(key=lambda o: o.depth_mm)
-        y = np.array([sample.outputs[o.id] for o in outputs])
-        parts.append(Resampling(np.array([o.depth_mm for o in outputs]), y)(p.depth))
+        outputs = outputs_of(emulator.outputs, p)
+        parts.append(readings_of(outputs, np.array([sample.outputs[o.id] for o in outputs]), p))
     return np.concatenate(parts)
 
 

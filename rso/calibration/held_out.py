@@ -10,7 +10,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.readings import measured
 from rso.contract import Case, Response
-from rso.core.curves import ahead, loading
+from rso.core.curves import ahead, at_readings, rests
 from rso.evaluation import Task
 from rso.study.cases import mark_channel
 
@@ -20,7 +20,7 @@ class HeldOutReadings:
     """Readings (n,) of one channel from contact on, with the covariance (n, n) of their errors; depth in mm.
 
     `simulated` names the channel of a response behind each: of a profile, whose places are in `position` (n, 2) mm
-    (else None), that of its mark.
+    (else None), that of its mark.  `since` (n,) s is the time since the indenter came to rest, None without a hold.
     """
 
     experiment: str
@@ -31,6 +31,12 @@ class HeldOutReadings:
     covariance: np.ndarray
     simulated: np.ndarray
     position: np.ndarray | None
+    since: np.ndarray | None = None
+
+    @property
+    def times(self) -> dict[str, np.ndarray]:
+        """Times in the hold by their key in results; none without a hold."""
+        return {} if self.since is None else {"since": self.since}
 
     @property
     def sigma(self) -> np.ndarray:
@@ -47,7 +53,8 @@ class HeldOutReadings:
         for channel in dict.fromkeys(self.simulated.tolist()):
             curve, mine = response.curve(channel), self.simulated == channel
             y = np.asarray(response.gradients[knob][channel]) if knob else curve.value
-            found[mine] = loading(curve.travel_mm, y)(np.minimum(self.depth[mine], curve.travel_mm.max()))
+            depth, since = np.minimum(self.depth[mine], curve.travel_mm.max()), self._since(mine)
+            found[mine] = at_readings(response.channels["time"], curve.travel_mm, y, depth, since)
         return found
 
     def error(self, response: Response) -> np.ndarray:
@@ -55,9 +62,15 @@ class HeldOutReadings:
         found = np.zeros_like(self.depth)
         for channel in dict.fromkeys(self.simulated.tolist()):
             curve, mine = response.curve(channel), self.simulated == channel
-            on = ahead(curve.travel_mm)
+            on, since = ahead(curve.travel_mm), self._since(mine)
             found[mine] = np.interp(self.depth[mine], curve.travel_mm[on], curve.error[on])
+            if since is not None and (held := mine & (self.since > 0.0)).any():  # type: ignore[operator]
+                time, depth = response.channels["time"], float(self.depth[held][0])
+                found[held] = curve.error[rests(time, curve.travel_mm, depth, since[since > 0.0])]
         return found
+
+    def _since(self, mine: np.ndarray) -> np.ndarray | None:
+        return None if self.since is None else self.since[mine]
 
 
 def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
@@ -70,7 +83,17 @@ def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
         behind = [channel] * int(on.sum()) if place is None else [mark_channel(p) for p in place]
         C = curve.covariance[np.ix_(on, on)]
         found.append(
-            HeldOutReadings(name, channel, curve.unit, curve.depth[on], curve.value[on], C, np.array(behind), place)
+            HeldOutReadings(
+                name,
+                channel,
+                curve.unit,
+                curve.depth[on],
+                curve.value[on],
+                C,
+                np.array(behind),
+                place,
+                None if curve.since is None else curve.since[on],
+            )
         )
     return tuple(found)
 

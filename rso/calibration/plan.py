@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from rso import doe
 from rso.contract import Backend, Case
 from rso.core import disk
 from rso.core.similarity import Group, group
-from rso.data import MeasuredCurve, combine, value_at
+from rso.data import Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
@@ -30,6 +31,7 @@ from rso.study.cases import (
     travels,
 )
 from rso.study.errors import Problem, study_error
+from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
@@ -57,8 +59,9 @@ class Plan:
     """Everything that follows from the study file and the backend's declarations.
 
     `cases` are the different simulations behind the experiments that are fitted, `case_of` maps an experiment to
-    one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones, also
-    profiles, which are never fitted.
+    one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones while
+    loading, also profiles, which are never fitted.  `found` are the holds of the records, or why one is of no use, and
+    `holds` those that the model follows, which are compared too.
     """
 
     study: Study
@@ -76,6 +79,22 @@ class Plan:
     constraints: tuple[Constraint, ...]
     searches: tuple[SearchPlan, ...]
     conditions: tuple[Condition, ...] = ()
+    found: Mapping[str, Hold | str] = dataclasses.field(default_factory=dict)
+    holds: Mapping[str, Hold] = dataclasses.field(default_factory=dict)
+
+    def of_hold(self, name: str, inline: bool = False) -> list[str]:
+        """What there is to say of the hold of an experiment, in lines or `inline`; nothing where there is none."""
+        hold = self.found.get(name, "")
+        if isinstance(hold, str):
+            return [f"Its hold is not used: {hold}."] if hold else []
+        return of_used(hold) if name in self.holds else of_unused(self.backend, hold, inline)
+
+    def of_relaxation(self) -> list[str]:
+        """What there is to say of relaxation times that no record can tell."""
+        fitted = [name for name in self.case_of if self.study.experiment(name).role == "fit"]
+        if any(name in self.holds for name in fitted):
+            return []
+        return unseen(self.study, self.backend, {a.name: a for a in self.resolved.axes}, fitted)
 
     @property
     def seed(self) -> int:
@@ -117,8 +136,12 @@ def source_of(study: Study) -> Source:
     return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
 
 
-def make_plan(study: Study) -> Plan:
-    """Plan of a loaded study; StudyError for whatever its backend or its data do not allow."""
+def make_plan(study: Study, beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]] = ()) -> Plan:
+    """Plan of a loaded study; StudyError for whatever its backend or its data do not allow.
+
+    Holds are compared where the model of the study relaxes, or one of those `beside` it: values and settings that
+    replace its own.
+    """
     source = source_of(study)
     try:
         backend = source.load()
@@ -128,23 +151,33 @@ def make_plan(study: Study) -> Plan:
     curves = {**measured_curves(study), **measured_profiles(study)}
     refuse_what_is_not_modelled(study, backend, resolved, curves)
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
-    main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
+    forces = [e.name for e in study.experiments if e.kind == "force"]
+    found = {n: hold for n in forces if (hold := hold_in(study, n, curves[n]))}
+    holds = followed(study, backend, middle(resolved), found, beside)
+    main = Search("main", study.search.targets or _default_targets(curves, fitted, holds), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
     depths: list[TargetTable | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
-    asked = {e.name: travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
-    cases, case_of = merge(study, backend, fitted, asked, resolved)
+    on_the_way = [t for t in depths if not getattr(t, "since", 0.0)]
+    asked = {
+        e.name: travels(curves[e.name], {t.depth for t in on_the_way if t.experiment == e.name}, holds.get(e.name))
+        for e in fitted
+    }
+    cases, case_of = merge(study, backend, fitted, asked, resolved, holds)
     validation = {
         e.name: profile_case(study, e.name, curves[e.name])
         if e.kind == "profile"
-        else case_for(study, e.name, travels(curves[e.name], set()))
+        else case_for(study, e.name, travels(curves[e.name], set(), holds.get(e.name)), holds.get(e.name))
         for e in study.experiments
         if e.role == "validate"
     }
     units, box = backend.channels, _box(study, resolved)
-    searches = tuple(_search(study, s, box, curves, units) for s in wanted)
+    searches = tuple(_search(study, s, box, curves, units, holds) for s in wanted)
     constraints = tuple(_constraint(c, units) for c in study.search.constraints)
     outputs = [
-        Output(e.name, channel, u, units[channel]) for e in fitted for channel in e.compared for u in asked[e.name]
+        Output(e.name, channel, u, units[channel], since)
+        for e in fitted
+        for channel in e.compared
+        for u, since in _readings(asked[e.name], holds.get(e.name))
     ]
     outputs = list(dict.fromkeys([*outputs, *(o for s in searches for o in s.outputs)]))
     extras = [*_others(backend, fitted[0], asked[fitted[0].name], main.targets), *map(limited, constraints)]
@@ -164,9 +197,17 @@ def make_plan(study: Study) -> Plan:
         constraints,
         searches,
         _conditions(study, box),
+        found,
+        holds,
     )
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
+
+
+def _readings(asked: tuple[float, ...], hold: Hold | None) -> list[tuple[float, float]]:
+    """Travel (mm) and time in the hold (s) of everything that is read of an experiment."""
+    resting = [] if hold is None else [(asked[-1], s) for s in hold.moments]
+    return [*((u, 0.0) for u in asked), *resting]
 
 
 def limited(constraint: Constraint) -> Output:
@@ -374,8 +415,11 @@ def _constraint(table: ConstraintTable, units: Mapping[str, str]) -> Constraint:
     return Constraint(table.experiment, table.channel, table.depth, low, high, units[table.channel])
 
 
-def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable]) -> tuple[TargetTable, ...]:
-    """Without targets: up to three points of each curve that is fitted, so that its whole shape counts."""
+def _default_targets(
+    curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable], holds: Mapping[str, Hold]
+) -> tuple[TargetTable, ...]:
+    """Without targets: up to three points of each curve that is fitted, so that its whole shape counts, and three
+    moments of its hold, even in the logarithm of time."""
     found = []
     for e in fitted:
         if e.role == "fit":
@@ -383,26 +427,38 @@ def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[Experimen
             depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
             place = {"experiment": e.name, "channel": e.compared[0]}
             found += [TargetTable.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
+            if (hold := holds.get(e.name)) is not None:
+                at = np.unique(np.linspace(0, len(hold.since) - 1, 4).round().astype(int))[1:]
+                moments = [{**place, "depth": hold.depth, "since": hold.moments[k]} for k in at]
+                found += [TargetTable.model_validate(m) for m in moments]
     return tuple(found)
 
 
 def _search(
-    study: Study, search: Search, box: Box, curves: Mapping[str, MeasuredCurve], units: Mapping[str, str]
+    study: Study,
+    search: Search,
+    box: Box,
+    curves: Mapping[str, MeasuredCurve],
+    units: Mapping[str, str],
+    holds: Mapping[str, Hold],
 ) -> SearchPlan:
     goals, outputs = [], []
     for t in search.targets:
-        e, curve = study.experiment(t.experiment), curves[t.experiment]
-        if t.channel != curve.channel:
-            curve = combine(study.measurement(e.name), study.noise_of(e.name), t.channel)
-        value, sigma = value_at(curve, t.depth)
+        e, curve, hold = study.experiment(t.experiment), curves[t.experiment], holds.get(t.experiment)
+        if t.channel != curve.channel or t.since:
+            curve = combine(
+                study.measurement(e.name), study.noise_of(e.name), t.channel, hold=hold if t.since else None
+            )
+        depth, since = place_of_target(study, t, hold)
+        value, sigma = value_at(curve, t.depth) if not since else value_at_rest(curve, since)
         value = value if t.value is None else t.value
         # A perfect measurement would leave nothing acceptable; neither would a target of 0 on a curve that is not.
         sigma = max(sigma, 1e-3 * (abs(value) or float(np.abs(curve.value).max())))
         if sigma == 0.0:
             text = f"the target {t.channel} of {e.name!r} at {t.depth:g} mm is 0 without uncertainty: state a noise"
             raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
-        goals.append(Goal(t.experiment, t.channel, t.depth, value, sigma, units[t.channel], t.value is None))
-        outputs.append(Output(t.experiment, t.channel, t.depth, units[t.channel]))
+        goals.append(Goal(t.experiment, t.channel, depth, value, sigma, units[t.channel], t.value is None, since))
+        outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since))
     return SearchPlan(search.name, tuple(goals), tuple(outputs), *ends_in(search.axes, box), search.axes)
 
 

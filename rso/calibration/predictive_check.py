@@ -217,6 +217,7 @@ def _row(v: PredictiveCheck) -> dict[str, Any]:
                 "channel": c.kept.channel,
                 "unit": c.kept.unit,
                 "depth": c.kept.depth,
+                **c.kept.times,
                 "measured": c.kept.value,
                 "sigma": c.kept.sigma,
                 "predicted": c.predicted,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import ahead, between
+from rso.core.curves import ahead, between, rests
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Output
 from rso.inference import CurvePlace, Data, resample, together
@@ -19,11 +21,17 @@ def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
 
 
 def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
-    """A channel of an experiment, its repeats combined."""
-    curve = plan.curves[name]
-    if curve.channel == channel:
+    """A channel of an experiment, its repeats combined: loading, and its hold behind it where the model follows one."""
+    curve, hold = plan.curves[name], plan.holds.get(name)
+    if curve.channel == channel and hold is None:
         return curve
-    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel)
+    return _combined(plan, name, channel)
+
+
+@functools.lru_cache(maxsize=64)
+def _combined(plan: Plan, name: str, channel: str) -> MeasuredCurve:
+    """Asked for many times in a study."""
+    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel, hold=plan.holds.get(name))
 
 
 def label(plan: Plan, name: str, channel: str) -> str:
@@ -39,8 +47,14 @@ def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
 
 def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
     """Where a curve was measured, from contact on."""
-    depth = measured(plan, name, channel).depth
-    return CurvePlace(name, channel, depth[depth > 0])
+    curve = measured(plan, name, channel)
+    return place_of(name, curve, curve.depth > 0)
+
+
+def place_of(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
+    """Where the readings to `keep` (n,) of a curve were measured, none deeper than `deepest` (mm)."""
+    since = None if curve.since is None else curve.since[keep]
+    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since)
 
 
 def curve_data(plan: Plan, place: CurvePlace) -> Data:
@@ -70,6 +84,7 @@ def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray)
         white,
         usual=left,
         itself=curve.n_repeats == 1,
+        since=None if curve.since is None else curve.since[keep],
     )
 
 
@@ -90,7 +105,7 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data:
 def of_interpolation(place: CurvePlace, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
     off by; it belongs together between two of these."""
-    off = between(travel, value, place.depth)
+    off = np.where(place.held, 0.0, between(travel, value, place.depth))
     spacing = float(np.median(np.diff(np.append(0.0, travel))))
     return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
 
@@ -103,11 +118,17 @@ def interpolated(response: Response, place: CurvePlace) -> np.ndarray:
 
 
 def error_at(response: Response, place: CurvePlace) -> np.ndarray:
-    """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}.
+    """Estimated numerical error (n,) of a channel at the measured depths and moments; between travels it grows as
+    u^{3/2}.
 
     It is no share of the value: a lateral force may vanish on its way, and its error does not.
     """
     curve = response.curve(place.channel)
     used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]
-    return np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
+    found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
+    if (held := place.held).any():
+        assert place.since is not None
+        at = rests(response.channels["time"], curve.travel_mm, float(place.depth[held][0]), place.since[held])
+        found[held] = curve.error[at]
+    return found

@@ -24,14 +24,14 @@ from rso.calibration.stages import Design, FittedSurrogates, Run, why
 from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
-from rso.core.curves import ahead
+from rso.core.curves import ahead, rests
 from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
 from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
-from rso.optimise.targets import Checked
+from rso.optimise.targets import Checked, Target
 from rso.study.cases import remarks, sketches
 from rso.study.schema import Study
 
@@ -56,7 +56,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "backend": {
             "name": plan.backend.name,
             "numerics": plan.backend.numerics,
-            "settings": plain(study.backend.settings),
+            "settings": plain(study.written(study.backend.settings)),
         },
         "parameters": parameters(plan, plan),
         "sketches": sketches(study, plan.backend),
@@ -70,6 +70,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             *extraordinary(plan),
             *uncalibrated(plan),
             *unresolved(plan),
+            *plan.of_relaxation(),
         ],
         "timings": {},
         "provenance": {
@@ -217,6 +218,7 @@ def of_validation(found: list[Validation]) -> dict[str, Any]:
                 "cause": cause,
                 "reason": reason,
                 "depth": v.kept.depth,
+                **v.kept.times,
                 "measured": v.kept.value,
                 "sigma": v.kept.sigma,
                 "predicted": [] if v.predicted is None else v.predicted,
@@ -295,7 +297,8 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
 
 
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
-    e, curve, said = plan.study.experiment(name), plan.curves[name], remarks(plan.study, name)
+    e, said = plan.study.experiment(name), remarks(plan.study, name, plan.of_hold(name, inline=True))
+    curve = measured(plan, name, plan.curves[name].channel)
     others = [measured(plan, name, c) for c in e.compared[1:]]
     return {
         "name": name,
@@ -303,7 +306,7 @@ def _experiment(plan: Plan, name: str) -> dict[str, Any]:
         "kind": e.kind,
         "channel": curve.channel,
         "unit": curve.unit,
-        "settings": plan.study.settings_of(name),
+        "settings": plan.study.written(plan.study.settings_of(name)),
         "file": e.files,
         "notes": [*said, *plan.study.measurement(name).notes],
         "remarks": len(said),
@@ -314,7 +317,8 @@ def _experiment(plan: Plan, name: str) -> dict[str, Any]:
 
 
 def _measured(c: MeasuredCurve) -> dict[str, Any]:
-    return {"depth": c.depth, "value": c.value, "sigma": c.sigma, "position": _position(c.position)}
+    place = {"depth": c.depth, "value": c.value, "sigma": c.sigma, "position": _position(c.position)}
+    return place if c.since is None else {**place, "since": c.since}
 
 
 def _position(places: np.ndarray | None) -> list[list[float]]:
@@ -322,7 +326,9 @@ def _position(places: np.ndarray | None) -> list[list[float]]:
 
 
 def _output(o: Output) -> dict[str, Any]:
-    return {"id": o.id, "experiment": o.experiment, "channel": o.channel, "depth_mm": o.depth_mm, "unit": o.unit}
+    held = {"since_s": o.since_s} if o.since_s else {}
+    place = {"experiment": o.experiment, "channel": o.channel, "depth_mm": o.depth_mm, "unit": o.unit}
+    return {"id": o.id, **place, **held}
 
 
 def _runs(plan: Plan, run: Run) -> list[dict[str, Any]]:
@@ -385,7 +391,7 @@ def _search(plan: Plan, found: SearchResult, audit: Sequence[RangeStep]) -> dict
     choice, front = found.result.choice, found.front
     return {
         "name": found.plan.name,
-        "targets": [dataclasses.asdict(g) for g in found.plan.goals],
+        "targets": [goal(g) for g in found.plan.goals],
         "ranges": {a.name: [a.low, a.high] for a in found.plan.axes},
         "kind": choice.kind,
         "reachable": choice.reachable,
@@ -450,6 +456,11 @@ def _candidate(plan: Plan, found: SearchResult, k: int) -> dict[str, Any]:
     }
 
 
+def goal(target: Target) -> dict[str, Any]:
+    """One target; `since_s` only of a moment in a hold."""
+    return {k: v for k, v in dataclasses.asdict(target).items() if k != "since_s" or v}
+
+
 def demand(d: Checked) -> dict[str, Any]:
     """One target or constraint and how a candidate meets it; `words` only where it does not."""
     return {
@@ -466,9 +477,9 @@ def demand(d: Checked) -> dict[str, Any]:
 
 
 def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Every compared curve in runs that are done."""
+    """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
     found = {}
-    for name, (experiment, _, curve) in simulated_curves(plan, outcomes).items():
+    for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
         loading = ahead(curve.travel_mm)
         found[name] = {
             "experiment": experiment,
@@ -477,6 +488,12 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
             "value": curve.value[loading],
             "error": curve.error[loading],
         }
+        if record.since is not None:
+            outcome = outcomes[plan.case_of[experiment]]
+            assert isinstance(outcome, Done)
+            since, depth = record.since[record.held], float(record.depth[record.held][0])
+            at = rests(outcome.response.channels["time"], curve.travel_mm, depth, since)
+            found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
     return found
 
 

@@ -10,15 +10,16 @@ import numpy as np
 from rso import optimise
 from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan, SearchPlan, limited
-from rso.calibration.readings import compared
+from rso.calibration.readings import compared, place_of
 from rso.calibration.stages import Design, Runner, learn_more, sample
 from rso.contract import Curve
-from rso.core.curves import Metrics, Resampling, baseline, loading, metrics
+from rso.core.curves import Metrics, baseline, metrics
 from rso.data import MeasuredCurve
 from rso.emulation.emulator import Emulator
 from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome, Task
 from rso.evaluation.store import Done
+from rso.inference import outputs_of, readings_of, resample
 from rso.optimise import Choice
 from rso.optimise.targets import Checked, against, residuals, violations, within
 from rso.optimise.verification import Candidate, Verified, agreement, verify
@@ -204,11 +205,14 @@ def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple
 def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]:
     """Error metrics of runs that are done against every compared curve, at the measured depths."""
     found = {}
-    for name, (_, curve, simulated) in simulated_curves(plan, outcomes).items():
+    for name, (experiment, curve, simulated) in simulated_curves(plan, outcomes).items():
+        outcome = outcomes[plan.case_of[experiment]]
+        assert isinstance(outcome, Done)
         deepest = float(simulated.travel_mm.max())
         keep = (curve.depth > 0) & (curve.depth <= deepest + 1e-9)
-        at = np.minimum(curve.depth[keep], deepest)
-        found[name] = metrics(curve.value[keep], loading(simulated.travel_mm, simulated.value)(at))
+        found[name] = metrics(
+            curve.value[keep], resample(outcome.response, place_of(experiment, curve, keep, deepest), "")
+        )
     return found
 
 
@@ -227,11 +231,12 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
         return {}
     for name, (experiment, measured) in compared(plan).items():
         outputs = [o for o in plan.outputs if o.experiment == experiment and o.channel == measured.channel]
-        travel = np.array([o.depth_mm for o in outputs])
-        keep = (measured.depth > 0) & (measured.depth <= travel[-1] + 1e-9)
-        at = np.minimum(measured.depth[keep], travel[-1])
+        deepest = max(o.depth_mm for o in outputs)
+        keep = (measured.depth > 0) & (measured.depth <= deepest + 1e-9)
+        place = place_of(experiment, measured, keep, deepest)
+        outputs = outputs_of(outputs, place)
         curves = emulator.means(outputs, points)
-        each = [metrics(measured.value[keep], Resampling(travel, y)(at)) for y in curves]
+        each = [metrics(measured.value[keep], readings_of(outputs, y, place)) for y in curves]
         mean = {k: float(np.mean([getattr(m, k) for m in each])) for k in ("rmse", "nrmse", "mre", "mape", "rrmse")}
         found[name] = Metrics(**mean, n=each[0].n, excluded=each[0].excluded, floor=each[0].floor)
     return found

@@ -99,7 +99,7 @@ def analyse(plan: Plan, fitted: FittedSurrogates, stated: Plan) -> Sensitivity:
             bars = sensitivity.local(predict(output), np.full(d, 0.5), box.names, ranges) if table.local else ()
             known = sobol.get(output.id)
             along.append(Along(output, bars, known or indices(output, min(table.samples, ALONG))))
-    along.sort(key=lambda a: (a.output.experiment, a.output.channel, a.output.depth_mm))
+    along.sort(key=lambda a: (a.output.experiment, a.output.channel, *a.output.order))
     return Sensitivity(
         ranges, searched, centre, local, curves, morris, sobol, tuple(along), inside is not None, refused
     )
@@ -180,6 +180,7 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
             "sobol": [_share(o, s, k, n) for o, s in found.sobol.items() for k, n in enumerate(names)],
             "along": [
                 {"experiment": a.output.experiment, "channel": a.output.channel, "depth_mm": a.output.depth_mm}
+                | ({"since_s": a.output.since_s} if a.output.since_s else {})
                 | ({} if not a.bars else {k: v for k, v in _bar(a.output.id, a.bars[j]).items() if k != "parameter"})
                 | ({} if a.sobol is None else _share(a.output.id, a.sobol, j, n))
                 | {"parameter": n}

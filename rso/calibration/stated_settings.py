@@ -130,7 +130,7 @@ def _canonical(plan: Plan, name: str, settings: Mapping[str, Any]) -> dict[str, 
         values, case = plan.backend.canonical(given, case)
     except MISREAD:
         return None
-    return _flat(case.settings) | {k: v for k, v in values.items() if k not in given}
+    return _flat(plan.study.written(case.settings)) | {k: v for k, v in values.items() if k not in given}
 
 
 def _flat(settings: Mapping[str, Any], above: str = "") -> dict[str, Any]:

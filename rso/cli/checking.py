@@ -204,12 +204,13 @@ def _things(plan: Plan) -> list[str]:
             *stated_settings.uncalibrated(plan),
         )
     ]
+    lines += [f"  {words}" for words in plan.of_relaxation()]
     lines += _refused(plan)
     lines += stated_settings.of_study(plan)
     for e in plan.study.experiments:
         curve = plan.curves[e.name]
         places = [] if curve.position is None else curve.position.tolist()
-        remarks = cases.remarks(plan.study, e.name)
+        remarks = cases.remarks(plan.study, e.name, plan.of_hold(e.name))
         depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
         what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
         reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"

@@ -81,13 +81,11 @@ def new(options: argparse.Namespace, command: str) -> int:
 def _given(options: argparse.Namespace) -> dict[str, tuple[float | str, ...]]:
     """The backend's own options that were given: name → values; ValueError naming option, value and unit."""
     found = {o: getattr(options, o.name.replace("-", "_")) for o in options.of_backend}
-    return {o.name: _values(o, words, options.out) for o, words in found.items() if words is not None}
+    return {o.name: _values(o, words) for o, words in found.items() if words is not None}
 
 
-def _values(option: Option, words: Sequence[str], study: Path) -> tuple[float | str, ...]:
-    """Values of an option by what was written: numbers in its units, files as the study finds them."""
-    from rso.study.new_study import beside
-
+def _values(option: Option, words: Sequence[str]) -> tuple[float | str, ...]:
+    """Values of an option by what was written: numbers in its units, files by absolute paths."""
     least = len(option.words) if option.least is None else option.least
     most = len(words) if option.repeated else len(option.words)
     usage = f"--{option.name} {' '.join(option.words)}"
@@ -99,7 +97,7 @@ def _values(option: Option, words: Sequence[str], study: Path) -> tuple[float | 
         if unit == "file":
             if not Path(word).is_file():
                 raise ValueError(f"--{option.name} {word}: there is no such file")
-            values.append(beside(word, study.absolute().parent))
+            values.append(str(Path(word).absolute()))
         else:
             values.append(word if unit == "text" else _number(f"{usage}: ", word, unit))
     return tuple(values)

@@ -29,7 +29,7 @@ def text_sketch(sketch: Mapping[str, Any]) -> list[str]:
     columns = 2 * max(int(np.ceil(0.5 * (high[0] - low[0]) / column - 0.5 - 1e-9)), 0) + 1  # one lies on the axis
     page = np.full((rows + 1, columns + 2), " ")
     x = 0.5 * (low[0] + high[0]) + (np.arange(columns + 2) - (columns + 1) // 2) * column
-    z = high[1] - (np.arange(rows + 1) + 0.5) * row
+    z = low[1] + (rows - 0.5 - np.arange(rows + 1)) * row  # what holds lies right below
     legend: list[tuple[int, str]] = []
     layers = iter(LAYERS * len(parts))
     for role in FILLED:

@@ -44,6 +44,7 @@ from rso.contract.capabilities import (
     PlausibleRanges,
     PreventableEffects,
     Refusals,
+    Relaxation,
     Resolution,
     Sketch,
     Sketches,
@@ -56,7 +57,7 @@ from rso.contract.capabilities import (
 from rso.contract.cases import Case, Programme
 from rso.contract.keys import run_key
 from rso.contract.parameters import Parameter, Scope, drop_neutral, finite, knob, number, parameters_of
-from rso.contract.plain_data import digest, object_path, plain
+from rso.contract.plain_data import by_contents, digest, object_path, plain
 from rso.contract.responses import CAUSES, Curve, NotFinite, Response, SimulationFailed
 
 __all__ = [
@@ -94,6 +95,7 @@ __all__ = [
     "PreventableEffects",
     "Programme",
     "Refusals",
+    "Relaxation",
     "Resolution",
     "Response",
     "Scope",
@@ -102,6 +104,7 @@ __all__ = [
     "Sketches",
     "SurfaceMarks",
     "Variants",
+    "by_contents",
     "capability",
     "digest",
     "drop_neutral",

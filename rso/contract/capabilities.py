@@ -84,6 +84,14 @@ class ModelHierarchy(Protocol):
         ...
 
 
+class Relaxation(Protocol):
+    """Whether a model relaxes; without it one does that has a knob in seconds which its canonical values keep."""
+
+    def relaxes(self, values: Mapping[str, float], settings: Settings, /) -> bool:
+        """Whether forces go on changing while the indenter rests at one depth, with these values and settings."""
+        ...
+
+
 # --- closed forms: answers and starts without a simulation ----------------------------------------------------------
 
 
@@ -284,8 +292,8 @@ class Option:
     """An option of `rso new`: its name, a word and a unit for each of its values, and its help.
 
     The first `least` values must be given, all by default; with `repeated` the last word stands for any number of
-    values.  A unit is "mm" or "deg", of a number that is handed over in it, "file", a path that is handed over as the
-    study will find it, or "text".
+    values.  A unit is "mm" or "deg", of a number that is handed over in it, "file", an absolute path, which
+    the study will hold as it finds it, or "text".
     """
 
     name: str
@@ -335,7 +343,7 @@ class Fingerprint(Protocol):
 
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
-    "alternatives": (Variants, ModelHierarchy),
+    "alternatives": (Variants, ModelHierarchy, Relaxation),
     "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
         CostModel,

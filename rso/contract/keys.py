@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from rso.contract.backend import Backend
 from rso.contract.capabilities import Fingerprint, capability
 from rso.contract.cases import Case
-from rso.contract.plain_data import digest, plain
+from rso.contract.plain_data import by_contents, digest, plain
 
 
 def run_key(backend: Backend, values: Mapping[str, float], case: Case) -> str:
@@ -25,7 +25,7 @@ def run_key(backend: Backend, values: Mapping[str, float], case: Case) -> str:
             "numerics": backend.numerics,
             "values": {k: float(v) for k, v in values.items()},
             "programme": {k: v for k, v in dataclasses.asdict(case.programme).items() if v != ()},
-            "settings": plain(case.settings),
+            "settings": by_contents(plain(case.settings)),
             "artefacts": dict(case.artefacts),
         }
     )

@@ -42,6 +42,19 @@ def digest(data: Any) -> str:
     return hashlib.sha256(json.dumps(normal(plain(data)), sort_keys=True, ensure_ascii=True).encode()).hexdigest()
 
 
+def by_contents(data: Any) -> Any:
+    """Plain data without `file` in every table that has the `sha256` of what is in it: where it lies is not what it is.
+
+    So a backend whose canonical settings name a file writes its hash beside; a run of the same contents elsewhere has
+    the same key.
+    """
+    if isinstance(data, list):
+        return [by_contents(v) for v in data]
+    if not isinstance(data, dict):
+        return data
+    return {k: by_contents(v) for k, v in data.items() if not (k == "file" and "sha256" in data)}
+
+
 def object_path(folder: Path, sha: str) -> Path:
     """Where a content-addressed object lies below `folder`."""
     return folder / sha[:2] / sha

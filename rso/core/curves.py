@@ -93,6 +93,44 @@ def loading(travel: np.ndarray, value: np.ndarray) -> Resampling:
     return Resampling(np.asarray(travel, float)[mine], np.asarray(value, float)[mine])
 
 
+def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
+    """Rows of a response over time (m,) s that lie `since` (n,) s after the indenter came to rest at a depth (mm).
+
+    A response that ends when the indenter comes is that of a model to which the rest makes no difference: its
+    canonical case has none, and the force stays.  KeyError where it goes on without such a moment.
+    """
+    t, u, s = (np.asarray(v, float) for v in (time, travel, since))
+    there = np.nonzero(np.abs(u - depth) < 1e-9)[0]
+    if not len(there):
+        raise KeyError(f"the response holds travels {u.tolist()} mm, and not {depth:g} mm, where the indenter rests")
+    came = int(there[0])
+    if came == len(t) - 1:
+        return np.full(s.shape, came)
+    moment = t[came] + s
+    at = np.argmin(np.abs(moment[:, None] - t), axis=1)
+    off = (np.abs(t[at] - moment) > 1e-9 * np.abs(t).max()) | (np.abs(u[at] - depth) > 1e-9)
+    if off.any():
+        lost = ", ".join(f"{v:g}" for v in s[off])
+        raise KeyError(f"the response has no force {lost} s after the indenter came to rest at {depth:g} mm")
+    return at
+
+
+def at_readings(
+    time: np.ndarray, travel: np.ndarray, value: np.ndarray, depth: np.ndarray, since: np.ndarray | None = None
+) -> np.ndarray:
+    """Values of a response at readings (n,): of loading by depth (mm), of a hold by the time `since` it began (s).
+
+    `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth.
+    """
+    there = loading(travel, value)
+    if since is None or not since.any():
+        return there(depth)
+    held, found = since > 0.0, np.empty(len(depth))
+    found[~held] = there(depth[~held])
+    found[held] = np.asarray(value)[rests(time, travel, float(depth[held][0]), since[held])]
+    return found
+
+
 def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
     """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,).
 

@@ -6,6 +6,7 @@ from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import CONTACT, Column
 from rso.data.files.reading import Measurement, Repeat, fingerprint, read
 from rso.data.files.workbook import sheet_of
+from rso.data.holds import Hold, hold_of
 from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.data.loading_rate import recorded_speed
 from rso.data.outliers import kept, step_of, without_spikes
@@ -19,6 +20,7 @@ __all__ = [
     "SEGMENTS",
     "Chain",
     "Column",
+    "Hold",
     "MeasuredCurve",
     "Measurement",
     "Noise",
@@ -30,6 +32,7 @@ __all__ = [
     "combine",
     "correct",
     "fingerprint",
+    "hold_of",
     "kept",
     "read",
     "record",

@@ -13,6 +13,7 @@ from rso.core.power_law import LEADING
 from rso.core.units import COLUMNS
 from rso.data import usual_errors
 from rso.data.files.reading import Measurement, Repeat
+from rso.data.holds import Hold, held, relaxing
 from rso.data.outliers import without_spikes
 from rso.data.scatter import White, beyond_said, of_record, of_repeats, ratio_of
 from rso.data.variance_components import parts
@@ -107,6 +108,7 @@ class MeasuredCurve:
     curves of one test, and "calibration" in those of all tests, is one error.  `white` is the standard deviation (n,)
     of what counts as white because one record alone does not tell and nothing is stated; None where it is known.
     `usual` holds the parts U (n, q) of C, U Uᵀ each, that nobody has stated and the readings do not show.
+    `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without those of a hold.
     """
 
     channel: str
@@ -121,9 +123,21 @@ class MeasuredCurve:
     shared: Mapping[str, np.ndarray] = field(default_factory=dict)
     white: np.ndarray | None = None
     usual: Mapping[str, np.ndarray] = field(default_factory=dict)
+    since: np.ndarray | None = None
+
+    @property
+    def held(self) -> np.ndarray:
+        """(n,) whether a reading is one of the hold."""
+        return np.zeros(len(self.depth), bool) if self.since is None else self.since > 0.0
 
 
-def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
+def combine(
+    measurement: Measurement,
+    noise: Noise,
+    channel: str = "Fz",
+    segment: str = "loading",
+    hold: Hold | None = None,
+) -> MeasuredCurve:
     """Average the repeats on a common grid of the depths that all of them reach.
 
         C = (κ w² + c² e^{−|Δu|/ℓ} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ)/r      scatter of the r repeats, usual errors of a test
@@ -143,6 +157,11 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
     and pull every fit low, by g² times their number (Peelle's puzzle; D'Agostini, Nucl. Instrum. Methods A 346 (1994)
     306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
+
+    Readings of a `hold` come behind those of loading, a few moments for all.  There u of the first equation is the way
+    that the indenter would have gone since, at its speed: errors that go together along the way do so in time.  ŷ is
+    that of :func:`~rso.data.holds.relaxing`, and ŷ' what it is at the end of loading times F/F(end): a contact found
+    late is late for all.
     """
     if channel not in measurement.channels:
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
@@ -157,11 +176,21 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
     many = len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])  # averaged, if all were like this one
     own_length = noise.correlation or 0.0
-    together = 1.0 if own_length > 0 else many
     power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
-    stated = np.sqrt(np.mean(power / together, axis=0))
     mean = y.mean(axis=0)
     smooth, slope = _smooth(u, mean)
+    n, depth, since = len(u), u, None
+    if hold is not None:
+        exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING
+        rows = [held(r, hold, channel, exponent) for r in measurement.repeats]
+        y, power = (np.hstack([a, [b[k] for b in rows]]) for k, a in enumerate((y, power)))
+        many = np.hstack([many, len(rows) * np.array([b[2] for b in rows])])
+        mean = y.mean(axis=0)
+        smooth, slope = _continued(hold, mean, smooth, slope)
+        depth, since = np.append(u, np.full(len(hold.since), hold.depth)), np.append(np.zeros(n), hold.since)
+        u = np.append(u, hold.depth + hold.speed * hold.since)
+    together = 1.0 if own_length > 0 else many
+    stated = np.sqrt(np.mean(power / together, axis=0))
     along = np.exp(-np.abs(u[:, None] - u) / own_length) if own_length > 0 else np.eye(len(u))
     r = len(y)
     deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
@@ -169,10 +198,12 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     said = (np.outer(stated, stated) + np.outer(own, own)) * along + np.diag(deep)
     if r > 1:
         white_said = np.diag(said) if own_length == 0 else deep
-        seen, freedom, shared, left = _scatter(u, y, smooth, slope, white_said, np.diag(said), noise)
+        seen, freedom, shared, left = _scatter(u, y, smooth, slope, white_said, np.diag(said), noise, n)
     else:
-        noisy = of_record(u, mean - _power_series(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
-        seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise)
+        # small force, steep bend: not to be noise
+        there = of_record(u[:n], mean[:n] - _power_series(u[:n], mean[:n])(u[:n]), smooth[:n], said[:n, :n])
+        noisy = there if hold is None else _both(there, n, _of_hold(hold, mean[n:], smooth[n:], said[n:, n:]))
+        seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise, n)
     covariance = seen + said
     untold = r == 1 and own_length == 0
     white = np.sqrt(np.diag(covariance)) if untold else None
@@ -189,7 +220,7 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     return MeasuredCurve(
         channel,
         COLUMNS[channel],
-        u,
+        depth,
         mean,
         sigma,
         len(branches),
@@ -198,7 +229,29 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         shared=shared,
         white=white,
         usual=left,
+        since=since,
     )
+
+
+def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """ŷ and ŷ' of loading (n,) and of the hold behind it (n + m,), whose means are those of `mean` (n + m,)."""
+    along = relaxing(list(hold.since[:, None]), mean[len(smooth) :])(hold.since)
+    share = along / smooth[-1] if smooth[-1] else np.ones(len(along))
+    return np.append(smooth, along), np.append(slope, slope[-1] * share)
+
+
+def _of_hold(hold: Hold, mean: np.ndarray, smooth: np.ndarray, said: np.ndarray) -> White:
+    """White noise of the moments of a hold of one record."""
+    return of_record(np.log(hold.since), mean - smooth, smooth, said)
+
+
+def _both(there: White, n: int, resting: White) -> White:
+    """Noise of loading (n,) and hold (m,) together, known as well as that of the larger part is, where of the other it
+    was not taken from readings."""
+    taken = [v.freedom for v in (there, resting) if math.isfinite(v.freedom)]
+    larger = there if n >= len(resting.variance) else resting
+    freedom = sum(taken) if len(taken) == 2 else larger.freedom
+    return White(np.append(there.variance, resting.variance), freedom)
 
 
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
@@ -280,14 +333,17 @@ def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return fit(u), fit.deriv()(u)
 
 
-def _of_one(u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise) -> dict[str, np.ndarray]:
-    """What one record is usually off by, as parts U (n, q) of C = U Uᵀ, where nothing is stated."""
+def _of_one(u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise, loading: int) -> dict[str, np.ndarray]:
+    """What one record is usually off by, as parts U (n, q) of C = U Uᵀ, where nothing is stated; the first readings are
+    those of `loading`."""
+    there = u[:loading]
     sizes = {
         "gain": usual_errors.GAIN,
-        "contact": usual_errors.CONTACT * float(u.max()),
+        "contact": usual_errors.CONTACT * float(there.max()),
         "correlation": _correlated(smooth),
     }
-    return _parts(u, smooth, slope, {n: v for n, v in sizes.items() if n in noise.unstated})
+    length = usual_errors.OVER * float(np.ptp(there))
+    return _parts(u, smooth, slope, {n: v for n, v in sizes.items() if n in noise.unstated}, length)
 
 
 def _correlated(smooth: np.ndarray) -> float:
@@ -320,6 +376,7 @@ def _scatter(
     white_said: np.ndarray,
     said: np.ndarray,
     noise: Noise,
+    loading: int,
 ) -> tuple[np.ndarray, float, dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Covariance (n, n) of the mean of two repeats y (r, n) and more beyond what is stated as white of it, `white_said`
     (n,), its degrees of freedom, what is shared of it, and what is usual beyond it, in parts.
@@ -331,7 +388,7 @@ def _scatter(
     r = len(y)
     found, part = of_repeats(y, smooth, slope)
     contrasts = np.linalg.svd(np.eye(r) - 1.0 / r)[0][:, : r - 1].T @ y
-    prior = {n: v for n, v in zip(("correlation", "gain", "contact"), _priors(u, smooth, noise), strict=True)}
+    prior = {n: v for n, v in zip(("correlation", "gain", "contact"), _priors(u[:loading], smooth, noise), strict=True)}
     variance = np.maximum(found.variance, (1e-9 * float(np.abs(smooth).max() or 1.0)) ** 2)
     p = parts(u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual_errors.PRIOR)
     ratio = p.white * ratio_of(y, smooth, slope, r * white_said)

@@ -281,7 +281,7 @@ def run_diagnosis(
             "judging_cpu": time.process_time() - cpu,
         }
         found["command"] = command
-        found["settings"] = plain(dict(asked.study.backend.settings))
+        found["settings"] = plain(asked.study.written(asked.study.backend.settings))
         found["sketches"] = plain(sketches(asked.study, asked.base.backend))
         found["study"] = {"file": asked.study.file.name, "seed": asked.study.study.seed}
         found["provenance"] = {
@@ -305,7 +305,7 @@ def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
         best = results["best"]
         search = next(s for s in results["searches"] if s["name"] == best["search"])
         values = next(c for c in search["candidates"] if c["name"] == best["candidate"])["values"]
-        same = results["backend"]["settings"] == plain(dict(asked.study.backend.settings))
+        same = results["backend"]["settings"] == plain(asked.study.written(asked.study.backend.settings))
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
         return None
     fixed = asked.base.fixed

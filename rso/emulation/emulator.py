@@ -17,6 +17,7 @@ import numpy as np
 
 from rso import emulation
 from rso.contract import Response
+from rso.core.curves import rests
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import (
@@ -41,20 +42,30 @@ FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 
 @dataclass(frozen=True)
 class Output:
-    """One scalar of a response: channel of an experiment at a travel (mm)."""
+    """One scalar of a response: channel of an experiment at a travel (mm), or in a hold `since_s` after it began."""
 
     experiment: str
     channel: str
     depth_mm: float
     unit: str
+    since_s: float = 0.0
 
     @property
     def id(self) -> str:
-        """``experiment:channel@depth``."""
-        return f"{self.experiment}:{self.channel}@{self.depth_mm:g}"
+        """``experiment:channel@depth``, in a hold ``experiment:channel@depth+since``."""
+        held = f"+{self.since_s:g}s" if self.since_s else ""
+        return f"{self.experiment}:{self.channel}@{self.depth_mm:g}{held}"
+
+    @property
+    def order(self) -> tuple[float, float]:
+        """Where it stands along its curve: loading by depth, then the hold by time."""
+        return self.since_s, self.depth_mm
 
     def place(self, response: Response) -> int:
-        """Index of this travel in a response that was asked for it; KeyError if it was not."""
+        """Index of this reading in a response that was asked for it; KeyError if it was not."""
+        if self.since_s:
+            time, travel = response.channels["time"], response.channels["travel"]
+            return int(rests(time, travel, self.depth_mm, np.array([self.since_s]))[0])
         travel = response.curve(self.channel).travel_mm
         at = np.nonzero(np.abs(travel - self.depth_mm) < 1e-9)[0]
         if not len(at):
@@ -223,7 +234,8 @@ def learn(
 
     `each` may be the `map` of an executor: one call an output.
 
-    'whole_curve' learns all travels of a channel of an experiment together (a channel with few travels as 'auto').
+    'whole_curve' learns all travels of a channel of an experiment together (a channel with few travels as 'auto'), and
+    all moments of its hold, over time.
     Derivatives and numerical errors of the samples are used where they help; `held` samples join the choice only.
 
     Raises ValueError if there are too few runs for any surrogate.
@@ -239,7 +251,7 @@ def learn(
     fitted: dict[str, Surrogate | CurvePoint] = {}
     for members in _curves(outputs) if kind == "whole_curve" else ():
         Y, noise, G = _stacked(columns, members)
-        at = np.array([o.depth_mm for o in members])
+        at = np.array([o.since_s or o.depth_mm for o in members])
         curve = fit_curve(X, at, Y, seed=seed, noise_sd=noise, gradients=G, unit=members[0].unit, names=reduced.names)
         fitted |= {o.id: CurvePoint(curve, j) for j, o in enumerate(members)}
     rest = [o for o in outputs if o.id not in fitted]
@@ -302,11 +314,12 @@ class _Column:
 
 
 def _curves(outputs: Sequence[Output]) -> list[list[Output]]:
-    """Outputs of one channel of one experiment, by travel, where they are enough to be a curve."""
-    groups: dict[tuple[str, str], list[Output]] = {}
+    """Outputs of one channel of one experiment, by travel, and of its hold by time, where they are enough to be a
+    curve."""
+    groups: dict[tuple[str, str, bool], list[Output]] = {}
     for o in outputs:
-        groups.setdefault((o.experiment, o.channel), []).append(o)
-    return [sorted(g, key=lambda o: o.depth_mm) for g in groups.values() if len(g) >= FEWEST_TRAVELS]
+        groups.setdefault((o.experiment, o.channel, o.since_s > 0.0), []).append(o)
+    return [sorted(g, key=lambda o: o.order) for g in groups.values() if len(g) >= FEWEST_TRAVELS]
 
 
 def _stacked(

@@ -375,6 +375,9 @@ def _lacking(response: Response, case: Case, needs: frozenset[str], backend: Bac
     asked = np.asarray(case.programme.asked_mm)
     if not len(travel) or np.any(np.abs(travel[:, None] - asked).min(axis=0) > 1e-9):
         return f"the response holds travels {travel.tolist()} mm, asked were {asked.tolist()} mm"
+    moments, time = np.asarray(case.programme.asked_s), response.channels["time"]
+    if len(moments) and np.any(np.abs(time[:, None] - moments).min(axis=0) > 1e-6 * np.abs(time).max()):
+        return f"the response holds times {time.tolist()} s, asked were {moments.tolist()} s"
     return None
 
 

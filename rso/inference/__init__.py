@@ -9,7 +9,16 @@ from rso.inference.identifiability import Determination, Known, Runs, compare_we
 from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
 from rso.inference.least_squares import Fit, all_minima, descend, fit_at, gauss_newton
 from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, common, covariance, stack, together
-from rso.inference.models import CurvePlace, emulated, has_gradients, resample, simulated, spread_of
+from rso.inference.models import (
+    CurvePlace,
+    emulated,
+    has_gradients,
+    outputs_of,
+    readings_of,
+    resample,
+    simulated,
+    spread_of,
+)
 from rso.inference.posterior_sampling import Draws, sample
 from rso.inference.sloppy_directions import Direction, Gain, best_depth, directions, expected_sd, gain
 from rso.inference.tangents import EvaluatedPoint, TangentFrame, tangents
@@ -66,9 +75,11 @@ __all__ = [
     "minimise",
     "on_runs",
     "on_valley",
+    "outputs_of",
     "p_value",
     "profile",
     "quantiles",
+    "readings_of",
     "resample",
     "sample",
     "simulated",

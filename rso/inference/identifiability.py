@@ -292,9 +292,9 @@ def _known(
     verdict = judge(box, k, interval, leaning, scale, stated)
     if verdict.word != "determined" and scale == 1.0:  # less noise does not help a model that is wrong
         verdict = replace(verdict, noise_factor=quieter(box, k, p, level, stated))
-    depth = np.concatenate([d.depth for d in misfit.data])
+    places = [place for d in misfit.data for place in d.places]
     text, why = sentences(
-        box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning, scale=scale
+        box, k, verdict, interval, p, unit=misfit.data[0].unit, places=places, level=level, leaning=leaning, scale=scale
     )
     agreement = None if drawn is None else agree(near_by, drawn)
     return Known(name, float(fit.theta[k]), sd, interval, near_by, drawn, agreement, p, verdict, text, why)
@@ -357,11 +357,11 @@ def _gains(misfit: Misfit, fit: Fit) -> tuple[Gain, ...]:
         found.append(gain(box, fit.x, fit.fisher, f"{d.name} once more, with errors of its own", rows, C))
         start += len(d.value)
     sigma = np.concatenate([d.sigma for d in data]) * misfit.scale
-    depth = np.concatenate([d.depth for d in data])
+    places = [place for d in data for place in d.places]
     worst = int(np.argmax(spread(fit.fisher) / per_log(box, fit.x)))
     if sigma.max() > 0:
         at, _ = best_depth(box, fit.x, fit.fisher, worst, J, sigma)
-        label = f"ten more readings at {depth[at]:.3g} mm"
+        label = f"ten more readings at {places[at]}"
         rows = np.repeat(J[at : at + 1], 10, axis=0)
         found.append(gain(box, fit.x, fit.fisher, label, rows, sigma[at] ** 2 * np.eye(10)))
     return tuple(found)

@@ -32,6 +32,7 @@ class Data:
     given since.  `usual` holds the parts U (n, q) of the covariance, U Uᵀ each, that nobody has stated and the readings
     do not show: what a test is usually off by.  `itself` says that its size was taken from these very readings, not
     from what repeats differ by; `sized` from how many degrees of freedom of what the best fit leaves.
+    `since` (n,) s is the time in a hold, 0 on the way there; None without a hold.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Data:
     usual: Mapping[str, np.ndarray] = field(default_factory=dict)
     itself: bool = False
     sized: float | None = None
+    since: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
@@ -77,7 +79,14 @@ class Data:
             shared={n: s[order] for n, s in self.shared.items()},
             white=None if self.white is None else self.white[order],
             usual={n: U[order] for n, U in self.usual.items()},
+            since=None if self.since is None else self.since[order],
         )
+
+    @property
+    def places(self) -> list[str]:
+        """Where each value was measured, in words: ``2 mm``, in a hold ``2 mm, 5 s held``."""
+        since = np.zeros(len(self.depth)) if self.since is None else self.since
+        return [f"{u:.3g} mm" + (f", {s:.2g} s held" if s else "") for u, s in zip(self.depth, since, strict=True)]
 
     @property
     def as_stated(self) -> Data:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.contract import Response
-from rso.core.curves import Resampling, loading
+from rso.core.curves import Resampling, at_readings
 from rso.doe import Box
 from rso.emulation.emulator import Emulator, Output
 from rso.inference.likelihood import Model
@@ -19,11 +19,20 @@ DIFFERENCE = 1e-3  # of the unit cube, for a backend without derivatives: above 
 
 @dataclass(frozen=True, eq=False)
 class CurvePlace:
-    """Where a curve was measured: depths (n,) mm of one channel of one experiment."""
+    """Where a curve was measured: depths (n,) mm of one channel of one experiment.
+
+    `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without a hold.
+    """
 
     experiment: str
     channel: str
     depth: np.ndarray
+    since: np.ndarray | None = None
+
+    @property
+    def held(self) -> np.ndarray:
+        """(n,) whether a reading is one of the hold."""
+        return np.zeros(len(self.depth), bool) if self.since is None else self.since > 0.0
 
 
 def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np.ndarray], np.ndarray]]:
@@ -33,14 +42,17 @@ def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np
     ValueError if the emulator knows nothing of the curve, or not as deep.
     """
     outputs, R = _at(emulator, place)
-    travel = np.array([o.depth_mm for o in outputs])
+    loading, held = np.array([o.since_s == 0.0 for o in outputs]), place.held
+    travel = np.array([o.depth_mm for o in outputs])[loading]
 
     def predict(X: np.ndarray) -> np.ndarray:
         return emulator.means(outputs, np.asarray(X, float)) @ R.T
 
     def band(x: np.ndarray) -> np.ndarray:
         sd = np.array([emulator.predict(o, np.asarray(x, float)[None])[1][0] for o in outputs])
-        return np.interp(place.depth, np.append(0.0, travel), np.append(0.0, sd))
+        found = np.interp(place.depth, np.append(0.0, travel), np.append(0.0, sd[loading]))
+        found[held] = R[held] @ sd  # computed moments: there is nothing between
+        return found
 
     return Model(emulator.box, predict), band
 
@@ -56,12 +68,47 @@ def spread_of(emulator: Emulator, place: CurvePlace, X: np.ndarray) -> tuple[np.
 
 def _at(emulator: Emulator, place: CurvePlace) -> tuple[list[Output], np.ndarray]:
     """Outputs of a curve by travel, and the matrix (n, m) of the spline through them at its measured places."""
-    outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
-    outputs.sort(key=lambda o: o.depth_mm)
+    outputs = outputs_of(emulator.outputs, place)
     if not outputs:
         raise ValueError(f"the emulator has no {place.channel} of {place.experiment!r}")
-    travel = np.array([o.depth_mm for o in outputs])
-    return outputs, Resampling(travel, np.eye(len(travel)))(place.depth)
+    return outputs, readings_matrix(outputs, place)
+
+
+def outputs_of(outputs: Sequence[Output], place: CurvePlace) -> list[Output]:
+    """Those of a curve: loading by travel, then its hold by time."""
+    mine = [o for o in outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
+    return sorted(mine, key=lambda o: o.order)
+
+
+def readings_of(outputs: Sequence[Output], values: np.ndarray, place: CurvePlace) -> np.ndarray:
+    """Values (n,) at measured places of those (m,) of `outputs`, sorted as :func:`outputs_of` does."""
+    if place.held.any():
+        return readings_matrix(outputs, place) @ values
+    loading = np.array([not o.since_s for o in outputs])
+    travel = np.array([o.depth_mm for o in outputs])[loading]
+    return Resampling(travel, values[loading])(place.depth)
+
+
+def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
+    """R (n, m) that makes values at measured places of the values of `outputs`, in their order.
+
+    Loading is a spline over the travels; moments of a hold are those that were asked for.  ValueError for another one.
+    """
+    travel = np.array([o.depth_mm for o in outputs if not o.since_s])
+    n, held = len(travel), place.held
+    if not held.any():
+        R = Resampling(travel, np.eye(n))(place.depth)
+        return R if n == len(outputs) else np.hstack([R, np.zeros((len(R), len(outputs) - n))])
+    R = np.zeros((len(held), len(outputs)))
+    R[~held, :n] = Resampling(travel, np.eye(n))(place.depth[~held])
+    moments = {o.since_s: n + k for k, o in enumerate(outputs[n:])}
+    for k in np.flatnonzero(held):
+        since = float(place.since[k])  # type: ignore[index]
+        if since not in moments:
+            what = f"{place.channel} of {place.experiment!r}"
+            raise ValueError(f"no {what} is computed {since:g} s into its hold")
+        R[k, moments[since]] = 1.0
+    return R
 
 
 def simulated(box: Box, run: Run, places: Sequence[CurvePlace], fixed: Mapping[str, float] | None = None) -> Model:
@@ -109,4 +156,4 @@ def resample(response: Response, place: CurvePlace, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
-    return loading(curve.travel_mm, y)(place.depth)
+    return at_readings(response.channels["time"], curve.travel_mm, y, place.depth, place.since)

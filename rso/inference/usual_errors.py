@@ -103,8 +103,11 @@ def _size(d: Determination, name: str, key: str) -> str:
     U = curve.usual[name]
     largest = float(np.abs(curve.value).max()) or 1.0
     if key == "contact":
-        order = np.argsort(curve.depth, kind="stable")
-        slope = np.gradient(curve.value[order], np.maximum.accumulate(curve.depth[order]) + 1e-12 * np.arange(len(U)))
+        there = np.ones(len(U), bool) if curve.since is None else curve.since == 0.0  # in a hold there is no slope
+        order = np.flatnonzero(there)[np.argsort(curve.depth[there], kind="stable")]
+        slope = np.gradient(
+            curve.value[order], np.maximum.accumulate(curve.depth[order]) + 1e-12 * np.arange(len(order))
+        )
         return f"{float(np.median(np.abs(U[order, 0]) / np.maximum(np.abs(slope), 1e-300))):.2g} mm"
     deviation = np.sqrt(np.sum(U**2, axis=1))
     return f"{100 * float(deviation.max()) / largest:.2g} % of the largest value"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -114,14 +115,14 @@ def sentences(
     profile: ProfileInterval,
     *,
     unit: str,
-    depth: np.ndarray,
+    places: Sequence[str],
     level: float = 0.9,
     leaning: tuple[str, ...] = (),
     scale: float = 1.0,
 ) -> tuple[str, str]:
     """The verdict in one sentence, and its reason: how little the curve changes where nothing is determined.
 
-    `depth` (n,) mm of all measured points, in the order of the misfit's data, whose unit is `unit`; `scale` as in
+    `places` (n) of all measured points in words, in the order of the misfit's data, whose unit is `unit`; `scale` as in
     :func:`judge`.
     """
     name, of = box.names[k], box.units[k]
@@ -147,7 +148,7 @@ def sentences(
     worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
     over = f"Over the whole interval of {name}" if len(pieces) == 1 else f"Over all these values of {name}"
     over += ", the other parameters fitted again," if box.d > 1 else ""
-    why = _little(over, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit)
+    why = _little(over, abs(profile.change[worst]), profile.sigma[worst], places[profile.point[worst]], unit)
     if verdict.noise_factor is not None:
         likeliest = float(profile.at[int(np.argmin(profile.rise))])
         best = physical(box, k, Interval(likeliest, likeliest))[0]
@@ -163,7 +164,7 @@ def _span(low: float, high: float) -> str:
     return f"{low:.{digits}g} to {high:.{digits}g}"
 
 
-def _little(over: str, change: float, sigma: float, depth: float, unit: str) -> str:
+def _little(over: str, change: float, sigma: float, place: str, unit: str) -> str:
     """How much a curve changes `over` an interval, against its uncertainty, where that shows most."""
     what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
     if change < UNSEEN * sigma:
@@ -171,7 +172,7 @@ def _little(over: str, change: float, sigma: float, depth: float, unit: str) -> 
     much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
     return (
         f"{over} the {what} changes by at most {much} its uncertainty: "
-        f"{size(change, unit)} against {size(sigma, unit)}, at {depth:.3g} mm."
+        f"{size(change, unit)} against {size(sigma, unit)}, at {place}."
     )
 
 

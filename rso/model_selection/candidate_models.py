@@ -11,10 +11,12 @@ from rso.calibration.plan import Plan
 from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capability
 from rso.core.similarity import Group, group, stress_exponent
 from rso.core.units import quantity
+from rso.data import Hold
 from rso.doe import Box
 from rso.model_selection import ModelLevel
 from rso.study.analysis_tables import LevelTable
 from rso.study.errors import Problem, choose, study_error
+from rso.study.holds import middle, ranges, relaxation, relaxes
 from rso.study.line_numbers import Place
 
 STUDY = "study"  # the model as the study file states it
@@ -104,9 +106,9 @@ def _modulus(plan: Plan, opened: Sequence[str], fixed: Mapping[str, float]) -> s
 def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
     """The rungs that `[ladder]` asks for, by default all that the backend offers; StudyError for unknown names."""
     study, backend = plan.study, plan.backend
-    offered = _offered(backend, study.backend.settings)
+    offered = _relaxing(plan, _offered(backend, study.backend.settings))
     if not study.ladder.levels:
-        return offered or ((ModelLevel(STUDY, "the model of the study file"),),)
+        return offered or _relaxing(plan, ((ModelLevel(STUDY, "the model of the study file"),),))
     problems: list[Problem] = []
     rungs = []
     for n, rung in enumerate(study.ladder.levels):
@@ -119,6 +121,38 @@ def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
     if problems:
         raise study_error(study.file, study.lines, problems)
     return tuple(rungs)
+
+
+def _relaxing(plan: Plan, rungs: tuple[tuple[ModelLevel, ...], ...]) -> tuple[tuple[ModelLevel, ...], ...]:
+    """The rungs, each followed by the same levels with a first relaxation where forces fall in a hold and the study's
+    own model does not relax; a closed form has none."""
+    resting = {n: h for n, h in plan.found.items() if n in plan.case_of and isinstance(h, Hold) and h.fall}
+    pair = relaxation(plan.backend)
+    if not resting or pair is None:
+        return rungs
+    values = middle(plan.resolved)
+    if any(relaxes(plan.backend, values, plan.cases[plan.case_of[n]]) for n in resting):
+        return rungs
+    opened = ranges(pair, max(resting.values(), key=lambda h: h.lasts))
+
+    def with_it(level: ModelLevel) -> ModelLevel:
+        return dataclasses.replace(
+            level,
+            name=f"{level.name}+{pair[0].group}",
+            title=f"{level.label}, relaxing",
+            description="; ".join(filter(None, [level.description, pair[0].description])),
+            open={**level.open, **opened},
+            extends=f"{level.extends}+{pair[0].group}" if level.extends else level.name,
+        )
+
+    found = [(rung, tuple(with_it(v) for v in rung if not v.closed_form)) for rung in rungs]
+    return tuple(r for both in found for r in both if r)
+
+
+def beside(plan: Plan, rungs: Sequence[Sequence[ModelLevel]]) -> list[tuple[dict[str, float], Mapping[str, Any]]]:
+    """Values inside of what each level opens, and its settings: what one level follows is compared for all."""
+    middles = [{k: 0.5 * (low + high) for k, (low, high) in v.open.items()} for rung in rungs for v in rung]
+    return list(zip(middles, (v.settings for rung in rungs for v in rung), strict=True))
 
 
 def _offered(backend: Backend, settings: Mapping[str, Any]) -> tuple[tuple[ModelLevel, ...], ...]:

@@ -181,6 +181,7 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
                 "role": role,
                 "unit": v.unit,
                 "depth": v.depth,
+                **({} if p.since is None else {"since": p.since}),
                 "measured": v.value,
                 "sigma": v.sigma,
                 "predicted": f,

@@ -32,7 +32,7 @@ from rso.inference import (
 )
 from rso.inference.verdict import REFUTED, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
-from rso.model_selection.candidate_models import Axes, axes_of, levels_of
+from rso.model_selection.candidate_models import Axes, axes_of, beside, levels_of
 from rso.model_selection.held_out import Unused, validate
 from rso.model_selection.simulations import LadderRunner, LadderUnanswered, Watch, design, prove, sampled
 from rso.study.schema import Study
@@ -84,7 +84,10 @@ class LadderFit:
 
 
 def ladder_plan(study: Study) -> Plan:
-    """Plan of a study for its ladder; with count_validation its validation curves become curves to select with."""
+    """Plan of a study for its ladder; with count_validation its validation curves become curves to select with.
+
+    Where one of its levels relaxes, every level is compared with the holds of the records too.
+    """
     if study.ladder.count_validation:
         roles = {"validate": "select"}
         every = [
@@ -92,7 +95,8 @@ def ladder_plan(study: Study) -> Plan:
             for e in study.experiments
         ]
         study = study.model_copy(update={"experiments": tuple(every)})
-    return make_plan(study)
+    plan = make_plan(study)
+    return make_plan(study, beside(plan, levels_of(plan))) if plan.found else plan
 
 
 def run_ladder(
@@ -137,7 +141,7 @@ def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
     if channel != "Fz" or form is None:
         return None
     curve = measured(plan, name, channel)
-    keep = curve.depth > 0
+    keep = (curve.depth > 0) & ~curve.held
     try:
         return form.start(plan.cases[plan.case_of[name]], curve.depth[keep], curve.value[keep])
     except ValueError:

@@ -54,7 +54,8 @@ def done(plan: Plan) -> list[Item]:
             continue
         noise = plan.study.noise_of(e.name).of_test(float(plan.curves[e.name].depth.max()))
         if e.kind == "force":
-            case = case_for(plan.study, e.name, travels(plan.curves[e.name], set()))
+            hold = plan.holds.get(e.name)
+            case = case_for(plan.study, e.name, travels(plan.curves[e.name], set(), hold), hold)
             pairs = [(n, c) for n, c in fitted_curves(plan, "fit") if n == e.name]
             data = [curve_data(plan, placed(plan, *pair)) for pair in pairs]
             blocks = [Block((placed(plan, *p),), d.unit, noise, d) for p, d in zip(pairs, data, strict=True)]

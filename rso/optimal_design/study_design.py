@@ -191,8 +191,8 @@ def learn_item(
         why = next(o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done))
         return f"only {len(good)} of {len(points)} simulations have an answer; the first without: {why}"
     outputs = [
-        Output(item.name, p.channel, u, b.unit)
-        for b in item.blocks for p in b.places for u in item.case.programme.asked_mm
+        Output(item.name, p.channel, u, b.unit, since)
+        for b in item.blocks for p in b.places for u, since in _read_of(item, p)
     ]  # fmt: skip
     samples = []
     for values, response in good:
@@ -204,6 +204,13 @@ def learn_item(
     cost = sum(getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed))
     experiment = PossibleExperiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, share, x))
     return Learnt(item, experiment, emulator, share, len(tasks), cost, left)
+
+
+def _read_of(item: Item, place: CurvePlace) -> list[tuple[float, float]]:
+    """Travel (mm) and time in the hold (s) of everything that is read of a curve."""
+    asked, held = item.case.programme.asked_mm, place.held
+    resting = [] if place.since is None else [(asked[-1], float(s)) for s in place.since[held]]
+    return [*((u, 0.0) for u in asked), *resting]
 
 
 def _with_marks(group: Group, outputs: Sequence[Output]) -> Group:

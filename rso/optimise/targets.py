@@ -16,6 +16,7 @@ class Target:
     """A value to be met: one channel of one experiment at one depth (mm), with its standard deviation.
 
     `read`: read off noisy data, not stated; of a perfect model one in some hundreds then misses by more than 3 σ.
+    `since_s` is the time in a hold at that depth, 0 on the way there.
     """
 
     experiment: str
@@ -25,6 +26,7 @@ class Target:
     sigma: float
     unit: str
     read: bool = False
+    since_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.value) and np.isfinite(self.sigma) and self.sigma >= 0):
@@ -33,7 +35,8 @@ class Target:
             )
 
     def __str__(self) -> str:
-        return f"{self.channel} of {self.experiment} at {self.depth_mm:g} mm"
+        held = f", {self.since_s:.3g} s into the hold" if self.since_s else ""
+        return f"{self.channel} of {self.experiment} at {self.depth_mm:g} mm{held}"
 
 
 @dataclass(frozen=True)

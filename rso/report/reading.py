@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeGuard
 
@@ -111,6 +111,30 @@ class CandidateView:
         curve = (self.data.get("curves") or {}).get(experiment) or {}
         return points(curve.get("depth"), curve.get("value"))
 
+    def hold(self, experiment: str) -> Mapping[str, Any]:
+        """`since` (s), `value` and `error` of the recomputed hold of an experiment, empty if there is none."""
+        return ((self.data.get("curves") or {}).get(experiment) or {}).get("hold") or {}
+
+
+def on_the_way(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The readings of a row of parallel lists that were taken while loading; all of them without a hold."""
+    return _readings(row, lambda since: since == 0)
+
+
+def at_rest(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of its hold; none without one."""
+    return _readings(row, lambda since: since > 0)
+
+
+def _readings(row: Mapping[str, Any], keep: Callable[[float], bool]) -> dict[str, Any]:
+    depth = row.get("depth") or []
+    since = row.get("since") or [0.0] * len(depth)
+    rows = [k for k, s in enumerate(since) if keep(number(s) or 0.0)]
+    return {
+        key: [v[k] for k in rows] if isinstance(v, list) and len(v) == len(since) else v
+        for key, v in {**row, "since": list(since)}.items()
+    }
+
 
 def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarray:
     """A simulated curve (x, f) at depths `at` (n,) between contact and its end: the one that its metrics were taken of.
@@ -186,13 +210,20 @@ def outputs(results: Results) -> dict[str, OutputView]:
     several = len({o["experiment"] for o in every}) > 1
     views = {}
     for o in every:
-        label = f"{channel_text(o['channel'])} at {shortest(o['depth_mm'])} mm"
+        label = f"{channel_text(o['channel'])} {at_reading(o)}"
         sizes = [number((r.get("outputs") or {}).get(o["id"])) for r in listed(results, "runs")]
         sizes += [number(e.get("predicted")) for c in candidates(results) for e in output_rows(c, o["id"])]
         unit = shown(o.get("unit", ""), largest(sizes))
         label = f"{clean(o['experiment'])}: {label}" if several else label
         views[o["id"]] = OutputView(o["id"], clean(o["experiment"]), label, o.get("unit", ""), unit)
     return views
+
+
+def at_reading(row: Mapping[str, Any]) -> str:
+    """Where an output or a target is read: ``at 2 mm``, in a hold ``at 2 mm, 5 s held``."""
+    since = row.get("since_s")
+    held = f", {shortest(float(f'{since:.2g}'))} s held" if known(since) and since else ""
+    return f"at {shortest(row['depth_mm'])} mm{held}"
 
 
 def drowned(results: Results) -> dict[str, tuple[float, float]]:
@@ -307,7 +338,9 @@ def curve_unit(results: Results, name: str) -> Unit:
 def target_output(target: Mapping[str, Any]) -> str:
     """Id of the output that a target asks for."""
     depth = f"{target['depth_mm']:.6g}" if known(target["depth_mm"]) else "–"
-    return f"{target['experiment']}:{target['channel']}@{depth}"
+    since = target.get("since_s")
+    held = f"+{since:.6g}s" if known(since) and since else ""
+    return f"{target['experiment']}:{target['channel']}@{depth}{held}"
 
 
 def finished(results: Results, stage: str) -> bool:

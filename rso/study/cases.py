@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, capability, digest, plain
+from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
 from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
-from rso.data import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
+from rso.data import Hold, MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
 from rso.study.line_numbers import Place
 from rso.study.resolve import Resolved
@@ -32,6 +32,7 @@ FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument press
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
+UNLOADING = "The way back is not compared; it is for rso diagnose."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 UNDRAWN = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")  # of settings
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
@@ -85,8 +86,8 @@ def _radius(study: Study, name: str) -> float:
         return 0.0
 
 
-def remarks(study: Study, name: str) -> list[str]:
-    """What of the data of an experiment is not used by `rso run`, in words."""
+def remarks(study: Study, name: str, of_hold: Sequence[str] = ()) -> list[str]:
+    """What of the data of an experiment is not used by `rso run`, in words, with what there is to say of its hold."""
     e, measurement = study.experiment(name), study.measurement(name)
     doubtful = [*measurement.doubts, *_loud(measurement, e)]
     if e.kind == "profile":
@@ -94,6 +95,9 @@ def remarks(study: Study, name: str) -> list[str]:
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
     loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
+    if of_hold:
+        back = any(np.any(r.segment == "unloading") for r in measurement.repeats)
+        loading = [*of_hold, *([UNLOADING] if back else [])]
     own, stated = recorded_speed(measurement), stated_speed(study, name)
     other = own is not None and stated is not None and not 1.0 / PACE < own / stated < PACE
     said, speed = study.settings_of(name).get("speed"), []
@@ -142,22 +146,35 @@ def sketches(study: Study, backend: Backend) -> list[dict[str, Any]]:
     return found
 
 
-def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
-    """The targets, and evenly spaced travels to the deepest measured depth where no target is near."""
-    deepest = float(curve.depth.max())
+def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None) -> tuple[float, ...]:
+    """The targets, and evenly spaced travels to the deepest measured depth, that of a hold, where no target is near."""
+    deepest = float(curve.depth.max()) if hold is None else hold.depth
     steps = 1 if len(curve.depth) == 1 else STEPS
     digits = 6 - math.floor(math.log10(deepest)) if deepest > 0.0 else 6
     grid = [round(deepest * k / steps, digits) for k in range(1, steps)]
     kept = {u for u in grid if all(abs(u - t) > 0.01 * deepest for t in targets)}
+    if hold is not None:  # where the indenter rests the way there ends: a target beyond is a reading's noise
+        targets = {min(t, deepest) for t in targets}
     if max(targets, default=0.0) < deepest:
         kept.add(deepest)  # not rounded: every measured depth must be reached
     return tuple(sorted({*kept, *targets}))
 
 
-def case_for(study: Study, name: str, asked: tuple[float, ...]) -> Case:
-    """Loading of an experiment through the asked travels (mm); that its file also holds an unloading is no setting."""
+def case_for(study: Study, name: str, asked: tuple[float, ...], hold: Hold | None = None) -> Case:
+    """Loading of an experiment through the asked travels (mm), and its hold; that its file also has an unloading is no
+    setting."""
     settings = {k: v for k, v in study.settings_of(name).items() if k != "unload"}
-    return Case(name, Programme.ramp(asked, speed_of(study, name)[0]), settings)
+    return Case(name, programme_of(asked, speed_of(study, name)[0], hold), settings)
+
+
+def programme_of(asked: tuple[float, ...], speed: float, hold: Hold | None = None) -> Programme:
+    """Loading through the asked travels (mm) at a speed (mm/s), then the moments of a hold at the deepest of them."""
+    ramp = Programme.ramp(asked, speed)
+    if hold is None:
+        return ramp
+    (_, came), (_, deepest) = ramp.time_s, ramp.travel_mm
+    moments = tuple(came + s for s in hold.moments)
+    return Programme((0.0, came, moments[-1]), (0.0, deepest, deepest), ramp.asked_mm, moments)
 
 
 def profile_case(study: Study, name: str, curve: MeasuredCurve) -> Case:
@@ -224,28 +241,37 @@ def merge(
     fitted: list[ExperimentTable],
     asked: Mapping[str, tuple[float, ...]],
     resolved: Resolved,
+    holds: Mapping[str, Hold],
 ) -> tuple[tuple[Case, ...], dict[str, int]]:
-    """Experiments whose canonical settings are equal become one case that is asked for all their travels."""
+    """Experiments whose canonical settings are equal become one case that is asked for all their travels; those with a
+    hold only where it is the same."""
     # Inside the ranges: at their ends an effect may be neutral, and then more drops out than elsewhere.
     example = {a.name: 0.5 * (a.low + a.high) for a in resolved.axes} | dict(resolved.fixed)
     cases: list[Case] = []
     index: dict[str, int] = {}
     case_of: dict[str, int] = {}
     for e in fitted:
-        case = case_for(study, e.name, asked[e.name])
+        hold = holds.get(e.name)
+        case = case_for(study, e.name, asked[e.name], hold)
         plain = backend.canonical(example, case)[1]
-        speed = plain.programme.travel_mm[-1] / plain.programme.time_s[-1]  # one and the same where rates do not matter
-        same = digest({"settings": plain.settings, "speed": round(speed, 12)})
+        speed = _pace(plain.programme)  # one and the same where rates do not matter
+        rest = {} if hold is None else {"hold": [hold.depth, *hold.moments]}
+        same = digest({"settings": by_contents(dict(plain.settings)), "speed": round(speed, 12), **rest})
         if same in index:
             k = index[same]
             union, own = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]})), cases[k].programme
-            pace = own.travel_mm[-1] / own.time_s[-1]
-            cases[k] = dataclasses.replace(cases[k], programme=Programme.ramp(union, pace))
+            cases[k] = dataclasses.replace(cases[k], programme=programme_of(union, _pace(own), hold))
         else:
             k = index[same] = len(cases)
             cases.append(case)
         case_of[e.name] = k
     return tuple(cases), case_of
+
+
+def _pace(programme: Programme) -> float:
+    """Speed (mm/s) of the way there."""
+    k = 1 if programme.asked_s else -1
+    return programme.travel_mm[k] / programme.time_s[k]
 
 
 def refuse_what_is_not_modelled(

@@ -131,6 +131,7 @@ Share = number_in("1", ge=0, lt=1)
 Tolerance = number_in("1", gt=0, lt=1)
 Confidence = number_in("1", gt=0.5, lt=1)
 Duration = number_in("s", gt=0)
+Moment = number_in("s", ge=0)
 Stiffness = number_in("N/mm", gt=0)
 Compliance = number_in("mm/N", gt=0)
 Count = Annotated[int, Field(ge=0, le=10_000_000)]

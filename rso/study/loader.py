@@ -18,6 +18,7 @@ from rso.study.errors import Problem, choose, schema_problems, study_error
 from rso.study.line_numbers import Place, lines_of
 from rso.study.schema import DoeTable, ExperimentTable, Study, StudySource
 from rso.study.search_table import ConstraintTable, TargetTable
+from rso.study.settings_files import located
 from rso.study.toml_text import tables_of, text_of
 
 T = TypeVar("T", bound=StudyFileTable)
@@ -30,7 +31,7 @@ def load(path: str | Path) -> Study:
     checked by :func:`rso.study.resolve.resolve`.
     """
     file, text = text_of(path)
-    raw = tables_of(file, text)
+    raw = _with_files(tables_of(file, text), file.parent)
     lines = lines_of(text)
     problems: list[Problem] = []
     study = None
@@ -47,6 +48,18 @@ def load(path: str | Path) -> Study:
         raise study_error(file, lines, problems)
     study._source = StudySource(file, lines, measurements)
     return study
+
+
+def _with_files(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Unchecked data in which files that settings name are found from anywhere."""
+
+    def here(table: Any) -> Any:
+        settings = table.get("settings") if isinstance(table, dict) else None
+        return {**table, "settings": located(settings, folder)} if isinstance(settings, dict) else table
+
+    found = {**raw, "backend": here(raw["backend"])} if "backend" in raw else dict(raw)
+    experiments = raw.get("experiments")
+    return {**found, "experiments": [here(e) for e in experiments]} if isinstance(experiments, list) else found
 
 
 def _tables(raw: dict[str, Any], *place: str) -> list[Any]:
@@ -229,6 +242,8 @@ def _check_target(
     if target.channel not in measurement.channels:
         message = f"not measured in {name!r}; {choose(target.channel, measurement.channels)}"
         yield Problem((*place, "channel"), message, target.channel)
+        return
+    if target.since:  # a moment of a hold, which the plan knows
         return
     try:
         value_at(combine(measurement, Noise(), target.channel), target.depth)

@@ -7,7 +7,7 @@ import os
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, read, recorde
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory_folder import inline, may_be_a_place, place
+from rso.study.settings_files import seen_from
 
 GUESS = "# <-"  # behind what nobody has stated
 TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
@@ -68,6 +69,7 @@ def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], va
     forces = [e for e in experiments if e.measurement.kind == "force"]
     depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
     settings = studies.first_settings(test.given, depths)
+    folder = file.absolute().parent
     title = inline(f"Indentation: {experiments[0].name}")
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
@@ -79,7 +81,7 @@ def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], va
         f"use = {inline(USE)}",
         "",
         "[backend.settings]",
-        *(_line(key, line) for key, line in settings.items()),
+        *(_line(key, replace(line, value=seen_from(line.value, folder))) for key, line in settings.items()),
         "",
         "[parameters]",
         *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()),
@@ -191,7 +193,7 @@ def _parameters(
 
 
 def _lines(e: _Experiment, folder: Path) -> list[str]:
-    m, data = e.measurement, [beside(f, folder) for f in e.files]
+    m, data = e.measurement, [_beside(f, folder) for f in e.files]
     lines = [
         "[[experiments]]",
         f"name = {inline(e.name)}",
@@ -214,7 +216,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
     return lines
 
 
-def beside(file: str, folder: Path) -> str:
+def _beside(file: str, folder: Path) -> str:
     """The path of a file, or of a sheet in it, from a folder; its own on another drive."""
     path, sheet = sheet_of(Path(file))
     try:

@@ -45,6 +45,7 @@ from rso.study.fields import (
 from rso.study.line_numbers import Place
 from rso.study.noise_table import NoiseTable
 from rso.study.search_table import SearchTable
+from rso.study.settings_files import named, written
 
 if TYPE_CHECKING:
     DesignKind = str
@@ -301,9 +302,11 @@ class Study(StudyFileTable):
         return self._source.file.parent
 
     def inputs(self) -> list[Path]:
-        """The files beside the study file from which it is read: data, and the points of a design."""
+        """The files beside the study file from which it is read: data, points of a design, files that settings name."""
         names = [f for e in self.experiments for f in e.data] + ([] if self.doe.file is None else [self.doe.file])
-        return [self.folder / name for name in names]
+        settings = [self.backend.settings, *(e.settings for e in self.experiments)]
+        found = (self.folder / f for each in settings for f in named(each))
+        return [*(self.folder / name for name in names), *(f for f in dict.fromkeys(found) if f.is_file())]
 
     @property
     def lines(self) -> Mapping[Place, int]:
@@ -327,3 +330,7 @@ class Study(StudyFileTable):
     def settings_of(self, name: str) -> dict[str, Any]:
         """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""
         return {**self.backend.settings, **self.experiment(name).settings}
+
+    def written(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        """Settings as results keep them: with paths of files relative to the study file."""
+        return written(settings, self.folder)

@@ -8,11 +8,11 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, fie
 
 from rso.core.units import COLUMNS, quantity
 from rso.study.base_table import StudyFileTable
-from rso.study.fields import Bound, Depth, Name, Positive, even, formed, list_to_tuple
+from rso.study.fields import Bound, Depth, Moment, Name, Positive, even, formed, list_to_tuple
 
 
 class TargetTable(StudyFileTable):
-    """A force (or displacement) to meet at one depth."""
+    """A force (or displacement) to meet at one depth, on the way there or in a hold."""
 
     experiment: str
     """Name of the experiment."""
@@ -20,6 +20,8 @@ class TargetTable(StudyFileTable):
     """At which the value is met."""
     channel: Literal["Fx", "Fy", "Fz", "ux", "uy", "uz"] = "Fz"
     """What is met."""
+    since: Moment = 0.0
+    """In a hold at that depth, the time since the indenter came to rest; the nearest moment that is compared counts."""
     value: float | None = None
     """What it must be; read off the measured curve where it is not stated."""
 

@@ -46,7 +46,7 @@ def stiffness(u, v, w):
     """Linear elasticity about the axis, E = 1, per radian."""
     r = w.x[0]
     lame, mu = w.nu / ((1 + w.nu) * (1 - 2 * w.nu)), 0.5 / (1 + w.nu)
-    a, b = ([f.grad[0, 0], f.grad[1, 1], f.value[0] / r, f.grad[0, 1] + f.grad[1, 0]] for f in (u, v))
+    a, b = ([f.grad[0, 0], f.grad[1, 1], f[0] / r, f.grad[0, 1] + f.grad[1, 0]] for f in (u, v))
     normal = sum(x * y for x, y in zip(a[:3], b[:3], strict=True))
     return r * (lame * sum(a[:3]) * sum(b[:3]) + 2 * mu * normal + mu * a[3] * b[3])
 
@@ -227,10 +227,10 @@ def test_thin_layers_are_confined(base, nu, t, near):
     ],
 )
 def test_garcia_against_the_integral_equation(shape, profile, size):
-    for t, near in ((8.0, 0.01), (3.0, 0.03)):
-        h = np.array([0.02, 0.2, 0.5]) * {"ball": 1.0, "flat": 1.0, "cone": 1.0}[shape]
+    for t in (8.0, 3.0):
+        h = np.array([0.02, 0.2, 0.5])
         exact = closed_forms.layer_force(h, profile, t, E, 0.5)
-        np.testing.assert_allclose(closed_forms.garcia(shape, h, size, t, E), exact, rtol=near)
+        np.testing.assert_allclose(closed_forms.garcia(shape, h, size, t, E), exact, rtol=4e-3)  # their first terms
 
 
 def test_dimitriadis_is_good_for_small_contacts_alone():
@@ -258,8 +258,7 @@ def test_long_against_finite_elements(ratio):
     h, F, case = reference(f"slab_{ratio:g}_bonded_K1e4")
     own = closed_forms.long_ball(h, R, ratio * R, 3 * case["mu"])
     np.testing.assert_allclose(own, F, rtol=0.03)  # they claim a few per cent for the fit
-    linear = closed_forms.layer_force(h, closed_forms.ball(R), ratio * R, 3 * case["mu"], 0.5)
-    assert abs(linear[-1] / F[-1] - 1) > 0.05  # strains count
+    assert np.all(abs(closed_forms.hertz_force(h, R, 3 * case["mu"], 0.5) / F - 1) > 0.15)
 
 
 def test_integral_equation_against_finite_elements():
@@ -320,23 +319,26 @@ def test_compressible_cylinder_in_its_limits():
     assert P[0] == pytest.approx(-1e-5 * closed_forms.youngs_modulus(mu, 2 / 5.8), rel=1e-4)
 
 
-@pytest.mark.parametrize("S", [0.5, 1.0, 2.0, 4.0])
-def test_bonded_puck_by_finite_elements(S):
-    nu, H = 0.49, 1.0
+@pytest.mark.parametrize("nu", [0.2, 0.45, 0.49])
+@pytest.mark.parametrize("S", [0.25, 1.0, 4.0])
+def test_bonded_puck_by_finite_elements(S, nu):
+    H = 1.0
     radius = 2 * S * H
     r = radius * np.sin(0.5 * np.pi * np.linspace(0, 1, 25))
     z = 0.5 * H * (1 - np.cos(np.pi * np.linspace(0, 1, 15)))
-    F = pressed(r, z, nu, "bonded", radius, lambda x: np.full_like(x, 1e-3), hold=True)
-    assert closed_forms.gent_lindley(1e-3, radius, H, 1.0, nu) == pytest.approx(F, rel=0.12)
-    assert closed_forms.pressure_disc(1e-3, radius, H, 1.0, nu) == pytest.approx(F, rel=0.12)
-    uniaxial = np.pi * radius**2 * 1e-3 / H
-    assert F > 1.2 * uniaxial
+    F = pressed(r, z, nu, "bonded", radius, lambda x: np.full_like(x, 1e-4), hold=True)
+    assert closed_forms.bonded_puck(1e-4, radius, H, 1.0, nu) == pytest.approx(F, rel=0.03 if S >= 0.5 else 0.06)
+    lindley = closed_forms.gent_lindley(1e-4, radius, H, 1.0, nu) / F - 1
+    assert (abs(lindley) < 0.12) if nu == 0.49 else (abs(lindley) > 0.03)  # it is for nearly incompressible ones
+    assert F > 1.01 * np.pi * radius**2 * 1e-4 / H
 
 
-def test_incompressible_disc_is_a_limit():
-    a, b = (closed_forms.pressure_disc(0.1, 5.0, 1.0, E, nu) for nu in (0.5, 0.5 - 1e-7))
+def test_bonded_puck_in_its_limits():
+    a, b = (closed_forms.bonded_puck(0.1, 5.0, 1.0, E, nu) for nu in (0.5, 0.5 - 1e-7))
     assert a == pytest.approx(b, rel=1e-4)
     assert a == pytest.approx(closed_forms.gent_lindley(1e-9, 5.0, 1.0, E) * 1e8, rel=1e-6)
+    wide, tall = (closed_forms.bonded_puck(0.1, x, 1.0, E, 0.4) / (np.pi * x**2 * 0.1) for x in (1e4, 1e-3))
+    assert wide == pytest.approx(E * 0.6 / (1.4 * 0.2), rel=1e-3) and tall == pytest.approx(E, rel=1e-3)
 
 
 # ------------------------------------------------------------------------------------------------ what applies

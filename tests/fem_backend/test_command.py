@@ -166,7 +166,7 @@ def test_a_wrong_type_is_exit_code_2_and_names_key_value_and_what_is_expected(tm
     "key,value,words",
     [
         ("earlier", 20.0, "earlier: travel 20 mm: at most 10.5 mm"),
-        ("indenter", {"radius": 20.0}, "indenter.radius = 20.0 mm: only indenters much smaller"),
+        ("indenter", {"radius": 20.0}, "indenter.radius = 20.0 mm: this specimen is meshed for indenters much"),
         ("indenter", {"radius": 20.0}, "at most 17.5 mm"),
         ("indenter", {"radius": 0}, "indenter.radius = 0.0 mm: must be positive"),
         ("indenter", {"radius": 0.8}, "no mesh is made for so small a ball on this specimen, at least 0.857 mm"),

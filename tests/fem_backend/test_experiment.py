@@ -37,7 +37,7 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"specimen": {"semi_axes": [60, 35, float("nan")]}}, ["specimen.semi_axes", "finite"]),
         ({"specimen": {"semi_axes": [60, 35, "35"]}}, ["specimen.semi_axes", "finite"]),
         ({"specimen": {"semi_axes": 60}}, ["specimen.semi_axes", "3 finite"]),
-        ({"indenter": {"shape": "cone"}}, ["indenter.shape", "'cone'", "sphere"]),
+        ({"indenter": {"shape": "wedge"}}, ["indenter.shape", "'wedge'", "sphere"]),
         ({"indenter": {"radius": -3}}, ["indenter.radius", "-3", "mm", "positive"]),
         ({"indenter": {"radius": True}}, ["indenter.radius", "True"]),
         ({"indenter": {"radius": 30.0}}, ["indenter.radius", "30.0", "mm"]),

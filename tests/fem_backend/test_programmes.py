@@ -24,6 +24,28 @@ def run(values, programme, mesh=SMALL, **settings):
     return BACKEND({**VALUES, **values}, Case("c", programme, {"mesh": mesh, **settings}))
 
 
+@pytest.mark.parametrize(
+    ("values", "settings", "falls"),
+    [
+        ({}, {}, False),
+        (RELAXING, {}, True),
+        ({"prony_g2": 0.4}, {}, True),
+        ({"friction": 0.3}, {}, False),
+        ({}, {"material": {"law": "neo_hookean", "prony": [[0.4, 2.0]]}}, True),
+    ],
+    ids=["elastic", "Prony", "second term", "friction", "of the settings"],
+)
+def test_a_model_that_says_it_relaxes_has_a_force_that_falls_at_rest(values, settings, falls):
+    """Friction depends on the way, too, and keeps its force; 0.4 of the shear stress relaxes, at least 0.05 of the
+    force."""
+    programme = Programme((0.0, 1.0, 26.0), (0.0, 0.5, 0.5), (0.5,), (2.0, 26.0))
+    case = Case("c", programme, {"mesh": SMALL, **settings})
+    kept, canonical = BACKEND.canonical({**VALUES, **values}, case)
+    F = BACKEND(kept, canonical).channels["Fz"]
+    assert BACKEND.relaxes({**VALUES, **values}, case.settings) is falls
+    assert bool(F[-1] < 0.95 * F.max()) == falls
+
+
 # ---------------------------------------------------------------------------------------------- passages
 
 

@@ -80,6 +80,7 @@ class Block:
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
     of_revolution: ClassVar[bool] = False
     alike: ClassVar[bool] = False
+    fattest: ClassVar[float] = math.inf
 
     smallest = largest = property(lambda self: self.height)
     skin_limit = property(lambda self: 0.5 * self.height)
@@ -93,6 +94,12 @@ class Block:
 
     def under(self, indenter):
         return self
+
+    def absent(self):
+        return frozenset(("delta_layer", "layer_ratio"))
+
+    def beyond(self, length):
+        return 0.0
 
     def stiffness(self, X):
         return None
@@ -194,12 +201,14 @@ class Paraboloid:
 
     name: ClassVar[str] = "paraboloid"
     noun: ClassVar[str] = "paraboloid"
+    theory: ClassVar[str] = "none"
     exponents: ClassVar[tuple[float, ...]] = (1.5,)
     gauges: ClassVar[Mapping[str, float]] = {"delta_tip": 0.02}
     of_revolution: ClassVar[bool] = True
 
     length = property(lambda self: self.tip)
     size = property(lambda self: ("tip", self.tip))
+    finest = property(lambda self: ("tip", self.tip))
     reach = property(lambda self: 2.0 * self.tip)
     cover = property(lambda self: 2.0 * self.tip)
     ratio = property(lambda self: self.tip / 4.0)
@@ -213,6 +222,12 @@ class Paraboloid:
     def planes(self):
         return True, True
 
+    def on(self, specimen):
+        return self
+
+    def spacing(self, r):
+        return np.clip(0.12 * np.asarray(r), 0.03 * self.tip, None)
+
     def gap(self, x, centre, direction=(0.0, 0.0, 0.0)):
         d = np.asarray(direction, float)
         v = x - np.asarray(centre, float)
@@ -224,7 +239,7 @@ class Paraboloid:
     def travel(self, x, centre, direction):
         return self.gap(x, centre, direction)[0]
 
-    def swept(self, points, start, end):
+    def swept(self, points, start, end, direction):
         way = end - start
         return self.gap(points, end, way / max(np.linalg.norm(way), 1e-300))[0] < 0.0
 
@@ -232,10 +247,13 @@ class Paraboloid:
         x, y = through[:2]
         return specimen.above(x, y)[0]
 
-    def contact(self, specimen, touch):
+    def contact(self, specimen, touch, direction):
         return touch
 
-    def normal(self, specimen, touch):
+    def held(self, points, touch, direction):
+        return None
+
+    def normal(self, specimen, touch, direction):
         return specimen.above(*touch[:2])[1]
 
     def patch(self, surface, x, pressure, centre, axis, planes, attraction):
@@ -248,6 +266,9 @@ class Paraboloid:
 
     def effective_radius(self, curvature):
         return 1.0 / (1.0 / self.tip + curvature)
+
+    def contact_radius(self, depth, curvature):
+        return np.sqrt(self.effective_radius(curvature) * depth)
 
     def force(self, depth, curvature, E, nu):
         return None

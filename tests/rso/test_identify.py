@@ -436,7 +436,7 @@ def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):
     verdict = judge(box, 0, interval)
     assert verdict.word == "determined"
     profile = None  # is asked only where nothing is determined
-    text, _ = sentences(box, 0, verdict, interval, profile, unit="N", depth=np.ones(1))
+    text, _ = sentences(box, 0, verdict, interval, profile, unit="N", places=["1 mm"])
     assert f"confidence {said} (" in text
 
 

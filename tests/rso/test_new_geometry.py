@@ -137,7 +137,7 @@ def test_a_member_brings_its_own_option(folder, monkeypatch, capsys):
     assert "--gel 1 2 3: --gel T [RATIO] is expected" in capsys.readouterr().err
 
 
-def test_a_file_is_handed_over_as_the_study_finds_it(folder, monkeypatch, capsys):
+def test_a_file_is_handed_over_by_its_path(folder, monkeypatch, capsys):
     asked = []
 
     class Asks:
@@ -155,9 +155,33 @@ def test_a_file_is_handed_over_as_the_study_finds_it(folder, monkeypatch, capsys
     (folder / "body.stl").write_text("solid")
     (folder / "studies").mkdir()
     assert main(["new", "curve.csv", "--scan", "body.stl", "--out", "studies/study.toml"]) == 2
-    assert asked == [("../body.stl",)]
+    assert asked == [(str(folder / "body.stl"),)]
     assert main(["new", "curve.csv", "--scan", "none.stl"]) == 2
     assert "--scan none.stl: there is no such file" in capsys.readouterr().err
+
+
+def test_a_study_holds_the_path_of_a_file_as_it_finds_it(folder):
+    (folder / "tip.csv").write_text("r_mm,z_mm\n" + "".join(f"{0.02 * k},{0.5 * (0.02 * k) ** 2}\n" for k in range(40)))
+    (folder / "studies").mkdir()
+    given = {"slab": (5.0,), "profile": (str(folder / "tip.csv"),)}
+    text = begin(folder / "studies" / "study.toml", BACKEND, NewTest(given), ["curve.csv"])
+    assert tomllib.loads(text)["backend"]["settings"]["indenter"] == {"shape": "profile", "file": "../tip.csv"}
+
+
+@pytest.mark.parametrize(
+    ("given", "indenter", "guess"),
+    [
+        ({"flat": (2.0,)}, {"shape": "flat", "radius": 2.0, "fillet": 0.1}, "its fillet"),
+        ({"flat": (2.0, 0.2)}, {"shape": "flat", "radius": 2.0, "fillet": 0.2}, ""),
+        ({"cone": (60.0,)}, {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.05}, "the radius of its tip"),
+        ({"cone": (60.0, 0.1)}, {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.1}, ""),
+    ],
+)
+def test_each_indenter_has_its_options_and_what_was_left_out_is_a_guess(folder, given, indenter, guess):
+    text = begin(folder / "study.toml", BACKEND, NewTest({"slab": (5.0,), **given}), ["curve.csv"])
+    assert tomllib.loads(text)["backend"]["settings"]["indenter"] == indenter
+    (line,) = [v for v in text.splitlines() if v.startswith("indenter")]
+    assert line.partition("# <- ")[2].startswith(guess) and ("<-" in line) is bool(guess)
 
 
 def test_the_range_of_a_slab_is_about_the_modulus_of_a_layer(folder):

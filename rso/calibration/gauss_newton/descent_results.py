@@ -10,7 +10,7 @@ import numpy as np
 from rso.calibration.gauss_newton.iteration import GaussNewtonRun
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan, limited
-from rso.calibration.results import at_bound, curves_of, demand
+from rso.calibration.results import at_bound, curves_of, demand, goal
 from rso.calibration.search_stage import curve_metrics, demands
 from rso.calibration.stages import Design
 from rso.calibration.unstated_errors import unstated
@@ -64,7 +64,7 @@ def of_gauss_newton(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
         "searches": [
             {
                 "name": search.name,
-                "targets": [dataclasses.asdict(g) for g in search.goals],
+                "targets": [goal(g) for g in search.goals],
                 "ranges": {a.name: [a.low, a.high] for a in search.axes},
                 "kind": "single",
                 "reachable": met,
@@ -180,8 +180,9 @@ def _at(found: GaussNewtonRun, o: Output, curve: np.ndarray) -> float | None:
     parts = np.split(curve, np.cumsum([len(p.depth) for p in found.places])[:-1])
     for p, y in zip(found.places, parts, strict=True):
         if (p.experiment, p.channel) == (o.experiment, o.channel):
-            k = int(np.argmin(np.abs(p.depth - o.depth_mm)))
-            return float(y[k]) if abs(p.depth[k] - o.depth_mm) < 1e-6 else None
+            since = np.zeros(len(p.depth)) if p.since is None else p.since
+            k = int(np.argmin(np.where(since == o.since_s, np.abs(p.depth - o.depth_mm), np.inf)))
+            return float(y[k]) if since[k] == o.since_s and abs(p.depth[k] - o.depth_mm) < 1e-6 else None
     return None
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from rso.contract import digest
 from rso.core.power_law import LEADING
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
+from rso.data.holds import BINS, at_peak, edges, stopped
 
-BINS = 14  # per branch: what a smooth curve can tell
 AIR = 3  # bins of the way before contact
 LOADING, UNLOADING, HELD = range(3)  # branches of a test
 USUAL = 3.25  # mm: lengths below are those of a plan this deep or up to twice; others have theirs in proportion
@@ -263,11 +263,11 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
             raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
         channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
         time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
-        stopped = _stopped(r, time, e.speed)
-        branches = [_binned(r, time, channels, b, stopped, e.power) for b in (LOADING, UNLOADING, HELD)]
+        came = stopped(r, time, e.speed)
+        branches = [_binned(r, time, channels, b, came, e.power) for b in (LOADING, UNLOADING, HELD)]
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
         peak = float(r.depth.max())
-        since = np.where(b == HELD, t - stopped, 0.0)
+        since = np.where(b == HELD, t - came, 0.0)
         yield Test(
             k,
             r.label,
@@ -318,30 +318,18 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
         r, begun = kept(r, ~back), [f"{np.sum(back)} readings of a way back that has hardly begun"]
     else:
         begun = []
-    there, back, held = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading", "hold"))
+    back, held = (np.nonzero(r.segment == s)[0] for s in ("unloading", "hold"))
     if not len(held):
         return r, begun
-    last = there[-1] if len(there) else len(r.segment)  # a hold without a way there is elsewhere
-    at_peak = held[(held > last) & (held < (back[0] if len(back) else len(r.segment)))]
+    resting = at_peak(r)
     timed, without = r.time is not None, begun
-    lost = held if not timed else np.setdiff1d(held, at_peak)
+    lost = held if not timed else np.setdiff1d(held, resting)
     if len(lost):
         without.append(f"{len(lost)} readings of a hold {'elsewhere' if timed else 'without times'}")
-    if len(at_peak) and len(back) and not timed:
+    if len(resting) and len(back) and not timed:
         lost = np.concatenate([lost, back])
         without.append(f"{len(back)} readings of the way back after a hold")
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
-
-
-def _stopped(r: Repeat, time: np.ndarray, speed: float) -> float:
-    """When (s) the indenter came to rest, if it did: after the last reading of the way there, or between it and the
-    first of the rest, by what was left to go."""
-    there = np.nonzero(r.segment == "loading")[0]
-    if not len(there):
-        return 0.0
-    stopped = float(time[there[-1]] + max(r.depth.max() - r.depth[there[-1]], 0.0) / speed)
-    held = time[r.segment == "hold"]
-    return min(stopped, float(held[0])) if len(held) else stopped
 
 
 def _rest(r: Repeat, speed: float) -> float:
@@ -406,23 +394,22 @@ def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
 
 
 def _binned(
-    r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, stopped: float, power: float
+    r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, came: float, power: float
 ) -> tuple[Any, ...]:
     """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most BINS, even in depth,
-    while the indenter presses, AIR before it does so, and even in the logarithm of time since it `stopped` (s).
+    while the indenter presses, AIR before it does so, and even in the logarithm of time since it `came` to rest (s).
     """
     at = np.nonzero(r.segment == ("loading", "unloading", "hold")[branch])[0]
     if branch == HELD:
-        since = time[at] - stopped
-        edges = np.geomspace(max(since[0], 1e-3 * since[-1]), since[-1], BINS + 1)[1:-1] if len(at) > BINS else since
-        groups = np.split(at, np.searchsorted(since, edges))
+        since = time[at] - came
+        groups = np.split(at, np.searchsorted(since, edges(since)))
     else:
         way = at if branch == LOADING else at[::-1]
         u = np.maximum.accumulate(r.depth[way]) if len(at) else r.depth[way]
         air, way = way[: np.sum(u < 0.0)], way[np.sum(u < 0.0) :]
         u = u[len(air) :]
-        edges = np.linspace(0.0, u[-1], BINS + 1)[1:-1] if len(way) > BINS else u
-        groups = [*np.array_split(air, min(AIR, len(air)) or 1), *np.split(way, np.searchsorted(u, edges, side="left"))]
+        ends = np.linspace(0.0, u[-1], BINS + 1)[1:-1] if len(way) > BINS else u
+        groups = [*np.array_split(air, min(AIR, len(air)) or 1), *np.split(way, np.searchsorted(u, ends, side="left"))]
         groups = groups if branch == LOADING else groups[::-1]
     groups = [g for g in groups if len(g)]
     mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731

@@ -18,6 +18,7 @@ from rso.report.reading import (
     outputs,
     pair,
     parameters,
+    target_output,
     views,
 )
 
@@ -138,7 +139,7 @@ def _shown_outputs(results: Results) -> list[OutputView]:
     if len(every) <= OUTPUT_COLUMNS:
         return list(every.values())
     targets = {
-        f"{t.get('experiment')}:{t.get('channel')}@{t['depth_mm']:g}"
+        target_output(t)
         for search in listed(results, "searches")[:1]
         for t in search.get("targets") or ()
         if known(t.get("depth_mm"))

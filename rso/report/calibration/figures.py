@@ -13,16 +13,18 @@ from matplotlib.ticker import MaxNLocator
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
+from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_resting
 from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
 from rso.report.calibration.verdict import how, interval_rows, likely
-from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, short, style, svg, tag
+from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
 from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.reading import (
     CandidateView,
     ParameterView,
     Results,
+    at_rest,
     candidates,
     curve_unit,
     drawn_at,
@@ -30,15 +32,13 @@ from rso.report.reading import (
     fitted_curves,
     listed,
     number,
+    on_the_way,
     outputs,
     points,
     validations,
 )
 from rso.report.sketch import NAME, sketch_figure
 
-_FINE = 81  # points of a drawn curve
-_BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
-_OTHER: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
 
 
@@ -175,16 +175,20 @@ def _differences(c: CandidateView) -> list[tuple[str, float, float]]:
 
 
 def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
-    """Measured and simulated curve with the band of the measurement, and what is left between them."""
-    unit, m = curve_unit(results, e["name"]), e.get("measured") or {}
+    """Measured and simulated curve with the band of the measurement, and what is left between them; a hold beside it,
+    over time."""
+    unit, whole = curve_unit(results, e["name"]), e.get("measured") or {}
+    m = on_the_way(whole)
     u, y = (np.array(v) for v in points(m.get("depth"), m.get("value")))
     simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in candidates(results) if c.curve(e["name"])[0]]
-    return _curves(name, e, unit, u, y, _sigma(m, u), simulated)
+    holds = [(c, c.hold(e["name"])) for c in candidates(results) if c.hold(e["name"])]
+    rest = Resting.of(whole, [(c, *points(h.get("since"), h.get("value")), h.get("error") or ()) for c, h in holds])
+    return _curves(name, e, unit, u, y, _sigma(m, u), simulated, rest)
 
 
 def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
-    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], _FINE), u[(u > 0) & (u < x[-1])]]))
+    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], FINE), u[(u > 0) & (u < x[-1])]]))
     return at, drawn_at(x, f, at)
 
 
@@ -202,17 +206,20 @@ def _curves(
     y: np.ndarray,
     sigma: np.ndarray,
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
+    hold: Resting | None = None,
 ) -> str:
     simulated = sorted(simulated, key=lambda row: row[0].best)
     figure = canvas(4.6 if simulated else 3.0)
-    if simulated:
-        axes, rest = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
-    else:
-        axes, rest = figure.subplots(), None
+    rows, columns = 2 if simulated else 1, 1 if hold is None else 2
+    heights, widths = [2.6, 1][:rows], [1.35, 1][:columns]
+    grid = figure.subplots(
+        rows, columns, sharex="col", sharey="row", squeeze=False, height_ratios=heights, width_ratios=widths
+    )
+    axes, rest = grid[0, 0], grid[1, 0] if simulated else None
     axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
     for c, x, f in simulated:
-        axes.plot(x, f * unit.factor, **(_BEST if c.best else _OTHER))
+        axes.plot(x, f * unit.factor, **(BEST if c.best else OTHER))
     band = " ± σ" if sigma.any() else ""
     k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
     tag(axes, u[k], y[k] * unit.factor, f"measured{band}", offset=(-12, 9), ha="right")
@@ -227,10 +234,13 @@ def _curves(
     axes.set_ylabel(f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     axes.set_title(short(clean(e["name"]), 60), color=GREY)
     axes.set_xlim(0, None)
+    fine = unit
     if rest is None:
         axes.set_xlabel("depth (mm)")
     else:
-        _residuals(rest, e, u, y, sigma, simulated)
+        fine = _residuals(rest, e, u, y, sigma, simulated)
+    if hold is not None:
+        draw_resting(grid[0, 1], grid[1, 1] if rest is not None else None, hold, unit, fine)
     return svg(figure, name)
 
 
@@ -241,7 +251,8 @@ def _residuals(
     y: np.ndarray,
     sigma: np.ndarray,
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
-) -> None:
+) -> Unit:
+    """What is left along the depth, in the unit that is returned."""
     left = []
     for c, x, f in simulated:
         inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
@@ -250,7 +261,7 @@ def _residuals(
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
-        axes.plot(x, r * unit.factor, **(_BEST if c.best else _OTHER))
+        axes.plot(x, r * unit.factor, **(BEST if c.best else OTHER))
         if c.best:
             d, error = c.error(e["name"])
             if d:
@@ -258,6 +269,7 @@ def _residuals(
                 axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
     axes.set(xlabel="depth (mm)", ylabel=f"measured −\nsimulated{unit.bracket}")
     axes.yaxis.set_major_locator(MaxNLocator(5))
+    return unit
 
 
 def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
@@ -265,16 +277,20 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
     unit = curve_unit(results, e["name"])
     rows = [v for v in validations(results, e) if v.get("predicted")]
     known_candidates = {(c.search, c.name): c for c in candidates(results)}
-    found = []
+    found, holds = [], []
     for v in rows:
         c = known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))
-        x, f = points(v.get("depth"), v.get("predicted"))
+        way, hold = on_the_way(v), at_rest(v)
+        x, f = points(way.get("depth"), way.get("predicted"))
         if c is not None and x:
             found.append((c, np.array(x), np.array(f)))
-    m = e.get("measured") or {}
+            times = points(hold.get("since"), hold.get("predicted"))
+            holds.append((c, *times, hold.get("numerical_error") or ()))
+    whole = e.get("measured") or {}
+    m = on_the_way(whole)
     u, y = map(np.array, points(m.get("depth"), m.get("value")))
     if len(u) > 1:
-        return _curves(name, e, unit, u, y, _sigma(m, u), found)
+        return _curves(name, e, unit, u, y, _sigma(m, u), found, Resting.of(whole, holds))
     return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), [(c, float(f[-1])) for c, _, f in found])
 
 

@@ -51,7 +51,7 @@ def extrapolation(names: list[str], total: int) -> str:
 
 def _curves(results: Results) -> list[tuple[str, str]]:
     """(experiment, channel) of the first curves along which something is known."""
-    rows = [r for r in _sensitivity(results, "along") if known(r.get("depth_mm"))]
+    rows = [r for r in _loading(results) if known(r.get("depth_mm"))]
     rows = [r for r in rows if known(r.get("total")) or known(r.get("elasticity"))]
     depths: dict[tuple[str, str], set[float]] = {}
     for r in rows:
@@ -63,10 +63,15 @@ def _sensitivity(results: Results, key: str) -> list[Row]:
     return list((results.get("sensitivity") or {}).get(key) or ())
 
 
+def _loading(results: Results) -> list[Row]:
+    """Rows along the way there: in a hold all are at one depth."""
+    return [r for r in _sensitivity(results, "along") if not r.get("since_s")]
+
+
 def _over_depth(results: Results, key: tuple[str, str], field: str) -> dict[str, list[tuple[float, float, Row]]]:
     """Parameter → (depth, value, row) in order of depth, where the field is known."""
     found: dict[str, list[tuple[float, float, Row]]] = {}
-    for r in _sensitivity(results, "along"):
+    for r in _loading(results):
         u, x = number(r.get("depth_mm")), number(r.get(field))
         if (r["experiment"], r["channel"]) == key and u is not None and x is not None:
             found.setdefault(r["parameter"], []).append((u, x, r))

@@ -25,12 +25,13 @@ from rso.report.canvas import (
     short,
     svg,
 )
-from rso.report.layout.digits import Unit, channel_text, clean, known, largest, quantity, shortest, shown
+from rso.report.layout.digits import Unit, channel_text, clean, known, largest, quantity, shown
 from rso.report.reading import (
     CandidateView,
     OutputView,
     ParameterView,
     Results,
+    at_reading,
     candidates,
     front,
     grids,
@@ -280,7 +281,7 @@ def _pair(
     several = len({t.get("experiment") for t in targets}) > 1
     a, b = (
         f"|Δ{short(channel_text(t['channel']), 8)}|{' of ' + short(clean(t['experiment']), 10) if several else ''} "
-        f"at {shortest(t['depth_mm'])} mm{unit.bracket}"
+        f"{at_reading(t)}{unit.bracket}"
         for t in (targets[i], targets[j])
     )
     few_ticks(axes)

@@ -52,6 +52,7 @@ from rso.report.notes import opening
 from rso.report.reading import (
     CandidateView,
     Results,
+    at_rest,
     best_candidate,
     candidates,
     curve_unit,
@@ -60,6 +61,7 @@ from rso.report.reading import (
     fitted_curves,
     listed,
     number,
+    on_the_way,
     outputs,
     parameters,
     points,
@@ -244,8 +246,8 @@ def curve_section(results: Results) -> Section:
 
 def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     """What the curves show: how far the best candidate is from the measurement, and where most."""
-    m, unit, best = e.get("measured") or {}, curve_unit(results, e["name"]), best_candidate(results)
-    name = clean(e["name"])
+    whole, unit, best = e.get("measured") or {}, curve_unit(results, e["name"]), best_candidate(results)
+    name, m = clean(e["name"]), on_the_way(whole)
     u, y = points(m.get("depth"), m.get("value"))
     x, f = best.curve(e["name"]) if best else ((), ())
     if best is None or not x:
@@ -258,11 +260,24 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
     text = f"{name}: {best.label} deviates from the measurement by at most {quantity(abs(c - b), e['unit'], 2)}"
     text += f" (at {shortest(a)} mm, where {quantity(b, e['unit'], 3, 1 / unit.factor)} was measured)."
+    text += _hold_caption(whole, best.hold(e["name"]), e["unit"])
     if points(m.get("depth"), m.get("sigma"))[0]:
         text += " Grey band: ±σ of the measurement, whose errors may go up and down together over some depth."
     if any(best.error(e["name"])[1]):
         text += " Blue band of the residual: estimated numerical error of the simulation."
     return text
+
+
+def _hold_caption(measured: Mapping[str, Any], hold: Mapping[str, Any], unit: str) -> str:
+    """How far a candidate is from the measurement in a hold; empty without one."""
+    m = at_rest(measured)
+    t, y = points(m.get("since"), m.get("value"))
+    found = dict(zip(*points(hold.get("since"), hold.get("value")), strict=True))
+    both = [(abs(found[s] - v), s) for s, v in zip(t, y, strict=True) if s in found]
+    if not both:
+        return ""
+    off, at = max(both)
+    return f" In the hold, right, at most by {quantity(off, unit, 2)}, {shortest(float(f'{at:.2g}'))} s after it began."
 
 
 def metric_rows(results: Results, name: str) -> list[tuple[str, Mark, Mapping[str, Any]]]:
@@ -351,5 +366,6 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     columns.append(column("", tuple(state), number=False))
     reasons = [f"{n}: {clean(v['reason'])}." for n, v in _zip(names, rows) if v.get("reason")]
     many = any(len(v.get("depth") or ()) > 1 for v in rows)
-    note = ("Values are those at the last depth. " if many else "") + " ".join(reasons)
+    last_one = "at the end of the hold" if any((v.get("since") or [0.0])[-1] for v in rows) else "at the last depth"
+    note = (f"Values are those {last_one}. " if many else "") + " ".join(reasons)
     return table(f"Unused test {clean(e['name'])}", columns, note)

@@ -80,7 +80,8 @@ def _off(channels: Sequence[Mapping[str, Any]]) -> str:
         if abs(y) < SEEN * c["sigma"][-1]:  # a per cent of noise says nothing
             gap = f"{quantity(f, c['unit'])} where {quantity(y, c['unit'])}, hardly more than noise, was measured"
         name = f"{clean(c['channel'])} " if len(channels) > 1 else ""
-        said.append(f"{name}{gap or 'zero was measured'} at {shortest(u)} mm")
+        held = ", at the end of the hold" if (c.get("since") or [0.0])[-1] else ""
+        said.append(f"{name}{gap or 'zero was measured'} at {shortest(u)} mm{held}")
     return ", ".join(said)
 
 

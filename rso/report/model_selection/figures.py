@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, plain_log, short, style, svg
 from rso.report.layout.digits import Unit, channel_text, clean, known, largest, shown, symbol
-from rso.report.reading import listed, pair, points
+from rso.report.reading import at_rest, listed, on_the_way, pair, points
 from rso.report.sketch import NAME, sketch_figure
 
 Found = Mapping[str, Any]
@@ -75,37 +75,62 @@ def curve(found: Found, k: int) -> Figure:
     names = list(dict.fromkeys(c["name"] for v in fitted(found) for c in v["curves"]))
     rows = [(v["name"], c) for v in fitted(found) for c in v["curves"] if c["name"] == names[k]]
     holds = next((c for n, c in rows if n == found.get("chosen")), rows[-1][1])
-    figure = canvas(2.9)
-    left, right = figure.subplots(1, 2)
-    u, y = (np.array(v) for v in points(holds.get("depth"), holds.get("measured")))
+    rest = at_rest(holds).get("since") or []
+    figure = canvas(5.4 if rest else 2.9)
+    grid = figure.subplots(2 if rest else 1, 2, squeeze=False)
+    _panels(found, grid[0], [(n, on_the_way(c)) for n, c in rows], on_the_way(holds), "depth")
+    grid[0, 0].set_title(short(clean(names[k]), 40), color=GREY)
+    if rest:
+        _panels(found, grid[1], [(n, at_rest(c)) for n, c in rows], at_rest(holds), "since")
+        for axes in grid[1]:
+            axes.set_xscale("log")
+            axes.set_xlabel("time at rest (s)")
+            axes.xaxis.set_major_locator(LogLocator(numticks=8))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.6g}"))
+            axes.xaxis.set_minor_locator(NullLocator())
+    return figure
+
+
+def _panels(
+    found: Found,
+    pair_of: Sequence[Axes],
+    rows: list[tuple[str, Mapping[str, Any]]],
+    holds: Mapping[str, Any],
+    along: str,
+) -> None:
+    """Data and levels, and what each leaves, of loading along the `depth` or of a hold along the time `since`."""
+    left, right = pair_of
+    u, y = (np.array(v) for v in points(holds.get(along), holds.get("measured")))
     unit = shown(clean(holds.get("unit")), largest(list(map(float, y))))
     fine = shown(clean(holds.get("unit")), largest([float(s) for s in holds.get("sigma") or ()]))
     look = looks(found)
     marks: Look = {"ls": "none", "marker": "o", "ms": 2.6, "mfc": PAPER, "mec": INK, "mew": 0.7, "zorder": 2}
     left.plot(u[:MOST], y[:MOST] * unit.factor, **marks)
-    at, sigma = points(holds.get("depth"), holds.get("sigma"))
+    at, sigma = points(holds.get(along), holds.get("sigma"))
     s = np.interp(u, at, sigma)
     right.fill_between(u, -2 * s * fine.factor, 2 * s * fine.factor, color=LIGHT, lw=0, alpha=0.75)
     right.axhline(0, color=INK, lw=0.7)
     for name, c in rows:
-        x, f = (np.array(v) for v in points(c.get("depth"), c.get("predicted")))
-        at, measured = points(c.get("depth"), c.get("measured"))
+        x, f = (np.array(v) for v in points(c.get(along), c.get("predicted")))
+        at, measured = points(c.get(along), c.get("measured"))
         m = np.interp(x, at, measured)
         left.plot(x, f * unit.factor, **look[name])
         right.plot(x, (m - f) * fine.factor, **look[name])
     handles = [Line2D([], [], **marks)] + [Line2D([], [], **look[n]) for n, _ in rows]
     titles = {v["name"]: title(v) for v in fitted(found)}
     texts = ["measured", *(short(titles[n], 24) for n, _ in rows)]
-    left.legend(handles, texts, frameon=False, fontsize=8, loc="upper left", handlelength=2.4, borderaxespad=0.1)
-    left.set_title(short(clean(names[k]), 40), color=GREY)
+    if along == "depth":
+        left.legend(handles, texts, frameon=False, fontsize=8, loc="upper left", handlelength=2.4, borderaxespad=0.1)
     right.set_title("what a level leaves", color=GREY)
-    left.set(xlabel="depth (mm)", ylabel=f"{channel_text(holds.get('channel'))}{unit.bracket}", xlim=(0, None))
-    right.set(xlabel="depth (mm)", ylabel=f"measured − level{fine.bracket}", xlim=(0, None))
+    left.set_ylabel(f"{channel_text(holds.get('channel'))}{unit.bracket}")
+    right.set_ylabel(f"measured − level{fine.bracket}")
+    if along == "depth":
+        for axes in (left, right):
+            axes.set(xlabel="depth (mm)", xlim=(0, None))
     _clip(right, rows, s * fine.factor, fine)
     for axes in (left, right):
         axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.yaxis.set_major_locator(MaxNLocator(5))
-    return figure
 
 
 def _clip(axes: Axes, rows: list[tuple[str, Mapping[str, Any]]], s: np.ndarray, unit: Unit) -> None:

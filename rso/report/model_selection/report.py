@@ -193,6 +193,8 @@ def curves(found: Found) -> Section:
         names = list(dict.fromkeys(c["name"] for v in fitted(found) for c in v.get("curves") or ()))
         text = "Left: measured curve and every level at its best. Right: measured − level; grey: twice the standard "
         text += "uncertainty of measurement and computation together."
+        held = any(c.get("since") for v in fitted(found) for c in v.get("curves") or ())
+        text += " Below: the hold, over the time at rest." if held else ""
         for k, name in enumerate(names[:DRAWN]):
             blocks.append(Picture(f"curve-{k}", text if k == 0 else f"The same for {name}."))
     blocks += [Text(sentence(s.get("words"))) for s in listed(found, "steps") if s.get("verdict") != "not_needed"]

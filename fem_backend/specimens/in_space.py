@@ -1,0 +1,41 @@
+"""What specimens share that are of one piece and modelled in space only."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from fem_backend.meshing import BadMesh, MeridianMesh, Size
+from fem_backend.specimens.specimen import LAYER
+
+
+class InSpace:
+    """No meridian, no layers, no flat base, nothing beyond the model; a base class, no member."""
+
+    name: ClassVar[str]
+    parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
+    of_revolution: ClassVar[bool] = False
+    alike: ClassVar[bool] = False
+    fattest: float = math.inf
+
+    def under(self, indenter: Any) -> Self:
+        """As it is."""
+        return self
+
+    def beyond(self, length: float) -> float:
+        """Nothing: all of it is modelled."""
+        return 0.0
+
+    def absent(self) -> frozenset[str]:
+        """It has no layers."""
+        return frozenset(LAYER)
+
+    def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
+        """None is made."""
+        raise BadMesh(f"a specimen of shape {self.name!r} has no mesh of a meridian")
+
+    def stiffness(self, X: np.ndarray) -> np.ndarray | None:
+        """It has no layers."""
+        return None

@@ -1,0 +1,82 @@
+"""A hold beside the loading: force over the logarithm of time, and what candidates leave of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from scipy.interpolate import PchipInterpolator
+
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look
+from rso.report.layout.digits import Unit, shortest
+from rso.report.reading import CandidateView, at_rest, number, points
+
+FINE = 81  # points of a drawn curve
+BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
+OTHER: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Resting:
+    """A hold at a depth (mm) as it is drawn: values (m,) with σ at times (m,) s; by candidate times, values, errors."""
+
+    depth: float
+    t: np.ndarray
+    y: np.ndarray
+    sigma: np.ndarray
+    simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray, np.ndarray]]
+
+    @staticmethod
+    def of(
+        measured: Mapping[str, Any],
+        simulated: Sequence[tuple[CandidateView, Sequence[float], Sequence[float], Sequence[Any]]],
+    ) -> Resting | None:
+        """None where there are no readings of a hold."""
+        m = at_rest(measured)
+        t, y = (np.array(v) for v in points(m.get("since"), m.get("value", m.get("measured"))))
+        if not len(t):
+            return None
+        s = points(m.get("since"), m.get("sigma"))[1]
+        sigma = np.array(s) if len(s) == len(t) else np.zeros(len(t))
+        rows = [
+            (c, np.array(x), np.array(f), np.array([number(v) or 0.0 for v in e] or [0.0] * len(x)))
+            for c, x, f, e in simulated
+            if len(x) > 1
+        ]
+        return Resting(float(m["depth"][0]), t, y, sigma, sorted(rows, key=lambda row: row[0].best))
+
+
+def draw_resting(axes: Axes, rest: Axes | None, hold: Resting, unit: Unit, fine: Unit) -> None:
+    """A hold over the logarithm of time, and what is left of it."""
+    t, y, s = hold.t, hold.y * unit.factor, hold.sigma * unit.factor
+    axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
+    axes.plot(t, y, "o", ms=3.2, mfc=PAPER, mec=INK, mew=0.8)
+    for c, x, f, _ in hold.simulated:
+        at = np.geomspace(x[0], x[-1], FINE)
+        axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **(BEST if c.best else OTHER))
+    axes.set_xscale("log")
+    axes.set_title(f"held at {shortest(float(f'{hold.depth:.3g}'))} mm", color=GREY)
+    if rest is not None:
+        s = hold.sigma * fine.factor
+        rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)
+        rest.axhline(0, color=INK, lw=0.7)
+        for c, x, f, error in hold.simulated:
+            left, wide = (hold.y - np.interp(t, x, f)) * fine.factor, np.interp(t, x, error) * fine.factor
+            rest.plot(t, left, **(BEST if c.best else OTHER))
+            if c.best and wide.any():
+                rest.fill_between(t, left - wide, left + wide, color=ACCENT, alpha=0.25, lw=0)
+    below = axes if rest is None else rest
+    _seconds(below, t)
+    below.set_xlabel("time at rest (s)")
+
+
+def _seconds(axes: Axes, t: np.ndarray) -> None:
+    """Few ticks on the logarithm of times: at decades, and at 1, 2, 5 where these are few."""
+    subs = (1.0,) if t[-1] / t[0] > 50.0 else (1.0, 2.0, 5.0)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.6g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
