@@ -69,7 +69,7 @@ LAYERS = {
     "fem_backend.meshing": (
         "closed_surface mesh nearest_facets surface_files",
         "mapped meridian placing smooth_surface surface templates",
-        "recipes refined remeshed tetwild",
+        "grids recipes refined remeshed tetwild",
         "scans",
         "__init__",
     ),
@@ -97,6 +97,7 @@ LAYERS = {
     "fem_backend.specimens": (
         "specimen",
         "flat in_space",
+        "ellipsoidal",
         "*",
         "__init__",
     ),

@@ -96,12 +96,12 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
         rotation = turned(knobs)
         direction = np.array([0.0, 0.0, -1.0])
         through = np.array([settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y, 0.0])
-        if specimen.alike:
-            on, through = specimen.top, np.zeros(3)
         if settings.direction == "normal":
             direction = -normal
-            through = on + (0.0 if specimen.alike else np.array([knobs.offset_x, knobs.offset_y, 0.0]))
+            through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
         direction, through = rotation @ direction, rotation @ through
+        if specimen.alike:  # it may as well be turned about its top
+            through = specimen.top
         touch = indenter.first_contact(specimen, through, direction)
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
@@ -121,10 +121,11 @@ def turned(knobs: Knobs) -> np.ndarray:
 def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[float, float]:
     """Where the fine elements go (x, y) mm: the asked point, moved as misalignment and tilt move the first contact."""
     aligned = dict.fromkeys(MISALIGNED, 0.0)
+    point = (0.0, 0.0) if placement.specimen.alike else settings.point
     if all(getattr(knobs, name) == 0.0 for name in aligned):
-        return settings.point
+        return point
     moved = placement.contact - place(settings, replace(knobs, **aligned)).contact
-    x, y = (0.0 if placement.planes[k] else float(settings.point[k] + moved[k]) for k in (0, 1))
+    x, y = (0.0 if placement.planes[k] else float(point[k] + moved[k]) for k in (0, 1))
     return x, y
 
 

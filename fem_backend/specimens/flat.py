@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
+from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 from rso.contract import Drawn
 
@@ -86,13 +86,14 @@ class FlatTopped:
 
     name: ClassVar[str]
     gauges: ClassVar[Mapping[str, float]] = {}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
     rests: ClassVar[str] = "bonded"
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
     fattest: ClassVar[float] = math.inf
+    grid_edges: str = ""  # of its grid in three dimensions, see `grids.cut`
     height: float
     half_width: float
     cut: ClassVar[float] = math.inf
@@ -144,9 +145,13 @@ class FlatTopped:
         """Both vertical planes through the axis."""
         return True, True
 
+    def extent(self, way: np.ndarray) -> float:
+        """Distance (mm) from the axis to its side along a horizontal unit vector (2,)."""
+        return self.half_width
+
     def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
         """A rectangle, whose edge is rounded; its sides are no edges where it goes on beyond them."""
-        half, h, low = min(wide, self.half_width), self.height, max(0.0, self.height - self.cut * wide)
+        half, h, low = min(wide, self.extent(way)), self.height, max(0.0, self.height - self.cut * wide)
         f = 0.0 if self.alike else self.edge
         turn = np.linspace(0.0, 0.5 * np.pi, 9)
         corner = np.column_stack([half - f + f * np.cos(turn), h - f + f * np.sin(turn)]) if f else [[half, h]]
@@ -171,10 +176,14 @@ class FlatTopped:
 
     # ------------------------------------------------------------------------------------------------- surface
 
+    def over_edge(self, x: float, y: float) -> float:
+        """How far (mm) a place lies beyond the flat part of the top, negative on it."""
+        return -math.inf if self.alike else math.hypot(x, y) - (self.half_width - self.edge)
+
     def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
         """Point and normal of the top; ValueError beside its flat part."""
-        if not self.alike and math.hypot(x, y) > self.half_width - self.edge:
-            raise ValueError(f"point {(x, y)} mm is not above the flat top, whose radius is {self.half_width:g} mm")
+        if self.over_edge(x, y) > 0.0:
+            raise ValueError(f"point {(x, y)} mm is {self.over_edge(x, y):.4g} mm beside the flat top")
         return np.array([x, y, self.height]), np.array([0.0, 0.0, 1.0])
 
     def part(self, name: str, X: np.ndarray) -> np.ndarray:
@@ -239,15 +248,15 @@ class FlatTopped:
 
     def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
         """A place beside the top."""
-        if self.alike or math.hypot(*point) <= self.half_width - self.edge:
+        if self.over_edge(*point) <= 0.0:
             return []
-        return [f"point = {list(point)} mm: beside the flat top, whose radius is {self.half_width - self.edge:g} mm"]
+        return [f"point = {list(point)} mm: {self.over_edge(*point):.4g} mm beside the flat top"]
 
     def beside(self, x: float, y: float) -> str | None:
         """A mark lies on the top."""
-        if self.alike or math.hypot(x, y) <= self.half_width - self.edge:
+        if self.over_edge(x, y) <= 0.0:
             return None
-        return f"profile: the mark ({x:g}, {y:g}) mm lies beside the flat top of radius {self.half_width:g} mm"
+        return f"profile: the mark ({x:g}, {y:g}) mm lies {self.over_edge(x, y):.4g} mm beside the flat top"
 
     @property
     def deepest(self) -> tuple[float, str]:
@@ -261,16 +270,21 @@ class FlatTopped:
     # ------------------------------------------------------------------------------------------------- mesh
 
     def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
-        """A level of the meridian; other meshers and levels are refused."""
+        """A level of the meridian and of the grid in three dimensions; other meshers and levels are refused."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        return Meshing("", (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
+        recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
+        return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS[level])
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
-        """Only bodies of revolution, touched on their axis, are meshed so far."""
-        raise BadMesh(f"a {self.name} is modelled on its axis, upright and without fibres only")
+        """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""
+        return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes)
+
+    def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
+        """Planes x, y and z (mm) that the grid in three dimensions must hit, from the axis and the base on."""
+        return self.rings(), self.rings(), self.interfaces()
 
     def interfaces(self) -> list[float]:
         """Heights (mm) that the grid must hit, from the base to the top."""

@@ -15,6 +15,7 @@ from rso.contract import knob
 
 USUAL = 5.0  # thickness (mm) that declared ranges of knobs are meant for
 WIDE, BESIDE = 20.0, 8.0  # thicknesses and lengths of the indenter from the axis that are modelled: see `Slab`
+WIDE_SOLID, BESIDE_SOLID = 4.0, 4.0  # the same of a model in three dimensions
 THINNEST = 0.2  # thickness over that of the settings
 
 
@@ -92,6 +93,11 @@ class Slab(FlatTopped):
     def under(self, indenter: Any) -> Slab:
         """Wide enough for an indenter."""
         return replace(self, around=BESIDE * indenter.length)
+
+    def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
+        """Those of a square that reaches 4 thicknesses and 4 lengths of the indenter from its middle."""
+        reach = [0.0, WIDE_SOLID * self.thickness + BESIDE_SOLID / BESIDE * self.around]
+        return reach, reach, self.interfaces()
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

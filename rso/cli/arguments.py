@@ -103,7 +103,8 @@ def _add(new: argparse.ArgumentParser, o: Option) -> None:
     elif o.least is None and not o.repeated:
         new.add_argument(f"--{o.name}", nargs=len(o.words), help=words, metavar=o.words)
     else:
-        new.add_argument(f"--{o.name}", nargs="+", help=words, metavar=o.words[0] if o.repeated else " ".join(o.words))
+        names = o.words[0] if o.repeated else (o.words[0], " ".join(o.words[1:]).replace("[", "").replace("]", ""))
+        new.add_argument(f"--{o.name}", nargs="+", help=words, metavar=names)
 
 
 def _of_a_study(known: Any) -> None:

@@ -132,7 +132,7 @@ def test_a_member_brings_its_own_option(folder, monkeypatch, capsys):
     assert "# <- the ratio of its skin" in text
     with pytest.raises(SystemExit):
         main(["new", "--help"])
-    assert "--gel T [RATIO]" in capsys.readouterr().out
+    assert "--gel T [RATIO" in capsys.readouterr().out
     assert main(["new", "curve.csv", "--gel", "1", "2", "3", "--ball", "1"]) == 2
     assert "--gel 1 2 3: --gel T [RATIO] is expected" in capsys.readouterr().err
 
