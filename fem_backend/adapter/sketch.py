@@ -121,6 +121,8 @@ def _specimen(settings: Settings, way: np.ndarray, wide: float) -> list[Drawn]:
 def _support(settings: Settings, way: np.ndarray, wide: float, outline: tuple[tuple[float, float], ...]) -> list[Drawn]:
     """What of the outline is held, and walls; where there is neither, what the specimen lies on."""
     specimen, support = settings.specimen, settings.support
+    if not math.isinf(_cut(settings)):  # it is held far below
+        return []
     text = getattr(support, "described", "") or support.words
     points = _dense(np.array(outline))
     space = np.column_stack([points[:, :1] * way, points[:, 1]])
