@@ -31,10 +31,11 @@ def formulas(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[Form
     K = 2.0 / knobs.D1
     E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
     h, found = travel * tilt, []
+    relaxes = "the material relaxes, the formula is elastic" if settings.prony or knobs.prony_g else ""
     for f in of_pair(actual, E, nu):
         with np.errstate(all="ignore"):
             force = np.asarray(f.force(h), float) * float(normal[2])
-        why = tuple(_general(actual, float(d), nu) or f.valid(float(d)) or "" for d in h)
+        why = tuple(relaxes or _general(actual, float(d), nu) or f.valid(float(d)) or "" for d in h)
         found.append(FormulaCurve(f.name, f.source, force, why))
     return tuple(found)
 

@@ -33,7 +33,7 @@ def of_formulas(plan: Plan, found: Mapping[str, Any]) -> dict[str, Any]:
             forms = known.formulas(candidate["values"], case_for(plan.study, name, tuple(map(float, depth))))
         except MISREAD:  # there is none of what the study describes
             continue
-        keep = (measured.depth > 0.0) & (measured.depth <= deepest * (1.0 + 1e-9))
+        keep = ~measured.held & (measured.depth > 0.0) & (measured.depth <= deepest * (1.0 + 1e-9))
         at, force = np.minimum(measured.depth[keep], deepest), measured.value[keep]
         fe = np.asarray(simulated(depth), float)
         rows.append(

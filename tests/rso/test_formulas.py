@@ -59,6 +59,12 @@ def test_what_no_formula_knows_is_said_of_each(specimen, why):
     assert all(why in text for f in formulas(specimen).values() for text in f.invalid)
 
 
+def test_a_material_that_relaxes_has_no_formula():
+    found = formulas({"shape": "slab", "thickness": 5.0}, material={"prony": [[0.3, 2.0]]})
+    assert all("relaxes" in text for f in found.values() for text in f.invalid)
+    assert not any("relaxes" in text for f in formulas({"shape": "half_space"}).values() for text in f.invalid)
+
+
 def row(simulated):
     """Results with three formulas: one far off, one near, one that is near at first."""
     depth = [0.1, 0.2, 0.3, 0.4]
