@@ -103,6 +103,7 @@ LAYERS = {
     ),
     "fem_backend.supports": (
         "holding support",
+        "walls",
         "*",
         "__init__",
     ),

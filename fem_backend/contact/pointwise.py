@@ -65,6 +65,12 @@ def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ign
 
 
 @numba.njit(cache=True)
+def _rubs(friction, p, bilateral, bound, f, q):  # type: ignore[no-untyped-def]
+    """Whether there may be friction at a point: where it presses, or is held on to and friction has a limit anyhow."""
+    return friction > 0.0 and (p > 0.0 or (bilateral and bound[f, q] >= 0.0))
+
+
+@numba.njit(cache=True)
 def evaluate(  # type: ignore[no-untyped-def]
     facets,
     N,
@@ -84,6 +90,7 @@ def evaluate(  # type: ignore[no-untyped-def]
     motion,
     work,
     length,
+    bilateral,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
@@ -94,15 +101,17 @@ def evaluate(  # type: ignore[no-untyped-def]
     for f in range(m):
         for q in range(nq):
             w, g, n = weights[f, q], gap[f, q], normal[f, q]
-            p = max(multiplier[f, q] - epsilon[f, q] * g, 0.0)
+            p = multiplier[f, q] - epsilon[f, q] * g
+            if p < 0.0 and not bilateral:
+                p = 0.0
             energy += 0.5 * w * (p * p - multiplier[f, q] ** 2) / epsilon[f, q]
             near = work > 0.0 and g < OUT_OF_REACH * length
-            if not (p > 0.0 or near):
+            if not (p > 0.0 or near or bilateral):
                 continue
             pressure[f, q] = p
             for i in range(3):
                 load[i] = p * n[i]
-            if friction > 0.0 and p > 0.0:
+            if _rubs(friction, p, bilateral, bound, f, q):
                 share, _, counts = _share(g, opened[f, q], met[f, q])
                 stiff = share * TANGENTIAL * epsilon[f, q]
                 _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stiff, v, t)
@@ -148,6 +157,7 @@ def tangent(  # type: ignore[no-untyped-def]
     motion,
     work,
     length,
+    bilateral,
     direction,
     geometric,
     data,
@@ -162,9 +172,9 @@ def tangent(  # type: ignore[no-untyped-def]
         for q in range(nq):
             w, g, p, n, h, e = weights[f, q], gap[f, q], pressure[f, q], normal[f, q], hessian[f, q], epsilon[f, q]
             near = work > 0.0 and g < OUT_OF_REACH * length
-            if not (p > 0.0 or near):
+            if not (p > 0.0 or near or bilateral):
                 continue
-            stiff, turn = (e if p > 0.0 else 0.0), -p
+            stiff, turn = (e if p > 0.0 or bilateral else 0.0), -p
             if near:
                 _, pull, fall = _attract(g, work, length)
                 turn += pull
@@ -172,7 +182,7 @@ def tangent(  # type: ignore[no-untyped-def]
                     stiff += fall
             _normal(k, n, h, stiff, turn, geometric)
             counts = 1.0
-            if friction > 0.0 and p > 0.0:
+            if _rubs(friction, p, bilateral, bound, f, q):
                 share, growth, counts = _share(g, opened[f, q], met[f, q])
                 stick = share * TANGENTIAL * e
                 square, along, long = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)

@@ -77,8 +77,9 @@ class Adhesion:
 class Pair:
     """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion.
 
-    A `soft` one never gets multipliers.  Points with a place `held` (f, q, 3) mm relative to the reference point of the
-    rigid body, nan elsewhere, are glued to it: :mod:`.bonded`.
+    A `soft` one never gets multipliers; a `bilateral` one holds on to the surface, p = λ − ε g of either sign, and
+    rubs only where it presses.  Points with a place `held` (f, q, 3) mm relative to the reference point of the rigid
+    body, nan elsewhere, are glued to it: :mod:`.bonded`.
     """
 
     surface: ContactSurface
@@ -88,6 +89,7 @@ class Pair:
     adhesion: Adhesion | None = None
     soft: bool = False
     held: np.ndarray | None = None
+    bilateral: bool = False
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,9 @@ class Touch:
 class ContactState:
     """One evaluation: energy (N mm), residual (n, 3) N, force on the rigid body (3,) N; at the points (f, q) the rest.
 
-    Pressure p ≥ 0 (MPa, the contact alone), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
-    slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without friction, which has none.
+    Pressure p (MPa, the contact alone, negative only where it is bilateral), gap g (mm), tangential traction on the
+    body (f, q, 3) MPa, whether a point slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without
+    friction, which has none.
     """
 
     energy: float
@@ -236,6 +239,7 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
         *before,
         motion,
         *_adhesion(pair),
+        pair.bilateral,
     )
     if pair.held is not None:
         t = bonded.traction(pair.held, points, np.asarray(touch.centre, float), epsilon)
@@ -264,7 +268,7 @@ def tangent(
         rate = np.where(glued[..., None], bonded.BOND * epsilon[..., None] * np.asarray(touch.direction, float), 0.0)
         moving -= bonded.loads(surface.facets, surface.N, surface.weights, rate, len(x))
         pressure, gap = np.where(glued, 0.0, pressure), np.where(glued, np.inf, gap)
-    active = np.nonzero(((pressure > 0) | (state.attraction > 0)).any(1))[0]
+    active = np.nonzero(((pressure > 0) | (state.attraction > 0) | pair.bilateral).any(1))[0]
     points = (
         pointwise.points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
     )
@@ -288,6 +292,7 @@ def tangent(
         *start,
         motion,
         *_adhesion(pair),
+        pair.bilateral,
         np.asarray(touch.direction, float),
         geometric,
         data,
@@ -370,9 +375,10 @@ def _before(pair: Pair, touch: Touch) -> tuple[Five, np.ndarray]:
     motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
     points, traction = np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)
     unknown = -np.ones(start.gap.shape)
-    bound = unknown if start.pressure is None else np.ascontiguousarray(pair.friction * start.pressure)
+    bound = unknown if start.pressure is None else pair.friction * np.maximum(start.pressure, 0.0)
     share = unknown if start.met is None else np.ascontiguousarray(start.met)
-    return (points, traction, np.ascontiguousarray(start.gap), bound, share), motion
+    opened = unknown if pair.bilateral else np.ascontiguousarray(start.gap)  # which never opens
+    return (points, traction, opened, bound, share), motion
 
 
 def _adhesion(pair: Pair) -> tuple[float, float]:

@@ -244,7 +244,7 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
     shared = Settings(
         settings.specimen,
         settings.indenter,
-        support=settings.support.holding(),
+        support=settings.support.actual(knobs).holding(),
         point=fine_at(settings, knobs, placement),
         recipe=settings.recipe,
         control=Control(),
@@ -283,6 +283,7 @@ def system(
     Raises NotModelled for an inclusion outside the body and the like, and for laws that do not combine.
     """
     body = model.body
+    settings = replace(settings, support=settings.support.actual(knobs))
     stuff = material(settings, knobs)
     mu, length = stuff.shear_modulus, placement.indenter.length
     if like is None:

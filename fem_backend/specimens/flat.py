@@ -18,6 +18,7 @@ from rso.contract import Drawn
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
 ACROSS = 5.0  # elements through the height at least, at unit fineness
+WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
 DEEPEST = 0.75  # of the height
 ON = 1e-9  # of the height: what lies this near a plane lies in it
@@ -81,7 +82,7 @@ class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
     `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
-    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.
+    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.  `walled`: it is in a well.
     """
 
     name: ClassVar[str]
@@ -99,6 +100,7 @@ class FlatTopped:
     cut: ClassVar[float] = math.inf
     """Half widths of a sketch below the top from which on it is cut."""
     edge: float = 0.0
+    walled: bool = False
     layers: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -140,6 +142,10 @@ class FlatTopped:
     def absent(self) -> frozenset[str]:
         """Those of a layer where it has none, and of a place where all are alike."""
         return frozenset((() if self.layers else LAYER) + (PLACE if self.alike else ()))
+
+    def within(self, radius: float) -> FlatTopped | None:
+        """Itself in a round well of a radius (mm); None where it has no side to be held."""
+        return None if self.alike else self
 
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
@@ -298,11 +304,12 @@ class FlatTopped:
 
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
+        widest = self.half_width / WALL if self.walled else math.inf
         near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height
 
         def across(r: np.ndarray) -> np.ndarray:
-            return fineness * (spacing(r) + GROWTH * np.maximum(r - reach, 0.0))
+            return fineness * np.minimum(spacing(r) + GROWTH * np.maximum(r - reach, 0.0), widest)
 
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)

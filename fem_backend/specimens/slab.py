@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from pydantic import model_validator
+from skfem import MeshTet2
 
 from fem_backend import members
+from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -26,11 +28,13 @@ class Slab(FlatTopped):
 
     The model ends 20 thicknesses and 8 lengths of the indenter, `around` (mm), from the axis: on a bonded base what
     is beyond has no share (the field decays exponentially), on a sliding one a share of the square of the ratio.
+    In a well it ends at the radius of that, `wide` (mm), and its places are no longer alike.
     """
 
     thickness: float
     layers: tuple[tuple[float, float], ...] = ()
     around: float = 0.0
+    wide: float = 0.0
 
     class Table(members.MemberTable):
         """{ shape = "slab", thickness = 2.3, layers = [{ thickness = 0.3, ratio = 5.0 }, …] }"""
@@ -67,7 +71,6 @@ class Slab(FlatTopped):
         )
 
     name: ClassVar[str] = "slab"
-    alike: ClassVar[bool] = True
     options: ClassVar[tuple[members.SettingsOption, ...]] = (
         members.SettingsOption(
             "slab",
@@ -81,6 +84,16 @@ class Slab(FlatTopped):
     gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
 
     @property
+    def alike(self) -> bool:  # type: ignore[override]
+        """Whether it has no end to the sides."""
+        return not self.walled
+
+    @property
+    def walled(self) -> bool:  # type: ignore[override]
+        """Whether it ends at a wall."""
+        return self.wide > 0.0
+
+    @property
     def height(self) -> float:  # type: ignore[override]
         """The thickness (mm)."""
         return self.thickness
@@ -88,7 +101,7 @@ class Slab(FlatTopped):
     @property
     def half_width(self) -> float:  # type: ignore[override]
         """How far the model reaches (mm)."""
-        return WIDE * self.thickness + self.around
+        return self.wide or WIDE * self.thickness + self.around
 
     def under(self, indenter: Any) -> Slab:
         """Wide enough for an indenter."""
@@ -98,6 +111,16 @@ class Slab(FlatTopped):
         """Those of a square that reaches 4 thicknesses and 4 lengths of the indenter from its middle."""
         reach = [0.0, WIDE_SOLID * self.thickness + BESIDE_SOLID / BESIDE * self.around]
         return reach, reach, self.interfaces()
+
+    def within(self, radius: float) -> Slab:
+        """As wide as a well."""
+        return replace(self, wide=radius)
+
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """As of every flat specimen; BadMesh in a well, which is round."""
+        if self.walled:
+            raise BadMesh("a slab in a well is modelled on its axis only; beside it take a cylinder as wide")
+        return super().quadratic(mesh, recipe, point, planes)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

@@ -40,6 +40,8 @@ def test_a_slab_under_a_ball(folder):
     ("given", "specimen", "support"),
     [
         ({"puck": (10.0, 5.0)}, {"shape": "cylinder", "radius": 10.0, "height": 5.0}, "bonded"),
+        ({"well": (8.0, 5.0)}, {"shape": "slab", "thickness": 5.0}, "well"),
+        ({"block": (30.0, 20.0, 8.0)}, {"shape": "block", "size": [30.0, 20.0, 8.0]}, "bonded"),
         ({"half_space": ()}, {"shape": "half_space"}, "bonded"),
         ({"ellipsoid": (60.0, 35.0, 35.0)}, {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]}, "fixed"),
         ({"semi_axes": (60.0, 35.0, 35.0)}, {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]}, "fixed"),
