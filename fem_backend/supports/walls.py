@@ -92,7 +92,6 @@ class Walls(Holding):
     """
 
     words: ClassVar[str]
-
     rubs: float = 0.0
     yields: float = 0.0
 
