@@ -90,7 +90,7 @@ LAYERS = {
         "direct",
         "condensation krylov",
         "newton",
-        "modified_newton rigid_motions",
+        "mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
     ),

@@ -17,6 +17,7 @@ from rso.contract import Drawn
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
+FIRST = 1.5  # height of the first elements over the least width
 ACROSS = 5.0  # elements through the height at least, at unit fineness
 WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
@@ -305,7 +306,7 @@ class FlatTopped:
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
         widest = self.half_width / WALL if self.walled else math.inf
-        near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
+        near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height
 
         def across(r: np.ndarray) -> np.ndarray:

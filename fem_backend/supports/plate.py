@@ -16,7 +16,7 @@ from rso.contract import knob
 
 @SUPPORTS.register
 @dataclass(frozen=True)
-class Plate(Walls):
+class SupportingPlate(Walls):
     """The base stays in the plane of the plate, as weight and suction hold a gel, or may lift off where it is `loose`.
 
     Coulomb: |t| ≤ f p with the pressure p on the plate, none where it would lift off.  f = 0 slips, f → ∞ is bonded
@@ -35,9 +35,9 @@ class Plate(Walls):
         lift: members.Flag = False
         """Whether the base may lift off; otherwise it stays in its plane."""
 
-        def build(self) -> Plate:
+        def build(self) -> SupportingPlate:
             """The support of these settings."""
-            return Plate(self.friction, loose=self.lift)
+            return SupportingPlate(self.friction, loose=self.lift)
 
     @dataclass(frozen=True)
     class Knobs(Yielding):
@@ -73,7 +73,7 @@ class Plate(Walls):
         """Its base slips, or is touched from above only."""
         return {"base": GAP if self.loose else SLIP}
 
-    def actual(self, knobs: Any) -> Plate:
+    def actual(self, knobs: Any) -> SupportingPlate:
         """The friction, and the compliance of its substrate."""
         return replace(self, rubs=knobs.plate_friction, yields=knobs.substrate_compliance)
 
@@ -81,6 +81,6 @@ class Plate(Walls):
         """Coulomb coefficient of the plate."""
         return values.get("plate_friction", self.rubs)
 
-    def holding(self) -> Plate:
+    def holding(self) -> SupportingPlate:
         """Whether it rubs or yields decides what it holds, not how much."""
         return replace(self, rubs=float(self.rubs > 0.0), yields=float(self.yields > 0.0))
