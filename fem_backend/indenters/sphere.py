@@ -73,6 +73,21 @@ class Sphere:
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
     of_revolution: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
+        members.SettingsOption(
+            name,
+            ("R",),
+            ("mm",),
+            f"a ball of this radius on a shaft as wide{also}",
+            settings=lambda R: {"indenter": {"shape": "sphere", "radius": R, "shaft": True}},
+        )
+        for name, also in (("ball", ""), ("radius", ", the older name of --ball"))
+    )
+
+    @property
+    def described(self) -> str:
+        """Its radius."""
+        return f"a ball of radius {members.length_words(self.R)}"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
@@ -210,8 +225,15 @@ class Sphere:
         return contact_patch(surface, x, pressure, centre, self.R, tuple(axis), planes, attraction=attraction)
 
     def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Closed line (k, 2) mm of the sphere in the plane of the unit vectors `across` (2, 3)."""
+        """Closed line (k, 2) mm of the sphere, with a piece of its shaft, in the plane of the unit vectors `across`."""
         t = np.linspace(0.0, 2.0 * np.pi, 181)
+        ahead = across @ np.asarray(direction, float)
+        if self.shaft and np.linalg.norm(ahead) > 0.5:
+            ahead = ahead / np.linalg.norm(ahead)
+            side = np.array([-ahead[1], ahead[0]])
+            t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 91)
+            front = np.outer(np.cos(t), ahead) + np.outer(np.sin(t), side)
+            return across @ centre + self.R * np.vstack([front, front[-1] - 2.0 * ahead, front[0] - 2.0 * ahead])
         return across @ centre + self.R * np.column_stack([np.cos(t), np.sin(t)])
 
     def effective_radius(self, curvature: float) -> float:

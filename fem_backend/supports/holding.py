@@ -9,6 +9,8 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
+from fem_backend.members import SettingsOption
+from rso.contract import Drawn
 
 LOOKED_AT = 200  # points of the surface by which two supports are compared
 
@@ -18,6 +20,7 @@ class Holding:
 
     name: ClassVar[str]
     Knobs: ClassVar[type | None] = None
+    options: ClassVar[tuple[SettingsOption, ...]] = ()
     lengths: ClassVar[tuple[str, ...]] = ()
     loose: ClassVar[bool] = False
     group: ClassVar[str] = ""
@@ -29,6 +32,10 @@ class Holding:
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
         return {"kind": self.name}
+
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """No walls."""
+        return []
 
     def defaults(self) -> Mapping[str, float]:
         """No knobs."""
