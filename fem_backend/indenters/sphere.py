@@ -22,7 +22,7 @@ USUAL = 3.0  # radius (mm) that declared ranges of knobs are meant for
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
 GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
-FINE, COARSE, GRADED = 0.03, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
+FINE, COARSE, GRADED = 0.06, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
 VERIFIED = 2.0  # of R: depth up to which runs reach more than that
 
 
@@ -93,7 +93,7 @@ class Sphere:
         return self
 
     def spacing(self, r: np.ndarray) -> np.ndarray:
-        """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.03 R and 0.12 R.
+        """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.06 R and 0.12 R.
 
         Beyond R it grows by 0.3 of the distance.
         """

@@ -21,10 +21,10 @@ from fem_backend.meshing.placing import mirrored, scaled_jacobian
 
 NAME = "grid"  # of the mesher in a recipe
 FINENESS = {"coarse": 2.2, "standard": 1.7, "fine": 1.25, "reference": 0.9}  # factor on all sizes
-NEAR = 0.125  # of the indenter's length: elements up to REACH of it from the middle, at unit fineness
+NEAR = 0.15  # of the indenter's length: elements up to REACH of it from the middle, at unit fineness
 REACH = 1.2
-BESIDE, BELOW = 0.6, 0.25  # growth of the elements per distance, from there on and from the top on
-DEEP = 3.0  # lengths of the indenter below the top from which they grow as fast as beside it
+BESIDE, BELOW = 0.4, 0.2  # growth of the elements per distance, from there on and from the top on
+DEEP = 6.0  # lengths of the indenter below the top from which they grow as fast as beside it
 FEWEST = 10.0, 8.0  # elements from the middle to the side and from the base to the top at least
 NEAREST = 0.05  # of the way from the side to the middle: no place of the finest elements is nearer to the side
 

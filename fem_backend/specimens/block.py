@@ -22,7 +22,7 @@ AXES = "x", "y", "z"
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Block(FlatTopped):
+class Cuboid(FlatTopped):
     """|x| ≤ lx/2, |y| ≤ ly/2, 0 ≤ z ≤ lz (mm)."""
 
     lx: float
@@ -41,13 +41,13 @@ class Block(FlatTopped):
         """Layers from the top down; the rest has ratio 1."""
 
         @model_validator(mode="after")
-        def _fit(self) -> Block.Table:
+        def _fit(self) -> Cuboid.Table:
             fitting(self.layers, self.size[2], "specimen.size[2]")
             return self
 
-        def build(self) -> Block:
+        def build(self) -> Cuboid:
             """The specimen of these settings."""
-            return Block(*self.size, tuple((v.thickness, v.ratio) for v in self.layers))
+            return Cuboid(*self.size, tuple((v.thickness, v.ratio) for v in self.layers))
 
     @dataclass(frozen=True)
     class Knobs:
@@ -114,7 +114,7 @@ class Block(FlatTopped):
         layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
         return {"shape": self.name, "size": [self.lx, self.ly, self.lz], "layers": layers}
 
-    def actual(self, knobs: Any) -> Block:
+    def actual(self, knobs: Any) -> Cuboid:
         """The block with the errors of its sizes, layers in proportion; ValueError where hardly anything is left."""
         was = np.array([self.lx, self.ly, self.lz])
         now = was + [getattr(knobs, f"delta_l{a}") for a in AXES]
@@ -125,9 +125,7 @@ class Block(FlatTopped):
                     f"larger than {SMALLEST * old:g} mm ({SMALLEST:g} of that asked for)"
                 )
         k = now[2] / was[2]
-        return replace(
-            self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k)
-        )
+        return replace(self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k))
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

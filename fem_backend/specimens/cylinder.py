@@ -30,6 +30,7 @@ class Cylinder(FlatTopped):
     tall: float
     fillet: float = 0.0
     layers: tuple[tuple[float, float], ...] = ()
+    walled: bool = False
 
     class Table(members.MemberTable):
         """{ shape = "cylinder", radius = 10, height = 5, fillet = 0, layers = [{ thickness, ratio }, …] }"""
@@ -101,6 +102,10 @@ class Cylinder(FlatTopped):
     def edge(self) -> float:  # type: ignore[override]
         """The radius of the upper edge (mm)."""
         return self.fillet
+
+    def within(self, radius: float) -> Cylinder:
+        """Its grid is finer at a wall."""
+        return replace(self, walled=True)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

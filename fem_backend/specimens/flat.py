@@ -16,7 +16,9 @@ from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
+FIRST = 1.5  # height of the first elements over the least width
 ACROSS = 5.0  # elements through the height at least, at unit fineness
+WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
 DEEPEST = 0.75  # of the height
 ON = 1e-9  # of the height: what lies this near a plane lies in it
@@ -57,7 +59,7 @@ class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
     `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
-    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.
+    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.  `walled`: it is in a well.
     """
 
     name: ClassVar[str]
@@ -72,6 +74,7 @@ class FlatTopped:
     height: float
     half_width: float
     edge: float = 0.0
+    walled: bool = False
     layers: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -100,6 +103,10 @@ class FlatTopped:
     def absent(self) -> frozenset[str]:
         """Those of a layer where it has none, and of a place where all are alike."""
         return frozenset((() if self.layers else LAYER) + (PLACE if self.alike else ()))
+
+    def within(self, radius: float) -> FlatTopped | None:
+        """Itself in a round well of a radius (mm); None where it has no side to be held."""
+        return None if self.alike else self
 
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
@@ -229,11 +236,12 @@ class FlatTopped:
 
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
-        near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
+        widest = self.half_width / WALL if self.walled else math.inf
+        near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height
 
         def across(r: np.ndarray) -> np.ndarray:
-            return fineness * (spacing(r) + GROWTH * np.maximum(r - reach, 0.0))
+            return fineness * np.minimum(spacing(r) + GROWTH * np.maximum(r - reach, 0.0), widest)
 
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)

@@ -100,6 +100,18 @@ class BowlSupport:
             return None
         return f'support.kind = "bowl" has the shape of the specimen, an ellipsoid; there is none of a {specimen.name}'
 
+    def actual(self, knobs: Any) -> BowlSupport:
+        """Knobs change its pairs alone."""
+        return self
+
+    def confines(self, specimen: Any) -> Any:
+        """It leaves it as it is."""
+        return specimen
+
+    def offered(self, specimen: Any) -> bool:
+        """It may be tried."""
+        return True
+
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""
         return True, True

@@ -35,6 +35,10 @@ class Fixed(Holding):
         """Every specimen has a lower part."""
         return None
 
+    def offered(self, specimen: Any) -> bool:
+        """Of a specimen with a base that is held alone: that is another support."""
+        return "base" not in specimen.parts
+
     def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
         """All components (n, 3) of the nodes of the part `lower`."""
         held = np.zeros(X.shape, bool)

@@ -32,6 +32,18 @@ class Holding:
         """No knobs."""
         return {}
 
+    def actual(self, knobs: Any) -> Holding:
+        """No knob changes it."""
+        return self
+
+    def confines(self, specimen: Any) -> Any:
+        """It leaves it as it is."""
+        return specimen
+
+    def offered(self, specimen: Any) -> bool:
+        """It may be tried."""
+        return True
+
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""
         return True, True

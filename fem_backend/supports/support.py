@@ -46,6 +46,15 @@ class Support(Protocol):
     def defaults(self) -> Mapping[str, float]:
         """Knobs that its table sets."""
 
+    def actual(self, knobs: Any) -> Support:
+        """Itself with what knobs make of it: its friction decides whether nodes are held or touched."""
+
+    def confines(self, specimen: Any) -> Any:
+        """The specimen as wide as it leaves it; as it is where it cannot carry it."""
+
+    def offered(self, specimen: Any) -> bool:
+        """Whether a diagnosis may try it with its defaults, as what no other one is already."""
+
     def refusal(self, specimen: Any) -> str | None:
         """Why it cannot carry this specimen; None where it can."""
 
