@@ -8,10 +8,10 @@
     --inscribed      the cylinder that stands for the square block has its half width as radius, not its area
     --seeds N        designs for the surrogate that learns from their own curves (5)
 
-The curves (Giolando et al., "AI-dente", Soft Matter 2023): a ball
-of 25 µm, frictionless, pressed by half its radius into a square neo-Hookean block of half width W and thickness H, 5
-to 40 radii, K/µ = 1000, its base sliding; FEBio, a quarter with linear hexahedra of a ninth of the radius.  Networks
-trained on 10 000 such runs over (W, H, µ) gave their µ with R² = 0.99998 by least squares and 0.99985 directly.
+The curves (Giolando et al., "AI-dente", Soft Matter 2023): a ball of 25 µm, pressed by half its radius into a square
+neo-Hookean block of half width W and thickness H, 5 to 40 radii, K/µ = 1000, on a sliding base; FEBio, a quarter with
+linear hexahedra of a ninth of the radius.  That it is without friction is assumed.  Networks trained on 10 000 such
+runs over (W, H, µ) gave their µ with R² = 0.99998 by least squares and 0.99985 directly.
 
 Of these variables, exact similarity leaves F/(µ R²) = f(W/R, H/R, depth/R).  Here f is the surrogate of a few
 simulations, and µ of every curve follows from linear least squares over its depths.  The square is replaced by the
