@@ -59,7 +59,8 @@ class Holding:
             return False  # what has knobs of its own does more
         X = _around(specimen)
         every = np.arange(len(X))
-        return np.array_equal(self.held(specimen, X, every), other.held(specimen, X, every))
+        mine, its = self.held(specimen, X, every), other.held(specimen, X, every)
+        return np.array_equal(mine, its) and bool(mine.any())  # what holds none of them cannot be told
 
     def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
         """Which displacement components (n, 3) of nodes X (n, 3) it holds: a member says."""
