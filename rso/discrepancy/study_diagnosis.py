@@ -92,8 +92,8 @@ def ask(study: Study) -> Asked:
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
     every = discrepancy.catalogue(backend, study.backend.settings, resolved.fixed, opened)
-    known = {*base.held, *(base.relaxing.names if base.relaxing else ())}
-    every = tuple(e for e in every if e.size.name not in known)  # known, and no multiple of the modulus, or open
+    own = {*base.held, *(base.relaxing.names if base.relaxing else ())}
+    every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
     measured = {c for t in plan.seen().tests for c in t.channels}
     effects = discrepancy.recorded(every, measured)
     wanted = study.diagnose.effects
@@ -247,16 +247,16 @@ def _relaxing(base: Base, study: Study, backend: Backend, resolved: Resolved) ->
     values = {p.name: resolved.fixed.get(p.name, p.default) for p in backend.parameters}
     for e in filter(relaxes, discrepancy.catalogue(backend, study.backend.settings, {}, ())):
         share, time = e.size.name, e.shape[0].name
-        if share not in opened and not values.get(share):
+        (_, most), (short, long) = (
+            (opened[k].low, opened[k].high) if k in opened else (values[k] or 0.0,) * 2 for k in (share, time)
+        )
+        if not (0.0 < most <= 1.0 and short > 0.0):  # none
             continue
-        ends = [(opened[k].low, opened[k].high) if k in opened else (values[k],) * 2 for k in (share, time)]
-        if not all(isinstance(v, float | int) and v >= 0.0 for pair in ends for v in pair) or ends[1][0] <= 0.0:
-            continue
-        wide = ends[1][0] / AROUND, ends[1][1] * AROUND
+        wide = short / AROUND, long * AROUND
         effect = dataclasses.replace(
             e,
             name=f"{e.name} of the base model",
-            size=dataclasses.replace(e.size, low=0.0, high=ends[0][1]),
+            size=dataclasses.replace(e.size, low=0.0, high=most),
             shape=(dataclasses.replace(e.shape[0], low=wide[0], high=wide[1]),),
         )
         fixed = tuple(None if k in opened else values[k] for k in (share, time))

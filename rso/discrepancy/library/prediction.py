@@ -130,7 +130,10 @@ def _change(weights: np.ndarray, relaxing: Relaxing | None, test: Test, change: 
 
 @dataclass(frozen=True, eq=False)
 class _Readings:
-    """Tables at the recorded depths of a test: base (n_base, c, n), its Fz (n_base, n), steps, changes, those of Fz (n_nodes, n)."""
+    """Tables at the recorded depths of a test: base (n_base, c, n), its Fz (n_base, n), steps and changes.
+
+    `normal_changes` (n_nodes, n) are those of Fz, whichever channels were measured.
+    """
 
     base: np.ndarray
     normal: np.ndarray

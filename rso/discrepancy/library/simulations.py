@@ -291,7 +291,7 @@ def jobs_at(
 
 
 def rated(base: Base, plan: TestPlan) -> bool:
-    """Whether what is simulated of the base model depends on the rate: it relaxes, or what is switched on has a time."""
+    """Whether what is simulated of the base depends on the rate: it relaxes, or an effect that is on has a time."""
     task, asked = task_of(base, plan, 0, base.values(base.centre), None, {}), capability(base.backend, Relaxation)
     if asked is not None and asked.relaxes(task.values, task.case.settings):
         return True

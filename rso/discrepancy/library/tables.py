@@ -135,7 +135,7 @@ class Library:
         return np.tensordot(W, table.change, axes=1), W @ table.marks
 
     def base_weights(self, x: np.ndarray) -> np.ndarray:
-        """(T, n_base): the base model at coordinates x (T, d) in terms of its nodes; what relaxes in it is an effect."""
+        """(T, n_base): the base model at coordinates x (T, d) in terms of its nodes, without what relaxes in it."""
         return tensor(self.levels, x[:, : len(self.levels)])
 
 
