@@ -113,10 +113,10 @@ class Holding:
 
 
 def _around(specimen: Any) -> np.ndarray:
-    """Points (LOOKED_AT, 3) mm of the surface in all directions: nearest to a Fibonacci lattice on a sphere around."""
+    """Points (n, 3) mm of the surface: the lowest, and those nearest to a Fibonacci lattice on a sphere around."""
     k = np.arange(LOOKED_AT) + 0.5
     z, turn = 1.0 - 2.0 * k / LOOKED_AT, np.pi * (1.0 + np.sqrt(5.0)) * k
     r = np.sqrt(1.0 - z**2)
     directions = np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
     middle = 0.5 * (specimen.top + specimen.lowest)
-    return np.array([specimen.closest(middle + 2.0 * specimen.largest * d) for d in directions])
+    return np.array([specimen.lowest, *(specimen.closest(middle + 2.0 * specimen.largest * d) for d in directions)])
