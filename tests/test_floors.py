@@ -30,7 +30,10 @@ LAYERS = {
         "error_estimate",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
+    "fem_backend.adapter": (
+        "command_line cost_model model_hierarchy new_study priors sketch",
+        "formulas",
+    ),
     "fem_backend.closed_forms": (
         "half_space homogeneous layer",
         "approximations",
@@ -66,7 +69,7 @@ LAYERS = {
     "fem_backend.meshing": (
         "closed_surface mesh nearest_facets surface_files",
         "mapped meridian placing smooth_surface surface templates",
-        "recipes refined remeshed tetwild",
+        "grids recipes refined remeshed tetwild",
         "scans",
         "__init__",
     ),
@@ -87,18 +90,20 @@ LAYERS = {
         "direct",
         "condensation krylov",
         "newton",
-        "modified_newton rigid_motions",
+        "mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
     ),
     "fem_backend.specimens": (
         "specimen",
         "flat in_space",
+        "ellipsoidal",
         "*",
         "__init__",
     ),
     "fem_backend.supports": (
         "holding support",
+        "walls",
         "*",
         "__init__",
     ),
@@ -116,7 +121,7 @@ LAYERS = {
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
-        "range_ends readings required_runs stages stated_settings stored_runs",
+        "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
         "finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
@@ -129,6 +134,7 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
+        "text_sketch",
         "checking progress",
         "commands",
         "arguments",
@@ -258,12 +264,14 @@ LAYERS = {
         "layout",
         "reading",
         "canvas notes terminal",
+        "sketch",
         "discrepancy model_selection",
         "calibration optimal_design",
         "__init__",
     ),
     "rso.report.calibration": (
-        "background displacements gap gauss_newton hold_panels identification influence maps range_extension",
+        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
+        "range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -301,10 +309,13 @@ LAYERS = {
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
+    "members",
     "simulation.knobs",
     "simulation.experiment",
+    "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.sketch",
     "backend",
     "__main__",
 }

@@ -36,7 +36,6 @@ ALLOWED = {
     "fem_backend/closed_forms/half_space.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/layer.py": "oracles by the name that the literature has for them",
     "fem_backend/adapter/command_line.py": "`rso new` and nominal.json of a laboratory know one specimen only",
-    "fem_backend/adapter/new_study.py": "`rso new` begins studies of one specimen only",
 }
 
 

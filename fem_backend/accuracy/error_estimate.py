@@ -6,6 +6,8 @@ indenter stand in calibration.toml; benchmarks/fe_errors.py prints their fit and
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fem_backend import closed_forms
@@ -314,6 +316,7 @@ def at_depth(settings: Settings, depth: float) -> float:
     Of a nearly incompressible body at the top: that of `unresolved` where a < h₀/2, else that of `columns` with
     3 % (h₀/a)² on every level (at 0.024 R coarse and standard are 8 % above Hertz, fine and reference 3 %).
     """
+    settings = replace(settings, h0=element_size(settings, settings.specimen.of_revolution))
     H = settings.specimen.mean_curvature(*settings.point)
     a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))
     c, level = calibration(settings), _of_level(settings)

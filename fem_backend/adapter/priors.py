@@ -33,7 +33,8 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
 
     Lengths are plausible in proportion to what they belong to.  An inclusion stays as far from the lower side as it
     does from the upper one, and inside wherever it sits.  Laws do not combine: beside that of the settings, or of knobs
-    that are `given` a value, there is no other; nor are there knobs of other specimens and indenters.
+    that are `given` a value, there is no other; nor are there knobs of other specimens and indenters, nor effects of
+    other supports.
     """
     knobs = {name: LAWS.own(name) for name in LAWS.members}
     law = next((name for name, mine in knobs.items() if not mine.isdisjoint(given)), own.law)
@@ -42,6 +43,7 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
         others += [next(iter(next(iter(each.switches.values())))) for each in ADDITIONS]
     others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
     others += own.specimen.absent()
+    others += [k for k in SUPPORTS.of_others(own.support.name) if declared[k].neutral is not None]
     return {**_lengths(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
 
 
@@ -112,7 +114,8 @@ def variants(own: Settings) -> dict[str, Mapping[str, Any]]:
     found = {}
     for name, other in SUPPORTS.members.items():
         usual = SUPPORTS.read({"kind": name})
-        if usual.refusal(own.specimen) is None and not own.support.same(usual, own.specimen):
+        tried = name != own.support.name and usual.refusal(own.specimen) is None and usual.offered(own.specimen)
+        if tried and not own.support.same(usual, own.specimen):
             words = f"{other.words} instead of {own.support.words}"
             found[other.variant] = {"settings": {"support": {"kind": name}}, "group": other.group, "description": words}
     return found

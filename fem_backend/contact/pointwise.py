@@ -65,6 +65,12 @@ def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ign
 
 
 @numba.njit(cache=True)
+def _rubs(friction, p, bilateral, bound, f, q):  # type: ignore[no-untyped-def]
+    """Whether there may be friction at a point: where it presses, or is held on to and friction has a limit anyhow."""
+    return friction > 0.0 and (p > 0.0 or (bilateral and bound[f, q] >= 0.0))
+
+
+@numba.njit(cache=True)
 def evaluate(  # type: ignore[no-untyped-def]
     facets,
     N,
@@ -84,6 +90,7 @@ def evaluate(  # type: ignore[no-untyped-def]
     motion,
     work,
     length,
+    bilateral,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
@@ -94,15 +101,17 @@ def evaluate(  # type: ignore[no-untyped-def]
     for f in range(m):
         for q in range(nq):
             w, g, n = weights[f, q], gap[f, q], normal[f, q]
-            p = max(multiplier[f, q] - epsilon[f, q] * g, 0.0)
+            p = multiplier[f, q] - epsilon[f, q] * g
+            if p < 0.0 and not bilateral:
+                p = 0.0
             energy += 0.5 * w * (p * p - multiplier[f, q] ** 2) / epsilon[f, q]
             near = work > 0.0 and g < OUT_OF_REACH * length
-            if not (p > 0.0 or near):
+            if not (p > 0.0 or near or bilateral):
                 continue
             pressure[f, q] = p
             for i in range(3):
                 load[i] = p * n[i]
-            if friction > 0.0 and p > 0.0:
+            if _rubs(friction, p, bilateral, bound, f, q):
                 share, _, counts = _share(g, opened[f, q], met[f, q])
                 stiff = share * TANGENTIAL * epsilon[f, q]
                 _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stiff, v, t)
@@ -148,6 +157,7 @@ def tangent(  # type: ignore[no-untyped-def]
     motion,
     work,
     length,
+    bilateral,
     direction,
     geometric,
     data,
@@ -162,9 +172,9 @@ def tangent(  # type: ignore[no-untyped-def]
         for q in range(nq):
             w, g, p, n, h, e = weights[f, q], gap[f, q], pressure[f, q], normal[f, q], hessian[f, q], epsilon[f, q]
             near = work > 0.0 and g < OUT_OF_REACH * length
-            if not (p > 0.0 or near):
+            if not (p > 0.0 or near or bilateral):
                 continue
-            stiff, turn = (e if p > 0.0 else 0.0), -p
+            stiff, turn = (e if p > 0.0 or bilateral else 0.0), -p
             if near:
                 _, pull, fall = _attract(g, work, length)
                 turn += pull
@@ -172,7 +182,7 @@ def tangent(  # type: ignore[no-untyped-def]
                     stiff += fall
             _normal(k, n, h, stiff, turn, geometric)
             counts = 1.0
-            if friction > 0.0 and p > 0.0:
+            if _rubs(friction, p, bilateral, bound, f, q):
                 share, growth, counts = _share(g, opened[f, q], met[f, q])
                 stick = share * TANGENTIAL * e
                 square, along, long = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)
@@ -195,6 +205,107 @@ def tangent(  # type: ignore[no-untyped-def]
             for c in range(size):
                 if place[f, r, c] >= 0:
                     data[place[f, r, c]] += block[r, c]
+
+
+@numba.njit(cache=True)
+def evaluate_rings(facets, N, dN, around, weights, x, points, normal, epsilon, multiplier, p, known):  # type: ignore[no-untyped-def]
+    """Residual, force, pressure per reference area and energy of Σ ψ a, ψ = (p² − λ²)/(2ε), with p `known` in ψ."""
+    m, nq = p.shape
+    residual, force, pressure = np.zeros(x.shape), np.zeros(3), np.zeros((m, nq))
+    energy = 0.0
+    for f in range(m):
+        for q in range(nq):
+            if p[f, q] == 0.0 and multiplier[f, q] == 0.0:
+                continue
+            tr, tz, length = _along(facets[f], dN[q], x)
+            r = points[f, q, 0]
+            area = around[q] * r * length
+            pull = p[f, q] * area
+            psi = 0.5 * (known[f, q] ** 2 - multiplier[f, q] ** 2) / epsilon[f, q]
+            energy += psi * area
+            pressure[f, q] = pull / weights[f, q]
+            for i in range(3):
+                force[i] -= pull * normal[f, q, i]
+            for a in range(3):
+                node, n, d = facets[f, a], N[q, a], dN[q, a] * around[q] * r / length
+                residual[node, 0] += psi * (around[q] * length * n + d * tr) - pull * n * normal[f, q, 0]
+                residual[node, 2] += psi * d * tz - pull * n * normal[f, q, 2]
+    return residual, force, pressure, energy
+
+
+@numba.njit(cache=True)
+def _along(facet, dN, x):  # type: ignore[no-untyped-def]
+    """∂r/∂t, ∂z/∂t and their length."""
+    tr, tz = 0.0, 0.0
+    for a in range(3):
+        tr += dN[a] * x[facet[a], 0]
+        tz += dN[a] * x[facet[a], 2]
+    return tr, tz, np.sqrt(tr * tr + tz * tz)
+
+
+@numba.njit(cache=True)
+def tangent_of_rings(  # type: ignore[no-untyped-def]
+    facets, N, dN, around, place, x, points, normal, hessian, epsilon, multiplier, pressure, direction, geometric, data,
+    moving,
+):  # fmt: skip
+    """Add ∂R/∂x of `evaluate_rings` with pressures p to `data` and ∂R/∂s of a rigid body that moves to `moving`."""
+    m, nq = pressure.shape
+    block, da, n = np.empty((6, 6)), np.empty(6), np.empty(6)
+    for f in range(m):
+        touched = False
+        block[:, :] = 0.0
+        for q in range(nq):
+            p, e, lam = pressure[f, q], epsilon[f, q], multiplier[f, q]
+            if p == 0.0 and lam == 0.0:
+                continue
+            touched = True
+            tr, tz, length = _along(facets[f], dN[q], x)
+            r, two = points[f, q, 0], around[q]
+            area, psi = two * r * length, 0.5 * (p * p - lam * lam) / e
+            n0, n2 = normal[f, q, 0], normal[f, q, 2]
+            for a in range(3):
+                da[2 * a] = two * (length * N[q, a] + r * dN[q, a] * tr / length)
+                da[2 * a + 1] = two * r * dN[q, a] * tz / length
+                n[2 * a], n[2 * a + 1] = N[q, a] * n0, N[q, a] * n2
+            stiff = e * area if p != 0.0 else 0.0
+            along = n0 * direction[0] + n2 * direction[2]
+            for k in range(6):
+                for l in range(6):
+                    block[k, l] += stiff * n[k] * n[l]
+            if geometric:
+                h00, h02, h22 = hessian[f, q, 0, 0], hessian[f, q, 0, 2], hessian[f, q, 2, 2]
+                turn = -p * area
+                for a in range(3):
+                    for b in range(3):
+                        both = turn * N[q, a] * N[q, b]
+                        bend = psi * two * r * dN[q, a] * dN[q, b] / length**3
+                        ab, ba = psi * two * N[q, a] * dN[q, b] / length, psi * two * dN[q, a] * N[q, b] / length
+                        block[2 * a, 2 * b] += both * h00 + bend * tz * tz + (ab + ba) * tr
+                        block[2 * a, 2 * b + 1] += both * h02 - bend * tr * tz + ab * tz
+                        block[2 * a + 1, 2 * b] += both * h02 - bend * tr * tz + ba * tz
+                        block[2 * a + 1, 2 * b + 1] += both * h22 + bend * tr * tr
+                for k in range(6):
+                    for l in range(6):
+                        block[k, l] -= p * (n[k] * da[l] + da[k] * n[l])
+            for a in range(3):
+                node = facets[f, a]
+                rate0, rate2 = -stiff * along * n[2 * a], -stiff * along * n[2 * a + 1]
+                if geometric:
+                    turned = p * area * N[q, a]
+                    rate0 += turned * (hessian[f, q, 0, 0] * direction[0] + hessian[f, q, 0, 2] * direction[2])
+                    rate2 += turned * (hessian[f, q, 2, 0] * direction[0] + hessian[f, q, 2, 2] * direction[2])
+                    rate0 += p * along * da[2 * a]
+                    rate2 += p * along * da[2 * a + 1]
+                moving[node, 0] += rate0
+                moving[node, 2] += rate2
+        if not touched:
+            continue
+        for k in range(6):
+            row = 3 * (k // 2) + 2 * (k % 2)
+            for l in range(6):
+                at = place[f, row, 3 * (l // 2) + 2 * (l % 2)]
+                if at >= 0:
+                    data[at] += block[k, l]
 
 
 @numba.njit(cache=True)

@@ -3,6 +3,9 @@
 Π_c = ∫ (p² − λ²)/(2ε) dA₀ with the pressure p = ⟨λ − ε g⟩ per reference area, gap g and multiplier λ ≥ 0
 (Wriggers 2006, §6.3.4).  ε is a multiple of the shear modulus per length, so that similarity stays exact.
 
+On meridians the same potential is per current area, ∫ (p² − λ²)/(2ε) da: per reference area, a surface of modulus μ
+that is pressed by p buckles in waves shorter than p²/(με), and all its elements may be finer than that.
+
 Friction by return mapping over a step (Wriggers 2006, §9.2): t = P(t₀ − ε_T (Δx − Δc)) cut to |t| ≤ μ_f p, P = I − n⊗n;
 it has no potential and, where points slip, an unsymmetric tangent.  A point that is touched within the step sticks from
 then on only: `met`.  Adhesion has a potential, Π_a = ∫ ψ(g) dA₀.
@@ -10,6 +13,7 @@ then on only: `met`.  Adhesion has a potential, Π_a = ∫ ψ(g) dA₀.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -77,8 +81,9 @@ class Adhesion:
 class Pair:
     """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion.
 
-    A `soft` one never gets multipliers.  Points with a place `held` (f, q, 3) mm relative to the reference point of the
-    rigid body, nan elsewhere, are glued to it: :mod:`.bonded`.
+    A `soft` one never gets multipliers; a `bilateral` one holds on to the surface, p = λ − ε g of either sign, and
+    rubs only where it presses.  Points with a place `held` (f, q, 3) mm relative to the reference point of the rigid
+    body, nan elsewhere, are glued to it: :mod:`.bonded`.
     """
 
     surface: ContactSurface
@@ -88,6 +93,7 @@ class Pair:
     adhesion: Adhesion | None = None
     soft: bool = False
     held: np.ndarray | None = None
+    bilateral: bool = False
 
 
 @dataclass(frozen=True)
@@ -126,8 +132,9 @@ class Touch:
 class ContactState:
     """One evaluation: energy (N mm), residual (n, 3) N, force on the rigid body (3,) N; at the points (f, q) the rest.
 
-    Pressure p ≥ 0 (MPa, the contact alone), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
-    slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without friction, which has none.
+    Pressure p (MPa, the contact alone, negative only where it is bilateral), gap g (mm), tangential traction on the
+    body (f, q, 3) MPa, whether a point slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without
+    friction, which has none.  `multiplier` is what the next augmentation takes over: p, on a meridian per current area.
     """
 
     energy: float
@@ -138,6 +145,7 @@ class ContactState:
     traction: np.ndarray
     slipping: np.ndarray
     attraction: np.ndarray
+    multiplier: np.ndarray
 
 
 def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
@@ -212,11 +220,21 @@ def met(pair: Pair, before: Before, touch: Touch) -> np.ndarray | None:
     return np.where(half < 0.0, -half / np.maximum(np.maximum(before.gap, 0.0) - half, 1e-300), 0.0)
 
 
-def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
+def follows(pair: Pair) -> bool:
+    """Whether contact acts per current area: on meridians, without friction, adhesion and what holds on."""
+    plain = pair.friction == 0.0 and pair.adhesion is None and pair.held is None and not pair.bilateral
+    return plain and pair.surface.facets.shape[1] == 3
+
+
+def evaluate(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None = None) -> ContactState:
     """Energy, residual and force at current positions x (n, 3) mm.
 
+    Of a pair that `follows`, pressures `known` to first order (f, q) MPa say which points have a pressure λ − ε g, then
+    of any sign, and stand for it where the areas change.
     Raises ValueError when a pair with friction does not know the start of the step.
     """
+    if follows(pair):
+        return _evaluate_rings(pair, x, touch, known)
     surface = pair.surface
     points = contact_points(surface, x)
     gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
@@ -236,6 +254,7 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
         *before,
         motion,
         *_adhesion(pair),
+        pair.bilateral,
     )
     if pair.held is not None:
         t = bonded.traction(pair.held, points, np.asarray(touch.centre, float), epsilon)
@@ -244,7 +263,7 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
         force -= np.einsum("fq,fqi->i", surface.weights, t)
         along = (t * normal).sum(-1)
         pressure, traction = pressure + np.maximum(along, 0.0), traction + t - along[..., None] * normal
-    return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction)
+    return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction, pressure)
 
 
 def tangent(
@@ -256,6 +275,8 @@ def tangent(
     `geometric` all that comes from the turning of the normal and the falling attraction is left out, which keeps the
     symmetric part positive semi-definite where nothing slips, at the price of slower convergence.
     """
+    if follows(pair):
+        return _tangent_of_rings(pair, x, touch, state, data, geometric)
     surface, pressure, gap = pair.surface, state.pressure, state.gap
     moving = np.zeros(x.shape)
     if pair.held is not None:
@@ -264,7 +285,7 @@ def tangent(
         rate = np.where(glued[..., None], bonded.BOND * epsilon[..., None] * np.asarray(touch.direction, float), 0.0)
         moving -= bonded.loads(surface.facets, surface.N, surface.weights, rate, len(x))
         pressure, gap = np.where(glued, 0.0, pressure), np.where(glued, np.inf, gap)
-    active = np.nonzero(((pressure > 0) | (state.attraction > 0)).any(1))[0]
+    active = np.nonzero(((pressure > 0) | (state.attraction > 0) | pair.bilateral).any(1))[0]
     points = (
         pointwise.points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
     )
@@ -288,6 +309,73 @@ def tangent(
         *start,
         motion,
         *_adhesion(pair),
+        pair.bilateral,
+        np.asarray(touch.direction, float),
+        geometric,
+        data,
+        moving,
+    )
+    return moving
+
+
+@functools.cache
+def _line() -> tuple[np.ndarray, np.ndarray]:
+    """∂N/∂t (q, 3) and 2π times the weights (q,) of an edge."""
+    X, weights = get_quadrature(RefLine, ALONG)
+    dN = np.stack([ElementLineP2().lbasis(X, a)[1][0] for a in range(3)])
+    return dN.T.copy(), 2.0 * np.pi * weights
+
+
+def areas(pair: Pair, x: np.ndarray) -> np.ndarray:
+    """Areas now (f, q) mm² of the points of a meridian, 2πr ds, at nodal positions x (n, 3)."""
+    surface, (dN, around) = pair.surface, _line()
+    length = np.linalg.norm(np.einsum("qa,fai->fqi", dN, x[surface.facets]), axis=-1)
+    return around * contact_points(surface, x)[..., 0] * length
+
+
+def _evaluate_rings(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None) -> ContactState:
+    surface = pair.surface
+    points = contact_points(surface, x)
+    gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
+    p = _full(touch.multiplier, gap.shape) - _epsilon(pair, touch) * gap
+    p = np.where((p if known is None else known) > 0.0, p, 0.0)
+    residual, force, pressure, energy = pointwise.evaluate_rings(
+        surface.facets,
+        surface.N,
+        *_line(),
+        surface.weights,
+        np.ascontiguousarray(x, float),
+        points,
+        normal,
+        _epsilon(pair, touch),
+        _full(touch.multiplier, gap.shape),
+        p,
+        p if known is None else known,
+    )
+    none = np.zeros(gap.shape)
+    slipping = np.zeros(gap.shape, bool)
+    return ContactState(energy, residual, force, pressure, gap, np.zeros(points.shape), slipping, none, p)
+
+
+def _tangent_of_rings(
+    pair: Pair, x: np.ndarray, touch: Touch, state: ContactState, data: np.ndarray, geometric: bool
+) -> np.ndarray:
+    surface = pair.surface
+    points = contact_points(surface, x)
+    _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)
+    moving = np.zeros(x.shape)
+    pointwise.tangent_of_rings(
+        surface.facets,
+        surface.N,
+        *_line(),
+        surface.place,
+        np.ascontiguousarray(x, float),
+        points,
+        normal,
+        hessian,
+        _epsilon(pair, touch),
+        _full(touch.multiplier, state.gap.shape),
+        state.multiplier,
         np.asarray(touch.direction, float),
         geometric,
         data,
@@ -370,9 +458,10 @@ def _before(pair: Pair, touch: Touch) -> tuple[Five, np.ndarray]:
     motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
     points, traction = np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)
     unknown = -np.ones(start.gap.shape)
-    bound = unknown if start.pressure is None else np.ascontiguousarray(pair.friction * start.pressure)
+    bound = unknown if start.pressure is None else pair.friction * np.maximum(start.pressure, 0.0)
     share = unknown if start.met is None else np.ascontiguousarray(start.met)
-    return (points, traction, np.ascontiguousarray(start.gap), bound, share), motion
+    opened = unknown if pair.bilateral else np.ascontiguousarray(start.gap)  # which never opens
+    return (points, traction, opened, bound, share), motion
 
 
 def _adhesion(pair: Pair) -> tuple[float, float]:

@@ -76,6 +76,7 @@ def _basis(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return N, dN
 
 
+@functools.cache
 def linear_functions() -> np.ndarray:
     """Pressure functions φ (q, 3) at the quadrature points: the barycentric coordinates."""
     x, y = get_quadrature(RefTri, ORDER)[0]
@@ -178,7 +179,8 @@ def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
             if small:
                 v = h[0, 0] + h[1, 1] + h[2, 2]
             else:
-                v = (1.0 + h[1, 1]) * ((1.0 + h[0, 0]) * (1.0 + h[2, 2]) - h[0, 2] * h[2, 0]) - 1.0
+                flat = h[0, 0] + h[2, 2] + h[0, 0] * h[2, 2] - h[0, 2] * h[2, 0]  # no 1: K v would be round-off
+                v = flat + h[1, 1] + flat * h[1, 1]
             for i in range(3):
                 hat[i] += Q[e, i, q] * v
         for q in range(n):
@@ -188,6 +190,45 @@ def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
             for i in range(3):
                 out[e, i] += Q[e, i, q] * factor * mean
     return out, energy
+
+
+def carried(
+    body: MeridianBody,
+    F: np.ndarray,
+    S: np.ndarray,
+    C: np.ndarray,
+    p: np.ndarray,
+    dH: np.ndarray,
+    K: float,
+    scale: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stresses S (m, q, 6) and pressures p̂ (m, 3) MPa to first order after a change δH (m, q, 3, 3) of gradients."""
+    s = np.ones((1, 1)) if scale is None else scale
+    return _carried(body.Q, linear_functions(), F, S, C, p, dH, K, s)
+
+
+@numba.njit(cache=True)
+def _carried(Q, phi, F, S, C, p, dH, K, s):  # type: ignore[no-untyped-def]
+    m, n = F.shape[0], F.shape[1]
+    one = s.shape[0] != m
+    out, hat, dv = S.copy(), p.copy(), np.empty(3)
+    for e in range(m):
+        dv[:] = 0.0
+        for q in range(n):
+            a, b, c, d, h = F[e, q, 0, 0], F[e, q, 0, 2], F[e, q, 2, 0], F[e, q, 2, 2], F[e, q, 1, 1]
+            xx, xz, zx, zz, yy = dH[e, q, 0, 0], dH[e, q, 0, 2], dH[e, q, 2, 0], dH[e, q, 2, 2], dH[e, q, 1, 1]
+            e0, e1, e2 = a * xx + c * zx, h * yy, b * xz + d * zz
+            e4 = a * xz + b * xx + c * zz + d * zx
+            for k in (0, 1, 2, 4):
+                out[e, q, k] += C[e, q, k, 0] * e0 + C[e, q, k, 1] * e1 + C[e, q, k, 2] * e2 + C[e, q, k, 4] * e4
+            v = h * (d * xx - c * xz - b * zx + a * zz) + (a * d - b * c) * yy
+            for i in range(3):
+                dv[i] += Q[e, i, q] * v
+        for q in range(n):
+            change = (K if one else K * s[e, q]) * (dv[0] * phi[q, 0] + dv[1] * phi[q, 1] + dv[2] * phi[q, 2])
+            for i in range(3):
+                hat[e, i] += Q[e, i, q] * change
+    return out, hat
 
 
 def internal_force(body: MeridianBody, F: np.ndarray, S: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -271,7 +312,7 @@ def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # ty
                     CB[i, k] = c0 * B[0, k] + c1 * B[1, k] + c2 * B[2, k] + c3 * B[3, k]
             for k in range(14):
                 b0, b1, b2, b3 = B[0, k], B[1, k], B[2, k], B[3, k]
-                for l in range(14):
+                for l in range(k, 14):
                     block[k, l] += b0 * CB[0, l] + b1 * CB[1, l] + b2 * CB[2, l] + b3 * CB[3, l]
             if small:
                 continue
@@ -280,20 +321,24 @@ def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # ty
                 g, z, o = G[e, q, k, 0], G[e, q, k, 1], ring[e, q, k]
                 t0, t1 = s0 * g + s4 * z, s4 * g + s2 * z
                 bent, tilt = pw * (d * g - c * z), pw * (a * z - b * g)
-                for l in range(7):
+                for l in range(k, 7):
                     gl, zl, ol = G[e, q, l, 0], G[e, q, l, 1], ring[e, q, l]
                     v = t0 * gl + t1 * zl
                     cross = pw * h * (g * zl - z * gl)
                     block[2 * k, 2 * l] += v + s1 * o * ol + bent * ol + pw * o * (d * gl - c * zl)
                     block[2 * k + 1, 2 * l + 1] += v
                     block[2 * k, 2 * l + 1] += cross + pw * o * (a * zl - b * gl)
-                    block[2 * k + 1, 2 * l] += -cross + tilt * ol
+                    if l > k:
+                        block[2 * k + 1, 2 * l] += -cross + tilt * ol
         for q in range(n):
             factor = w[e, q] * (K if one else K * s[e, q])
             for k in range(14):
                 vk = factor * V[q, k]
-                for l in range(14):
+                for l in range(k, 14):
                     block[k, l] += vk * V[q, l]
+        for k in range(14):
+            for l in range(k):
+                block[k, l] = block[l, k]
         for k in range(14):
             for l in range(14):
                 if place[e, k, l] >= 0:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem_backend.kinematics import axisymmetric, tetrahedra
+from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body
 from fem_backend.kinematics.voigt import COL, ROW
 from fem_backend.laws import Material
@@ -72,6 +73,48 @@ def tangent(
     volume = axisymmetric.volume(body, H, K, scale, small)
     assert state.C is not None
     return axisymmetric.stiffness(body, state.F, state.S_geometric, state.C, volume.p, K, scale, small)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """What a meridian's tangent is made of at one state: stresses and moduli at its points, projected pressure."""
+
+    state: PointState
+    volume: axisymmetric.Volume
+    K: float
+    small: bool
+
+
+@dataclass(frozen=True)
+class Turning:
+    """Stresses that turn with a meridian, in the geometric part of its tangent: S (m, q, 6), p̂ (m, 3) MPa."""
+
+    S: np.ndarray
+    p: np.ndarray
+
+
+def linearised(
+    body: MeridianBody, material: Material, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+) -> Linearised:
+    """Stresses and moduli of a meridian at displacement gradients H (m, q, 3, 3)."""
+    pointwise, K = split(material)
+    state = stress.evaluate(pointwise, H, True, history, dt, scale)
+    return Linearised(state, axisymmetric.volume(body, H, K, scale, material.small_strain), K, material.small_strain)
+
+
+def stiffness(body: MeridianBody, at: Linearised, turning: Turning | None, scale: np.ndarray | None) -> np.ndarray:
+    """Tangent `data` of a meridian, N/mm, with other stresses in its geometric part."""
+    assert at.state.C is not None
+    S, p = (at.state.S_geometric, at.volume.p) if turning is None or at.small else (turning.S, turning.p)
+    return axisymmetric.stiffness(body, at.state.F, S, at.state.C, p, at.K, scale, at.small)
+
+
+def carried(body: MeridianBody, at: Linearised, step: np.ndarray, scale: np.ndarray | None) -> Turning:
+    """Stresses to first order after a step (n, 3) mm: S + ℂ : sym(Fᵀ δH), p̂ + K Π (cof F : δH)."""
+    assert at.state.C is not None
+    dH = axisymmetric.displacement_gradients(body, step)
+    S, p = axisymmetric.carried(body, at.state.F, at.state.S, at.state.C, at.volume.p, dH, at.K, scale)
+    return Turning(S, p)
 
 
 @functools.lru_cache(maxsize=64)

@@ -4,7 +4,8 @@ fTetWild gives the better elements but is not reproducible, so its mesh is an ar
 shipped (`templates`), others are made once and stored under their hash.  The mapped mesh is the same to the bit
 everywhere.  All give a `Mesh` of vertices and tetrahedra of the quarter x ≥ 0, y ≥ 0, graded towards the top;
 `assemble` makes of it the quadratic mesh of any specimen, point and symmetry, `refined` cuts it for convergence checks.
-Bodies of revolution touched on their axis have graded grids of their meridian, see `meridian`.
+Bodies of revolution touched on their axis have graded grids of their meridian, see `meridian`; bodies with a flat top
+have graded grids in three dimensions, see `grids`.
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter

@@ -45,7 +45,7 @@ def assemble(
     X, tets = quarter.vertices / nominal.semi_axes, quarter.tets
     for axis in (0, 1):
         if not planes[axis]:
-            X, tets = _mirrored(X, tets, axis)
+            X, tets = mirrored(X, tets, axis)
     share = (point[0] / body.a, point[1] / body.b)
     X = moved(X, *share, nominal) if upright else translated(X, *share)
     if math.hypot(*share) > FARTHEST + 1e-12:
@@ -58,7 +58,7 @@ def assemble(
     return placed
 
 
-def _mirrored(X: np.ndarray, tets: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def mirrored(X: np.ndarray, tets: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """The mesh and its mirror image in the plane X[axis] = 0, whose nodes are shared."""
     off = np.nonzero(X[:, axis] != 0.0)[0]
     image = np.arange(len(X))

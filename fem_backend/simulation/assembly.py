@@ -36,7 +36,8 @@ from fem_backend.specimens import Specimen
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
-STIFF = 3000.0  # the same of a meridian, over μ/h: see `penalty`
+STIFF = 100.0  # the same of a meridian, over μ/h
+FIRM = 3000.0  # that of friction and adhesion, which act per undeformed area: see `penalty`
 FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
@@ -96,12 +97,12 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
         rotation = turned(knobs)
         direction = np.array([0.0, 0.0, -1.0])
         through = np.array([settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y, 0.0])
-        if specimen.alike:
-            on, through = specimen.top, np.zeros(3)
         if settings.direction == "normal":
             direction = -normal
-            through = on + (0.0 if specimen.alike else np.array([knobs.offset_x, knobs.offset_y, 0.0]))
+            through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
         direction, through = rotation @ direction, rotation @ through
+        if specimen.alike:  # it may as well be turned about its top
+            through = specimen.top
         touch = indenter.first_contact(specimen, through, direction)
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
@@ -121,10 +122,11 @@ def turned(knobs: Knobs) -> np.ndarray:
 def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[float, float]:
     """Where the fine elements go (x, y) mm: the asked point, moved as misalignment and tilt move the first contact."""
     aligned = dict.fromkeys(MISALIGNED, 0.0)
+    point = (0.0, 0.0) if placement.specimen.alike else settings.point
     if all(getattr(knobs, name) == 0.0 for name in aligned):
-        return settings.point
+        return point
     moved = placement.contact - place(settings, replace(knobs, **aligned)).contact
-    x, y = (0.0 if placement.planes[k] else float(settings.point[k] + moved[k]) for k in (0, 1))
+    x, y = (0.0 if placement.planes[k] else float(point[k] + moved[k]) for k in (0, 1))
     return x, y
 
 
@@ -178,7 +180,7 @@ def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> 
         discrete = axisymmetric.discretise(points, mesh.cells, carried, symmetric)
     except ValueError as error:
         raise meshing.BadMesh(str(error)) from error
-    factor = direct.solver(discrete.pattern, settings.solver)
+    factor = direct.precise(discrete.pattern, settings.solver)  # at K/μ = 10⁴ single precision says nothing
     condenser = condensation.condenser(discrete.pattern, settings.solver)
     return AssembledModel(mesh, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
@@ -243,7 +245,7 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
     shared = Settings(
         settings.specimen,
         settings.indenter,
-        support=settings.support.holding(),
+        support=settings.support.actual(knobs).holding(),
         point=fine_at(settings, knobs, placement),
         recipe=settings.recipe,
         control=Control(),
@@ -282,6 +284,7 @@ def system(
     Raises NotModelled for an inclusion outside the body and the like, and for laws that do not combine.
     """
     body = model.body
+    settings = replace(settings, support=settings.support.actual(knobs))
     stuff = material(settings, knobs)
     mu, length = stuff.shear_modulus, placement.indenter.length
     if like is None:
@@ -289,13 +292,14 @@ def system(
     else:
         surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
-    epsilon = penalty(placement, body, surface, mu)
     try:
         held = placement.indenter.held(contact_points(surface, body.nodes), placement.touch, placement.direction)
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
     if held is not None and knobs.weight:
         raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
+    follows = held is None and adhesion is None and knobs.friction == 0.0
+    epsilon = penalty(placement, body, surface, mu, not follows)
     if held is not None:  # a layer between two that hold it is as stiff as K
         epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
@@ -314,17 +318,19 @@ def system(
     return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
 
-def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float) -> np.ndarray:
+def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float, rubs: bool) -> np.ndarray:
     """ε (f, q) MPa/mm: on a meridian by the length of each edge, as fine elements give way to a soft penalty.
 
     Pressed by p on a foundation of ε per undeformed area, a surface of modulus μ buckles in waves shorter than p²/(με):
-    no element may be that short up to p = √STIFF μ.
+    no element may be that short up to p = √FIRM μ where it `rubs`, friction or adhesion.  Without them contact acts per
+    area now, and multipliers make it exact.
     """
     if not placement.meridian:
         return np.full(surface.weights.shape, PENALTY * mu / placement.indenter.length)
     ends = body.nodes[surface.facets[:, :2]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return np.repeat((STIFF * mu / length)[:, None], surface.weights.shape[1], axis=1)
+    factor = FIRM if rubs else STIFF
+    return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
 
 
 def touching(
@@ -333,6 +339,7 @@ def touching(
     """Surfaces that may touch: the indenter around the first contact, and what the support offers to touch."""
     middle = model.body.nodes[model.facets].mean(1)
     near = np.linalg.norm(middle - placement.contact, axis=1) < placement.indenter.reach
+    near &= placement.specimen.part("upper", middle) | (middle[:, 2] > placement.specimen.lowest[2])  # not the base
     below = settings.support.surfaces(placement.specimen, model.body, model.facets)
     return contact_surface(model.body, model.facets[near], placement.specimen), below
 
@@ -379,7 +386,7 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
     Only where nothing else touches (a support may do so everywhere), and where the dense matrix of those is no larger
     than the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
     """
-    if system.seat:
+    if system.seat or isinstance(model.body, axisymmetric.MeridianBody):
         return system
     pair, c = system.pressing, [load.pressing.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)

@@ -98,7 +98,7 @@ class Slopes:
                     rows[name][c] += v
             else:
                 self._dlambda[name] = [
-                    (b.pressure - a.pressure) / h for a, b in zip(at.contacts, end.contacts, strict=True)
+                    (b.multiplier - a.multiplier) / h for a, b in zip(at.contacts, end.contacts, strict=True)
                 ]
         if last:
             rows |= {"mu": self._similar(here, rows)} if "mu" in self.names else {}

@@ -211,6 +211,7 @@ def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     except ValidationError as error:
         raise ValueError("\n".join(members.problems(error, SETS, (), known))) from error
     made = {noun: getattr(read, noun).build() for noun in SETS}
+    made[SPECIMENS.noun] = made[SUPPORTS.noun].confines(made[SPECIMENS.noun])
     made[INDENTERS.noun] = made[INDENTERS.noun].on(made[SPECIMENS.noun])
     wrong = together(made, read)
     if wrong:

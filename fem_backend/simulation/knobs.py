@@ -177,11 +177,12 @@ class Pose:
 
 
 def composed(parts: Iterable[type], name: str = "Knobs") -> type:
-    """A frozen dataclass of all knobs that its parts declare, in their order; ValueError where two have one name."""
+    """A frozen dataclass of all knobs that its parts declare or share; ValueError where two declare one name."""
     fields: dict[str, tuple[str, Any, dataclasses.Field]] = {}
     for part in parts:
         for f in dataclasses.fields(part):
-            if f.name in fields:
+            known = fields[f.name][2].metadata if f.name in fields else f.metadata
+            if known["parameter"] is not f.metadata["parameter"]:  # members may inherit one
                 raise ValueError(f"knob {f.name!r} is declared twice")
             default = {} if f.default is dataclasses.MISSING else {"default": f.default}
             fields[f.name] = (f.name, f.type, dataclasses.field(metadata=f.metadata, **default))

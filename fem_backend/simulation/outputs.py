@@ -137,6 +137,6 @@ def reaction(at: InitialState, evaluation: Evaluation) -> np.ndarray:
     """Force (3,) N that the support carries in the machine's frame: of the held nodes, and what touches it."""
     touched = [-state.force for state in evaluation.seat]
     if len(at.model.held) or not touched:
-        contact = sum((state.residual for state in evaluation.contacts[1:]), evaluation.contact.residual)
-        touched.insert(0, (evaluation.residual - contact)[at.model.held].sum(0))
+        fixed = at.model.body.free.reshape(-1, 3)[at.model.held] < 0  # what slides there is touched, not held
+        touched.insert(0, (evaluation.residual[at.model.held] * fixed).sum(0))
     return whole(at.placement, sum(touched[1:], touched[0]))

@@ -16,6 +16,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged,
 
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
 AGREE = 0.05  # of the force: limits that are near enough
+LETTING_GO = (1.0, 30.0, 15.0, 8.0, 5.0, 3.5, 2.5, 1.8, 1.4, 1.2, 1.0)  # times the friction that a pressure allows
 STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
 
 
@@ -76,7 +77,13 @@ def follow(
             guess = guess if first is None or here.time > 0.0 else first
             load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
             try:
-                found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
+                try:
+                    found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
+                except NotConverged as error:
+                    if system.loose or error.cause == "time_limit" or not any(p.friction for p in system.seat):
+                        raise
+                    guess = _let_go(system, load, guess, here, control, counters, limit)
+                    found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
@@ -185,6 +192,27 @@ def _rubbing(system: System, load: Load, here: Reached, pressures: Sequence[np.n
             before = replace(before, pressure=pressures[k])
         touches.append(replace(touch, before=before))
     return load.touching(touches)
+
+
+def _let_go(
+    system: System, load: Load, u: np.ndarray, here: Reached, control: Control, counters: Counters, limit: int
+) -> np.ndarray:
+    """Displacement (n, 3) near that with friction, from everything stuck: it is let go step by step.
+
+    Each step limits friction by the pressures of the one before.  A base that rubs on its plate with much friction
+    sticks in one ring and slips in the next, which Newton does not find from afar.
+    """
+    limits = _stuck(system, load)
+    for k, more in enumerate(LETTING_GO):
+        bounded = _rubbing(system, load, here, [more * p for p in limits])
+        try:
+            at = load_steps.find(system, u, bounded, control.loose, counters, limit).evaluation
+        except NotConverged as error:
+            if k == 0 or error.cause == "time_limit":
+                raise
+            break
+        u, limits = at.u, [c.pressure for c in at.contacts]
+    return u
 
 
 def _rested(

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend.solver import modified_newton, newton, rigid_motions
+from fem_backend.solver import mixed_newton, modified_newton, newton, rigid_motions
 from fem_backend.solver.condensation import Kept
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
+BOLD = 0.25  # of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
+EASY = 9  # evaluations of a step on a meridian, most of them with old factors, after which the next may be longer
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
 CARRYING = 4  # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
@@ -121,12 +123,20 @@ Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is
 
 def find(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
-    known: Known | None = None,
+    known: Known | None = None, before: Evaluation | None = None,
 ) -> Equilibrium:  # fmt: skip
     """Equilibrium from u (n, 3) by Newton in `limit` iterations; a loose body that is lost rolls there.
 
-    A body that may turn does so at once, in three times as many factorisations.  Raises NotConverged.
+    A body that may turn does so at once, in three times as many factorisations.  On a meridian the mixed form is tried
+    first; `before` is the state from which u was predicted.  Raises NotConverged.
     """
+    if mixed_newton.applies(system, load):
+        try:
+            return mixed_newton.solve(system, u, load, tolerance, counters, known=known, before=before)
+        except NotConverged as error:
+            if error.cause == "time_limit" or before is not None:
+                raise
+            counters.fallbacks += 1
     if not rigid_motions.rolls(system):
         try:
             return newton.solve(system, u, load, tolerance, counters, limit, known)
@@ -137,8 +147,9 @@ def find(
 
 
 def find_tight(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | Kept | None = None
-) -> Equilibrium:
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | Kept | None = None,
+    before: Evaluation | None = None,
+) -> Equilibrium:  # fmt: skip
     """As `find`, with the body's tangent kept where old ones may be used and the system can be condensed.
 
     That pays where many iterations follow each other at one place.  Raises NotConverged.
@@ -151,7 +162,7 @@ def find_tight(
                 raise
         known = NOTHING
     assert known is None or isinstance(known, tuple)  # only a condensed system keeps something else
-    return find(system, u, load, tolerance, counters, PATIENT, known)
+    return find(system, u, load, tolerance, counters, PATIENT, known, before)
 
 
 def ahead(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -220,7 +231,8 @@ def travel(
     """
     limit = BRISK
     u = np.zeros_like(system.body.nodes) if u is None else u
-    rate, here, step = np.zeros_like(u), 0.0, control.first
+    rate, here, step, last = np.zeros_like(u), 0.0, control.first, None
+    swift = mixed_newton.applies(system, start(0.0))
     amiss = np.zeros_like(u)  # of what is offered, at the travel before
     points: list[LoadPoint] = []
     for target in asked:
@@ -242,7 +254,16 @@ def travel(
             goal = target if here + 1.2 * step >= target else here + step
             try:
                 guessed = ahead(system, u, (goal - here) * rate)
-                found = find(system, guessed, start(goal), control.loose, counters, limit, NOTHING)
+                found = find(
+                    system,
+                    guessed,
+                    start(goal),
+                    control.loose,
+                    counters,
+                    limit,
+                    NOTHING,
+                    last if step > BOLD * control.first else None,
+                )
             except NotConverged as error:
                 counters.cutbacks += 1
                 step = 0.5 * (goal - here)
@@ -256,7 +277,9 @@ def travel(
             proper(system, found, here, goal, points, counters)
             easy = len(found.history) <= 5
             step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
-            u, rate, here = found.evaluation.u, found.rate, goal
+            if swift and len(found.history) <= EASY:
+                step = min(max(step, 1.6 * (goal - here)), control.largest)
+            u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
         try:
             points.append(
@@ -266,6 +289,7 @@ def travel(
             raise stopped(error, target, points, counters) from error
         proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
         u, rate, here = _end(points[-1], target)
+        last = points[-1].stages[0].equilibrium.evaluation
     return points
 
 
@@ -324,6 +348,8 @@ def equilibrate(
     u = starts[0]
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
+        if mixed_newton.applies(system, load):  # what is left moves the answer by no more than its share
+            tolerance = max(tolerance, mixed_newton.BEFORE if k < control.augmentations else mixed_newton.TIGHT)
         try:
             found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:

@@ -158,6 +158,7 @@ class Counters:
     steps: int = 0
     cutbacks: int = 0
     loose: int = 0
+    fallbacks: int = 0
     deadline: float = np.inf
 
 
@@ -250,7 +251,12 @@ def contact_tangent(
 def bulk_tangent(system: System, at: Evaluation, load: Load) -> np.ndarray:
     """Data of the tangent of the body and its springs."""
     body = system.body
-    bulk = response.tangent(body, system.material, at.H, load.history, load.dt, system.scale)
+    return sprung(system, load, response.tangent(body, system.material, at.H, load.history, load.dt, system.scale))
+
+
+def sprung(system: System, load: Load, bulk: np.ndarray) -> np.ndarray:
+    """Data of the tangent of a body with its springs added in place."""
+    body = system.body
     if system.loose:
         held = body.free.reshape(-1, 3)
         springs = np.repeat(load.springs * system.grounded, 3)[(held >= 0).ravel()]
@@ -415,4 +421,4 @@ def _balance(
 def augmented(system: System, load: Load, at: Evaluation) -> Load:
     """The load with multipliers λ ← p on every pair that is not soft (Uzawa)."""
     of_all = zip(system.pairs, load.touches, at.contacts, strict=True)
-    return load.touching(t if p.soft else replace(t, multiplier=s.pressure) for p, t, s in of_all)
+    return load.touching(t if p.soft else replace(t, multiplier=s.multiplier) for p, t, s in of_all)

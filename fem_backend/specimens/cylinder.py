@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, model_validator
+from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import halved
-from fem_backend.specimens.flat import FlatTopped, Layers, fitting
+from fem_backend.meshing import Mesh, grids, halved
+from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -28,6 +30,7 @@ class Cylinder(FlatTopped):
     tall: float
     fillet: float = 0.0
     layers: tuple[tuple[float, float], ...] = ()
+    walled: bool = False
 
     class Table(members.MemberTable):
         """{ shape = "cylinder", radius = 10, height = 5, fillet = 0, layers = [{ thickness, ratio }, …] }"""
@@ -83,6 +86,16 @@ class Cylinder(FlatTopped):
 
     name: ClassVar[str] = "cylinder"
     smallest_words: ClassVar[str] = "height"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "puck",
+            ("RADIUS", "HEIGHT"),
+            ("mm", "mm"),
+            "an upright cylinder, bonded to something stiff",
+            settings=lambda r, h: {"specimen": {"shape": "cylinder", "radius": r, "height": h}},
+        ),
+        LAYERED,
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02}
 
     @property
@@ -99,6 +112,10 @@ class Cylinder(FlatTopped):
     def edge(self) -> float:  # type: ignore[override]
         """The radius of the upper edge (mm)."""
         return self.fillet
+
+    def within(self, radius: float) -> Cylinder:
+        """Its grid is finer at a wall."""
+        return replace(self, walled=True)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
@@ -119,6 +136,12 @@ class Cylinder(FlatTopped):
         fillet = self.fillet * min(k, radius / self.radius)
         return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k))
 
+    @property
+    def described(self) -> str:
+        """Its sizes and layers."""
+        radius, height = members.length_words(self.radius), members.length_words(self.tall)
+        return f"a cylinder of radius {radius} and height {height}{self.layers_described}"
+
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""
         return {"delta_radius": self.radius / USUAL[0], "delta_height": self.tall / USUAL[1]}
@@ -135,6 +158,34 @@ class Cylinder(FlatTopped):
     def interfaces(self) -> list[float]:
         """Those of the layers, and where the rounding begins."""
         return sorted({*self.planes_of_layers(), self.tall - self.fillet})
+
+    @property
+    def grid_edges(self) -> str:  # type: ignore[override]
+        """The map to a disc makes one face of the sides, and the rounded edge of side and top."""
+        return "all" if self.fillet else "upright"
+
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """The grid of a recipe on a disc, turned so that the point lies on one of its axes; raises BadMesh.
+
+        The rounded edge has the curvature of quadratic elements, one of them across it at least.
+        """
+        turn = 0.0 if any(planes) else math.atan2(point[1], point[0])
+        at = point if any(planes) else (math.hypot(*point), 0.0)
+        beyond = (self.radius - self.fillet) * (1.0 - ON)
+        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond)
+        if turn == 0.0:
+            return made
+        c, s = math.cos(turn), math.sin(turn)
+        x, y, z = made.doflocs
+        return MeshTet2(np.stack([c * x - s * y, s * x + c * y, z]), made.t)
+
+    def on_disc(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of the box of the grid, moved into the body."""
+        x, y, z = grids.disc(points, self.radius - self.fillet).T
+        r = np.hypot(x, y)
+        wide, up = self.rounded(np.column_stack([r, z])).T
+        k = wide / np.where(r > 0.0, r, 1.0)
+        return np.column_stack([k * x, k * y, up])
 
     def rounded(self, points: np.ndarray) -> np.ndarray:
         """The square of the corner becomes the quarter of a disc."""

@@ -11,12 +11,15 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import BadMesh, MeridianMesh, Mesh, Size, graded, triangulated
+from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
+from rso.contract import Drawn
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
+FIRST = 1.5  # height of the first elements over the least width
 ACROSS = 5.0  # elements through the height at least, at unit fineness
+WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
 DEEPEST = 0.75  # of the height
 ON = 1e-9  # of the height: what lies this near a plane lies in it
@@ -53,24 +56,52 @@ def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
         )
 
 
+def _of_layers(*pairs: str) -> dict[str, Any]:
+    """The settings of layers THICKNESS:RATIO; ValueError for what is none."""
+    layers = []
+    for pair in pairs:
+        try:
+            thickness, ratio = map(float, pair.split(":"))
+        except ValueError:
+            raise ValueError(f"{pair!r}: THICKNESS:RATIO is expected, in mm and a pure number, such as 0.3:5") from None
+        layers.append({"thickness": thickness, "ratio": ratio})
+    return {"specimen": {"layers": layers}}
+
+
+LAYERED = members.SettingsOption(
+    "layers",
+    ("THICKNESS:RATIO",),
+    ("text",),
+    "layers of a flat specimen from the top: thickness (mm) and stiffness over that of the rest below",
+    repeated=True,
+    adds=True,
+    settings=_of_layers,
+)
+
+
 class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
     `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
-    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.
+    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.  `walled`: it is in a well.
     """
 
     name: ClassVar[str]
     gauges: ClassVar[Mapping[str, float]] = {}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
+    rests: ClassVar[str] = "bonded"
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
     fattest: ClassVar[float] = math.inf
+    grid_edges: str = ""  # of its grid in three dimensions, see `grids.cut`
     height: float
     half_width: float
+    cut: ClassVar[float] = math.inf
+    """Half widths of a sketch below the top from which on it is cut."""
     edge: float = 0.0
+    walled: bool = False
     layers: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -92,6 +123,19 @@ class FlatTopped:
         """As it is."""
         return self
 
+    @property
+    def layers_described(self) -> str:
+        """Its layers from the top down, as an addition to what it is."""
+        if not self.layers:
+            return ""
+        each = [f"{members.length_words(t)} ({k:.4g} times as stiff)" for t, k in self.layers]
+        return f" with {'layers' if len(each) > 1 else 'a layer'} of {' and '.join(each)} on top"
+
+    @property
+    def described(self) -> str:
+        """As its member says."""
+        raise NotImplementedError
+
     def beyond(self, length: float) -> float:
         """Nothing."""
         return 0.0
@@ -100,16 +144,53 @@ class FlatTopped:
         """Those of a layer where it has none, and of a place where all are alike."""
         return frozenset((() if self.layers else LAYER) + (PLACE if self.alike else ()))
 
+    def within(self, radius: float) -> FlatTopped | None:
+        """Itself in a round well of a radius (mm); None where it has no side to be held."""
+        return None if self.alike else self
+
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
         return True, True
 
+    def extent(self, way: np.ndarray) -> float:
+        """Distance (mm) from the axis to its side along a horizontal unit vector (2,)."""
+        return self.half_width
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """A rectangle, whose edge is rounded; its sides are no edges where it goes on beyond them."""
+        half, h, low = min(wide, self.extent(way)), self.height, max(0.0, self.height - self.cut * wide)
+        f = 0.0 if self.alike else self.edge
+        turn = np.linspace(0.0, 0.5 * np.pi, 9)
+        corner = np.column_stack([half - f + f * np.cos(turn), h - f + f * np.sin(turn)]) if f else [[half, h]]
+        right = [(half, low), *((float(x), float(z)) for x, z in corner)]
+        left = [(-x, z) for x, z in right[::-1]]
+        out = [Drawn("specimen", tuple(right + left), self.described.removesuffix(self.layers_described))]
+        down = h
+        for thickness, ratio in self.layers:
+            box = ((-half, down - thickness), (half, down - thickness), (half, down), (-half, down))
+            text = f"{members.length_words(thickness)}, {ratio:.4g} times as stiff"
+            out.append(Drawn("layer", box, text))
+            down -= thickness
+        top = tuple(p for p in right + left if p[1] > low)
+        out.append(Drawn("edge", (top[0], top[-1]) if self.alike else (*right, *left, right[0])))
+        gap = 0.07 * wide
+        if low == 0.0:
+            side = half + gap
+            out.append(Drawn("dimension", ((side, 0.0), (side, h)), members.length_words(h)))
+        if not self.alike:
+            out.append(Drawn("dimension", ((0.0, 0.25 * h), (half, 0.25 * h)), members.length_words(half)))
+        return out
+
     # ------------------------------------------------------------------------------------------------- surface
+
+    def over_edge(self, x: float, y: float) -> float:
+        """How far (mm) a place lies beyond the flat part of the top, negative on it."""
+        return -math.inf if self.alike else math.hypot(x, y) - (self.half_width - self.edge)
 
     def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
         """Point and normal of the top; ValueError beside its flat part."""
-        if not self.alike and math.hypot(x, y) > self.half_width - self.edge:
-            raise ValueError(f"point {(x, y)} mm is not above the flat top, whose radius is {self.half_width:g} mm")
+        if self.over_edge(x, y) > 0.0:
+            raise ValueError(f"point {(x, y)} mm is {self.over_edge(x, y):.4g} mm beside the flat top")
         return np.array([x, y, self.height]), np.array([0.0, 0.0, 1.0])
 
     def part(self, name: str, X: np.ndarray) -> np.ndarray:
@@ -174,15 +255,15 @@ class FlatTopped:
 
     def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
         """A place beside the top."""
-        if self.alike or math.hypot(*point) <= self.half_width - self.edge:
+        if self.over_edge(*point) <= 0.0:
             return []
-        return [f"point = {list(point)} mm: beside the flat top, whose radius is {self.half_width - self.edge:g} mm"]
+        return [f"point = {list(point)} mm: {self.over_edge(*point):.4g} mm beside the flat top"]
 
     def beside(self, x: float, y: float) -> str | None:
         """A mark lies on the top."""
-        if self.alike or math.hypot(x, y) <= self.half_width - self.edge:
+        if self.over_edge(x, y) <= 0.0:
             return None
-        return f"profile: the mark ({x:g}, {y:g}) mm lies beside the flat top of radius {self.half_width:g} mm"
+        return f"profile: the mark ({x:g}, {y:g}) mm lies {self.over_edge(x, y):.4g} mm beside the flat top"
 
     @property
     def deepest(self) -> tuple[float, str]:
@@ -196,16 +277,21 @@ class FlatTopped:
     # ------------------------------------------------------------------------------------------------- mesh
 
     def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
-        """A level of the meridian; other meshers and levels are refused."""
+        """A level of the meridian and of the grid in three dimensions; other meshers and levels are refused."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in LEVELS:
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        return Meshing("", (("level", level),), 0.03 * LEVELS[level] * length, level, LEVELS[level])
+        recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
+        return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS[level])
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
-        """Only bodies of revolution, touched on their axis, are meshed so far."""
-        raise BadMesh(f"a {self.name} is modelled on its axis, upright and without fibres only")
+        """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""
+        return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes)
+
+    def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
+        """Planes x, y and z (mm) that the grid in three dimensions must hit, from the axis and the base on."""
+        return self.rings(), self.rings(), self.interfaces()
 
     def interfaces(self) -> list[float]:
         """Heights (mm) that the grid must hit, from the base to the top."""
@@ -219,11 +305,12 @@ class FlatTopped:
 
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
-        near = float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
+        widest = self.half_width / WALL if self.walled else math.inf
+        near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
         reach = BEYOND * self.height
 
         def across(r: np.ndarray) -> np.ndarray:
-            return fineness * (spacing(r) + GROWTH * np.maximum(r - reach, 0.0))
+            return fineness * np.minimum(spacing(r) + GROWTH * np.maximum(r - reach, 0.0), widest)
 
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)

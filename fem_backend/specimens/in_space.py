@@ -18,7 +18,11 @@ class InSpace:
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
     of_revolution: ClassVar[bool] = False
     alike: ClassVar[bool] = False
-    fattest: float = math.inf
+
+    @property
+    def fattest(self) -> float:
+        """Its meshes take any indenter."""
+        return math.inf
 
     def under(self, indenter: Any) -> Self:
         """As it is."""

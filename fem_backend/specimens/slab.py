@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from pydantic import model_validator
+from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.specimens.flat import FlatTopped, Layers, fitting
+from fem_backend.meshing import BadMesh, Mesh
+from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
 USUAL = 5.0  # thickness (mm) that declared ranges of knobs are meant for
 WIDE, BESIDE = 20.0, 8.0  # thicknesses and lengths of the indenter from the axis that are modelled: see `Slab`
+WIDE_SOLID, BESIDE_SOLID = 4.0, 4.0  # the same of a model in three dimensions
 THINNEST = 0.2  # thickness over that of the settings
 
 
@@ -25,11 +28,13 @@ class Slab(FlatTopped):
 
     The model ends 20 thicknesses and 8 lengths of the indenter, `around` (mm), from the axis: on a bonded base what
     is beyond has no share (the field decays exponentially), on a sliding one a share of the square of the ratio.
+    In a well it ends at the radius of that, `wide` (mm), and its places are no longer alike.
     """
 
     thickness: float
     layers: tuple[tuple[float, float], ...] = ()
     around: float = 0.0
+    wide: float = 0.0
 
     class Table(members.MemberTable):
         """{ shape = "slab", thickness = 2.3, layers = [{ thickness = 0.3, ratio = 5.0 }, …] }"""
@@ -66,8 +71,27 @@ class Slab(FlatTopped):
         )
 
     name: ClassVar[str] = "slab"
-    alike: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "slab",
+            ("THICKNESS",),
+            ("mm",),
+            "a slab, wide beside its thickness, bonded to something stiff",
+            settings=lambda t: {"specimen": {"shape": "slab", "thickness": t}},
+        ),
+        LAYERED,
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
+
+    @property
+    def alike(self) -> bool:  # type: ignore[override]
+        """Whether it has no end to the sides."""
+        return not self.walled
+
+    @property
+    def walled(self) -> bool:  # type: ignore[override]
+        """Whether it ends at a wall."""
+        return self.wide > 0.0
 
     @property
     def height(self) -> float:  # type: ignore[override]
@@ -77,11 +101,26 @@ class Slab(FlatTopped):
     @property
     def half_width(self) -> float:  # type: ignore[override]
         """How far the model reaches (mm)."""
-        return WIDE * self.thickness + self.around
+        return self.wide or WIDE * self.thickness + self.around
 
     def under(self, indenter: Any) -> Slab:
         """Wide enough for an indenter."""
         return replace(self, around=BESIDE * indenter.length)
+
+    def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
+        """Those of a square that reaches 4 thicknesses and 4 lengths of the indenter from its middle."""
+        reach = [0.0, WIDE_SOLID * self.thickness + BESIDE_SOLID / BESIDE * self.around]
+        return reach, reach, self.interfaces()
+
+    def within(self, radius: float) -> Slab:
+        """As wide as a well."""
+        return replace(self, wide=radius)
+
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """As of every flat specimen; BadMesh in a well, which is round."""
+        if self.walled:
+            raise BadMesh("a slab in a well is modelled on its axis only; beside it take a cylinder as wide")
+        return super().quadratic(mesh, recipe, point, planes)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
@@ -97,6 +136,11 @@ class Slab(FlatTopped):
                 f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
             )
         return replace(self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness))
+
+    @property
+    def described(self) -> str:
+        """Its thickness and layers."""
+        return f"a slab of thickness {members.length_words(self.thickness)}{self.layers_described}"
 
     def factors(self) -> Mapping[str, float]:
         """The error goes with the thickness."""

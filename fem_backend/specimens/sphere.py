@@ -10,7 +10,7 @@ import numpy as np
 
 from fem_backend import members
 from fem_backend.meshing import MeridianMesh, Size, graded, halved, triangulated
-from fem_backend.specimens.ellipsoid import Ellipsoid
+from fem_backend.specimens.ellipsoidal import Ellipsoidal
 from fem_backend.specimens.flat import GROWTH, LEVELS
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
 from rso.contract import knob
@@ -22,7 +22,7 @@ ACROSS = 6.0  # elements from the centre to the surface at least, at unit finene
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class SolidSphere(Ellipsoid):
+class SolidSphere(Ellipsoidal):
     """x² + y² + z² ≤ radius² (mm), its origin at the centre."""
 
     class Table(members.MemberTable):
@@ -56,6 +56,15 @@ class SolidSphere(Ellipsoid):
     gauges: ClassVar[Mapping[str, float]] = {"delta_sphere": 0.1}
     smallest_words: ClassVar[str] = "radius"
     of_revolution: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "sphere",
+            ("RADIUS",),
+            ("mm",),
+            "a solid sphere as the specimen",
+            settings=lambda r: {"specimen": {"shape": "sphere", "radius": r}},
+        ),
+    )
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
@@ -84,7 +93,7 @@ class SolidSphere(Ellipsoid):
         """Those of an ellipsoid in space; of its meridian the level gives the fineness."""
         return replace(super().meshing(length, mesher, level, n, slip), fineness=LEVELS.get(level, 1.0))
 
-    def meridian(self, actual: Ellipsoid, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: Ellipsoidal, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of the half square |z| ≤ r ≤ 1, mapped to the half disc; its rim z = 0 is a row of nodes."""
         R = self.a
         near = float(spacing(np.linspace(0.0, R, 2001)).min())

@@ -4,6 +4,6 @@ import sys
 
 from fem_backend.supports.support import SUPPORTS, Support
 
-SUPPORTS.discover(sys.modules[__name__], ("fixed", "bowl"))
+SUPPORTS.discover(sys.modules[__name__], ("fixed", "bowl", "bonded"))
 
 __all__ = ["SUPPORTS", "Support"]

@@ -1,21 +1,20 @@
-"""The base of the specimen is bonded to something rigid."""
+"""The base of the specimen is bonded to something rigid, or to something that yields."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
-import numpy as np
-
 from fem_backend import members
-from fem_backend.supports.holding import Holding
 from fem_backend.supports.support import SUPPORTS
+from fem_backend.supports.walls import BONDED, Walls, Yielding
 
 
 @SUPPORTS.register
 @dataclass(frozen=True)
-class Bonded(Holding):
-    """u = 0 on the specimen's part `base`."""
+class Bonded(Walls):
+    """u = 0 on the specimen's part `base`; on a substrate that yields p = −u_z/compliance there."""
 
     class Table(members.MemberTable):
         """{ kind = "bonded" }"""
@@ -27,21 +26,23 @@ class Bonded(Holding):
             """The support of these settings."""
             return Bonded()
 
+    Knobs: ClassVar[type | None] = Yielding
     name: ClassVar[str] = "bonded"
     variant: ClassVar[str] = "bonded"
     words: ClassVar[str] = "bonded to a stiff base"
 
-    def refusal(self, specimen: Any) -> str | None:
-        """Only a specimen with a base."""
-        if "base" in specimen.parts:
-            return None
-        return f'support.kind = "bonded": a {specimen.name} has no flat base; take "fixed"'
+    @property
+    def described(self) -> str:
+        """Which part of the surface it holds."""
+        return "bonded to a rigid base"
 
-    def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
-        """All components (n, 3) of the nodes of the part `base`."""
-        held = np.zeros(X.shape, bool)
-        held[surface[specimen.part("base", X[surface])]] = True
-        return held
+    def grips(self) -> Mapping[str, str]:
+        """Its base is bonded."""
+        return {"base": BONDED}
+
+    def actual(self, knobs: Any) -> Bonded:
+        """The compliance of its substrate."""
+        return replace(self, yields=knobs.substrate_compliance)
 
     def holding(self) -> Bonded:
         """It only holds."""

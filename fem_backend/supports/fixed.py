@@ -31,9 +31,18 @@ class Fixed(Holding):
     variant: ClassVar[str] = "held"
     words: ClassVar[str] = "held"
 
+    @property
+    def described(self) -> str:
+        """Which part of the surface it holds."""
+        return "its lower half held"
+
     def refusal(self, specimen: Any) -> str | None:
         """Every specimen has a lower part."""
         return None
+
+    def offered(self, specimen: Any) -> bool:
+        """Of a specimen with a base that is held alone: that is another support."""
+        return "base" not in specimen.parts
 
     def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
         """All components (n, 3) of the nodes of the part `lower`."""

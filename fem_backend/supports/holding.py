@@ -9,6 +9,8 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
+from fem_backend.members import SettingsOption
+from rso.contract import Drawn
 
 LOOKED_AT = 200  # points of the surface by which two supports are compared
 
@@ -18,6 +20,7 @@ class Holding:
 
     name: ClassVar[str]
     Knobs: ClassVar[type | None] = None
+    options: ClassVar[tuple[SettingsOption, ...]] = ()
     lengths: ClassVar[tuple[str, ...]] = ()
     loose: ClassVar[bool] = False
     group: ClassVar[str] = ""
@@ -30,9 +33,25 @@ class Holding:
         """The table of the canonical settings."""
         return {"kind": self.name}
 
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """No walls."""
+        return []
+
     def defaults(self) -> Mapping[str, float]:
         """No knobs."""
         return {}
+
+    def actual(self, knobs: Any) -> Holding:
+        """No knob changes it."""
+        return self
+
+    def confines(self, specimen: Any) -> Any:
+        """It leaves it as it is."""
+        return specimen
+
+    def offered(self, specimen: Any) -> bool:
+        """It may be tried."""
+        return True
 
     def same(self, other: Any, specimen: Any) -> bool:
         """Whether the other only holds, too, and the same: compared at points all around the specimen."""
@@ -40,7 +59,8 @@ class Holding:
             return False  # what has knobs of its own does more
         X = _around(specimen)
         every = np.arange(len(X))
-        return np.array_equal(self.held(specimen, X, every), other.held(specimen, X, every))
+        mine, its = self.held(specimen, X, every), other.held(specimen, X, every)
+        return np.array_equal(mine, its) and bool(mine.any())  # what holds none of them cannot be told
 
     def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
         """Which displacement components (n, 3) of nodes X (n, 3) it holds: a member says."""

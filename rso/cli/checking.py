@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from rso import discrepancy
-from rso.calibration import confirmed_optimum, required_runs, stated_settings
+from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings
 from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
+from rso.cli.text_sketch import text_sketch
 from rso.contract import ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
@@ -68,7 +69,7 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())
     shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
-    lines = [f"{study.file}: good", f"  {study.study.title}", *_things(plan), *asked]
+    lines = [f"{study.file}: good", f"  {study.study.title}", *_sketches(plan), *_things(plan), *asked]
     lines += [f"  similarity: {plan.group.why}", f"  simulations: {total} at most ({shown})" + ("" if direct else ",")]
     if direct:
         lines.append("    most descents need 3 to 8 points: they end as soon as a run agrees with its prediction;")
@@ -84,6 +85,17 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
     lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
     return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
+
+
+def _sketches(plan: Plan) -> list[str]:
+    """Each different experiment in a sentence, the first as a drawing too."""
+    found = cases.sketches(plan.study, plan.backend)
+    lines = []
+    for k, sketch in enumerate(found):
+        names = ", ".join(repr(n) for n in sketch["experiments"])
+        lines += [f"  {f'{names}: ' if len(found) > 1 else ''}{sketch['words']}"]
+        lines += ["", *(f"    {line}" for line in text_sketch(sketch)), ""] if k == 0 else []
+    return lines
 
 
 def _open_to_others(study: Study) -> list[str]:
@@ -211,6 +223,7 @@ def _things(plan: Plan) -> list[str]:
             _pace(plan, e),
             _reduction(plan, e),
             *_small_contacts(plan, e.name, curve),
+            *formula_comparison.stated(plan, e.name),
             _noise(plan.study, e),
         )
         about = (*known, unread, *remarks)

@@ -20,6 +20,7 @@ import pytest
 from fem_backend.indenters import INDENTERS
 from fem_backend.specimens import SPECIMENS
 from fem_backend.specimens.specimen import LAYER, PLACE
+from fem_backend.supports import SUPPORTS
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
 from rso.evaluation import Source
 from rso.evaluation.store import RunStore
@@ -65,7 +66,7 @@ SUBJECTS = {
         settings={"mesh": MAPPED},
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
-        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere") | {*LAYER},
+        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere") | SUPPORTS.of_others("fixed") | {*LAYER},
     ),
     "finite elements of a slab": Subject(
         Source(use="fem_backend.backend:BACKEND"),
@@ -73,7 +74,10 @@ SUBJECTS = {
         settings=SLAB,
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 1e-6}, SLAB, (0.5, 1.0)),  # K/mu = 2e8
-        inert=SPECIMENS.of_others("slab") | INDENTERS.of_others("sphere") | {*PLACE, *LAYER},
+        inert=SPECIMENS.of_others("slab")
+        | INDENTERS.of_others("sphere")
+        | SUPPORTS.of_others("bonded")
+        | {*PLACE, *LAYER},
     ),
 }
 

@@ -42,6 +42,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "variants": ((SETTINGS,), lambda v: {"description", "settings", "group"} <= v["loose"].keys()),
     "levels": ((SETTINGS,), lambda v: [level["name"] for rung in v for level in rung] == ["layer", "yeoh"]),
     "closed_form": ((VALUES, CASE), lambda v: np.allclose(v.channels["Fz"], [0.08, 0.16])),
+    "formulas": ((VALUES, CASE), lambda v: np.allclose(v[0].force, [0.08, 0.16]) and v[0].invalid[0] != ""),
     "start": ((CASE, U, 0.16 * U), lambda v: np.isclose(v["mu"][1], 0.01)),
     "hertz": ((SETTINGS, U, 0.16 * U), lambda v: np.isclose(v["mu"], 0.01)),
     "exponents": ((SETTINGS,), lambda v: v[0] == 1.0),
@@ -54,6 +55,8 @@ ASKED = {  # what rso hands over, and a look at the answer
     "marks": ((SETTINGS,), lambda v: all(len(at) == 2 for places in v.values() for at in places)),
     "prevented": ((), lambda v: v == {"the tests again with oil": ("friction",)}),
     "gauges": ((SETTINGS,), lambda v: v["delta_t"][1] == 0.02),
+    "sketch": ((SETTINGS, 1.0), lambda v: v.words and v.drawn[0].role == "specimen"),
+    "options": ((), lambda v: [o.name for o in v] == ["thickness"]),
     "first_settings": (({"thickness": (5.0,)}, [1.0]), lambda v: v["thickness"].value == 5.0 and v["base"].guess),
     "first_parameters": ((SETTINGS, U, U), lambda v: v["mu"].value.keys() == {"low", "high", "scale"}),
 }
