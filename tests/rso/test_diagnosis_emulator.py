@@ -16,7 +16,7 @@ from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.verdict import Judgement
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "diagnosis"
-PARTS = ("cases", "scores", "controls", "sections", "checked", "shrunk", "smooth", "complete", "coverage")
+PARTS = ("cases", "scores", "controls", "sections", "checked", "shrunk", "smooth", "complete", "covered")
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def test_the_interval_of_the_modulus_holds_it_as_often_as_it_says(bench):
     y = library.plan.values()
     evidence = Evidence(attribution.set_up(library, y), library.effects)
     force = bench.cases.fitted(evidence.bench, y)
-    rows = list(bench.coverage.coverage(evidence, y, force, 0.0, 200, 1))
+    rows = list(bench.covered.coverage(evidence, y, force, 0.0, 200, 1))
     found = {r[0]: [float(str(v).split()[0]) for v in r[3:]] for r in rows}
     assert {"all of these", "gain 1.03", "compliance 0.44 mm/N"} <= set(found)
     was, _, _, _, held, width = found["all of these"]
