@@ -18,7 +18,7 @@ from fem_backend.solver.load_steps import Instant
 
 DEPTHS = np.linspace(0.075, 1.5, 20) * R
 COMPARED = [0, 4, 9, 19]
-FINENESS, REFERENCE = (0.9, 1.4, 2.0), 0.5
+FINENESS, REFERENCE = (1.0, 1.4, 2.0), 0.6
 
 
 def run(thickness: float, ratio: float, fineness: float, depths: np.ndarray, solver: str):

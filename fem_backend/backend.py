@@ -16,6 +16,8 @@ from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
+from fem_backend.adapter import formulas as literature
+from fem_backend.adapter import sketch as sketches
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
@@ -31,7 +33,20 @@ from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
 from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
-from rso.contract import Case, Line, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
+from rso.contract import (
+    Case,
+    FormulaCurve,
+    Given,
+    Line,
+    Option,
+    Parameter,
+    Programme,
+    Response,
+    SimulationFailed,
+    Sketch,
+    drop_neutral,
+    parameters_of,
+)
 
 NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
@@ -133,10 +148,16 @@ class FiniteElements:
         return model_hierarchy.levels(settings)
 
     def closed_form(self, values: Mapping[str, float], case: Case) -> Response:
-        """Hertz's answer to the same case, for no cost; see :func:`fem_backend.adapter.model_hierarchy.closed_form`."""
+        """The indenter's closed form of the case, for no cost; see :func:`.model_hierarchy.closed_form`."""
         self.check(case)
         settings = experiment.read_settings(case.settings)
         return model_hierarchy.closed_form(settings, self.knobs(values, settings), case.programme)
+
+    def formulas(self, values: Mapping[str, float], case: Case) -> tuple[FormulaCurve, ...]:
+        """Closed forms of the literature at the asked travels: :func:`fem_backend.adapter.formulas.formulas`."""
+        settings = experiment.read_settings(case.settings)
+        asked = np.array(case.programme.asked_mm)
+        return literature.formulas(settings, self.knobs(values, settings), asked)
 
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
         """(low, value, high) of mu and D1 by Hertz, before any simulation: :func:`.model_hierarchy.start`."""
@@ -237,8 +258,21 @@ class FiniteElements:
         each = {n: experiment.read_settings({**settings, "mesh": {"level": n}}) for n in names}
         return {name: at_depth(one, depth) for name, one in each.items()}
 
+    def reduction(self, values: Mapping[str, float], case: Case) -> str | None:
+        """How much of a specimen of revolution is modelled with these values, in words; None of another specimen."""
+        settings = experiment.read_settings(case.settings)
+        try:
+            placed = modelling.place(settings, self.knobs(values, settings))
+        except ValueError:  # NotModelled, too: the run itself will say why
+            return None
+        if placed.meridian:
+            return "of revolution: solved on its meridian"
+        part = ("all", "half", "a quarter")[sum(placed.planes)]
+        whole = settings.specimen.of_revolution
+        return f"the specimen is of revolution, its test is not: {part} of it is solved in space" if whole else None
+
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
-        """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
+        """The modulus (MPa) by knob of Fz (n,) N at depths (n,) mm by the indenter's closed form, incompressible."""
         mu = model_hierarchy.hertz(experiment.read_settings(settings), depth, force)
         return {} if mu is None else {"mu": mu}
 
@@ -246,7 +280,15 @@ class FiniteElements:
         """Exponents of force over small depths, the leading one first, as the indenter of these settings has them."""
         return experiment.read_settings(settings).indenter.exponents
 
-    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float]) -> Mapping[str, Line]:
+    def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
+        """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
+        return sketches.sketch(experiment.read_settings(settings), depth)
+
+    def options(self) -> Sequence[Option]:
+        """Options of `rso new`, those that members of the open sets declare."""
+        return new_study.options()
+
+    def first_settings(self, given: Given, depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
         lines = new_study.geometry(given)
         coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}
@@ -254,8 +296,20 @@ class FiniteElements:
 
     def first_parameters(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, Line]:
         """Ranges of a new study by a loading Fz (n,) N at depths (n,) mm; see :mod:`fem_backend.adapter.new_study`."""
-        limits = (lambda u, F: self.hertz(settings, u, F)), (lambda u, F: self.jkr(settings, u, F))
-        return new_study.parameters(depth, force, *limits)
+        own = experiment.read_settings(settings)
+        if literature.thickness(own) is None:
+            return new_study.parameters(depth, force, lambda u, F: self.hertz(settings, u, F), self._jkr(settings))
+        first = literature.shear_modulus(own, depth, force) if len(depth) else None
+        name = first[0] if first else new_study.HERTZ
+
+        def layer(u: np.ndarray, F: np.ndarray) -> Mapping[str, float]:
+            found = literature.shear_modulus(own, u, F)
+            return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
+
+        return new_study.parameters(depth, force, layer, self._jkr(settings), name)
+
+    def _jkr(self, settings: Mapping[str, Any]) -> new_study.Limit:
+        return lambda u, F: self.jkr(settings, u, F)
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""

@@ -18,6 +18,8 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError, core_schema
 
+from rso.contract import Option
+
 Member = TypeVar("Member")
 
 
@@ -25,6 +27,27 @@ class MemberTable(BaseModel):
     """A table of settings: no unknown keys, no conversions, no changes afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettingsOption(Option):
+    """An option of `rso new` and the tables of settings that its values mean, by their nouns.
+
+    A table with the tag of its set chooses a member; one that `adds` has none, and adds to what another option chooses.
+    `guess` says what stands there for values that were left out.
+    """
+
+    settings: Callable[..., Mapping[str, Mapping[str, Any]]]
+    adds: bool = False
+    guess: str = ""
+
+
+def length_words(mm: float) -> str:
+    """A length (mm) with the unit that people use for it, from nm to m."""
+    for unit, size in (("m", 1e3), ("mm", 0.1), ("µm", 1e-4)):
+        if abs(mm) >= size or mm == 0.0:
+            return f"{mm / {'m': 1e3, 'mm': 1.0, 'µm': 1e-3}[unit]:.4g} {unit}" if mm else "0 mm"
+    return f"{mm * 1e6:.4g} nm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +84,10 @@ class OpenSet(Generic[Member]):
     def knobs(self) -> list[type]:
         """Dataclasses of the knobs that members own."""
         return [m.Knobs for m in self.members.values() if m.Knobs is not None]
+
+    def options(self) -> list[SettingsOption]:
+        """Options of `rso new` that members declare, each once."""
+        return list(dict.fromkeys(o for m in self.members.values() for o in getattr(m, "options", ())))
 
     def own(self, name: str) -> frozenset[str]:
         """Names of the knobs that exist only with a member."""

@@ -30,7 +30,10 @@ LAYERS = {
         "error_estimate",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
+    "fem_backend.adapter": (
+        "command_line cost_model model_hierarchy new_study priors sketch",
+        "formulas",
+    ),
     "fem_backend.closed_forms": (
         "half_space homogeneous layer",
         "approximations",
@@ -118,7 +121,7 @@ LAYERS = {
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
-        "range_ends readings required_runs stages stated_settings stored_runs",
+        "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
         "finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
@@ -131,6 +134,7 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
+        "text_sketch",
         "checking progress",
         "commands",
         "arguments",
@@ -260,12 +264,14 @@ LAYERS = {
         "layout",
         "reading",
         "canvas notes terminal",
+        "sketch",
         "discrepancy model_selection",
         "calibration optimal_design",
         "__init__",
     ),
     "rso.report.calibration": (
-        "background displacements gap gauss_newton hold_panels identification influence maps range_extension",
+        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
+        "range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -303,10 +309,13 @@ LAYERS = {
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
+    "members",
     "simulation.knobs",
     "simulation.experiment",
+    "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.sketch",
     "backend",
     "__main__",
 }

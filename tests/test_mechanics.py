@@ -20,7 +20,6 @@ WORDS = {  # a word → how it is found, in any case; parts of names count (by_h
     "D1": r"(?<![a-z0-9])D1(?![a-z0-9])",
     "radius": r"[\"']radius[\"']",
 }
-PEOPLE = "a sentence for people, which stays as it is: every indenter so far is a ball"
 LETTERS = "letters of the literature in print: any other name is printed as it is"
 EXAMPLE = "an example of what somebody may write, in a docstring or a message"
 KNOWN = "test functions with known answers from the literature, none used by a study"
@@ -29,12 +28,11 @@ ALLOWED = {  # file → words, and why they may stand there
     "benchmarks.py": ("mooney sphere mu d1", KNOWN),
     "calibration/gauss_newton/descent_results.py": ("radius", "that of a trust region"),
     "calibration/sensitivity_stage.py": ("mu", MORRIS),
-    "cli/checking.py": ("hertz adhesion", "names the limit that it asks for, and the knob that a pulling force needs"),
+    "cli/checking.py": ("adhesion", "names the knob that a pulling force needs"),
     "contract/capabilities.py": ("hertz mu d1", "the name of a member that backends have; examples"),
     "core/default_backend.py": ("fem_backend", "the one place that names the backend"),
     "data/contact_point.py": ("adhesion", "an assumption of a contact found by the shape of the force"),
-    "data/plausibility.py": ("ball", PEOPLE),
-    "discrepancy/wording.py": ("ball poroelastic", f"{PEOPLE}; a cause that no model has and a knob looks like"),
+    "discrepancy/wording.py": ("poroelastic", "a cause that no model has and a knob looks like"),
     "doe/constraints.py": ("mu d1", EXAMPLE),
     "inference/sloppy_directions.py": ("mu d1", EXAMPLE),
     "report/calibration/influence.py": ("mu", MORRIS),

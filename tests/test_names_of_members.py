@@ -35,12 +35,7 @@ ALLOWED = {
     "fem_backend/closed_forms/formulas.py": "which formula the literature has for a shape",
     "fem_backend/closed_forms/half_space.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/layer.py": "oracles by the name that the literature has for them",
-    "fem_backend/adapter/priors.py": "a sentence: `prevented` is asked without settings",
-    "fem_backend/simulation/knobs.py": "a label: that of the friction is one for all indenters",
     "fem_backend/adapter/command_line.py": "`rso new` and nominal.json of a laboratory know one specimen only",
-    "fem_backend/adapter/new_study.py": "`rso new` begins studies of one specimen only",
-    "rso/data/plausibility.py": "sentences of a test that presses a ball",
-    "rso/discrepancy/wording.py": "sentences of a test that presses a ball",
 }
 
 

@@ -60,8 +60,8 @@ def closed_form(settings: Settings, knobs: Knobs, programme: Programme) -> Respo
     Assumptions: half-space, small strain, no friction.  Source: Johnson 1985, §4.2.
     """
     s = np.array(programme.asked_mm)
-    actual = _as_it_is(settings, knobs)
-    normal, H, tilt = _touch(actual)
+    actual = as_it_is(settings, knobs)
+    normal, H, tilt = touch(actual)
     K = 2.0 / knobs.D1
     E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
     F = _closed(actual.indenter.force(s * tilt, H, E, nu), settings)
@@ -82,8 +82,9 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
     u, F = np.asarray(travel, dtype=float), np.asarray(force, dtype=float)
     keep = (u > 0.1 * u.max(initial=0.0)) & (F > 0)
     if not keep.any():
-        raise ValueError("no reading beyond a tenth of the depth pushes: there is no start by Hertz")
-    normal, H, tilt = _touch(settings)
+        theory = settings.indenter.theory
+        raise ValueError(f"no reading beyond a tenth of the depth pushes: there is no start by {theory}")
+    normal, H, tilt = touch(settings)
     h, F = u[keep] * tilt, F[keep] / normal[2]
     shape = _closed(settings.indenter.force(h, H, 1.0, NU), settings)
     E, single = float(shape @ F / (shape @ shape)), _closed(settings.indenter.modulus(F, h, H, NU), settings)
@@ -100,7 +101,7 @@ def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float | 
 
     None where the indenter has no closed form.
     """
-    normal, H, tilt = _touch(settings)
+    normal, H, tilt = touch(settings)
     unit = settings.indenter.force(travel * tilt, H, 3.0, 0.5)
     if unit is None:
         return None
@@ -113,7 +114,7 @@ def jkr(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, 
     return settings.indenter.adhesive_fit(travel, force, settings.specimen.mean_curvature(*settings.point))
 
 
-def _as_it_is(settings: Settings, knobs: Knobs) -> Settings:
+def as_it_is(settings: Settings, knobs: Knobs) -> Settings:
     """The settings with the errors of indenter, specimen and place; ValueError where there is nothing to press."""
     point = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
     specimen = settings.specimen.actual(knobs)
@@ -121,7 +122,7 @@ def _as_it_is(settings: Settings, knobs: Knobs) -> Settings:
     return replace(settings, specimen=specimen, indenter=settings.indenter.actual(knobs, specimen), point=point)
 
 
-def _touch(settings: Settings) -> tuple[np.ndarray, float, float]:
+def touch(settings: Settings) -> tuple[np.ndarray, float, float]:
     """Outer normal (3,) where the axis meets the body, mean curvature there (1/mm), cosine of the way to the normal."""
     _, normal = settings.specimen.above(*settings.point)
     H = settings.specimen.mean_curvature(*settings.point)

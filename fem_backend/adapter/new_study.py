@@ -1,32 +1,102 @@
-"""A first study of a test with a ball: settings by the options of `rso new`, ranges by the limits of Hertz and JKR."""
+"""A first study: settings by the options of `rso new`, ranges by the limits of Hertz and JKR."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from rso.contract import Line
+from fem_backend.laws import LAWS
+from fem_backend.members import SettingsOption
+from fem_backend.simulation.experiment import SETS
+from fem_backend.supports import SUPPORTS
+from rso.contract import Given, Line, Option
 
 RESOLVED = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
 PULLS = 0.1  # of its range: a force that is negative by more pulls
 WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
+HERTZ = "Hertz's limit"
 Limit = Callable[[np.ndarray, np.ndarray], Mapping[str, float]]  # of depths (n,) mm and Fz (n,) N, by knob
 
 
-def geometry(given: Mapping[str, tuple[float, ...]]) -> dict[str, Line]:
-    """Specimen, indenter, support and law by the options `semi-axes`, `radius` and `bowl` (mm)."""
-    bowl = {"kind": "bowl", "clearance": given["bowl"][0], "friction": 0.2} if "bowl" in given else None
-    held = 'its lower half; or { kind = "bowl", clearance = 1.0, friction = 0.2 }'
-    return {
-        "specimen": Line({"shape": "ellipsoid", "semi_axes": list(given["semi-axes"])}),
-        "indenter": Line({"shape": "sphere", "radius": given["radius"][0], "shaft": True}),
-        "support": Line(bowl, "its friction", True) if bowl else Line({"kind": "fixed"}, held, True),
-        "material": Line({"law": "neo_hookean"}, "or linear_elastic, mooney_rivlin, yeoh, ogden", True),
-    }
+def options() -> tuple[SettingsOption, ...]:
+    """Options of all members, those of specimens first."""
+    return tuple(dict.fromkeys(o for kind in SETS.values() for o in kind.options()))
+
+
+def geometry(given: Given) -> dict[str, Line]:
+    """Specimen, indenter, support and law by options; ValueError for what is missing or contradicts."""
+    known = {o.name: o for o in options()}
+    tables: dict[str, dict[str, Any]] = {}
+    said: dict[str, list[str]] = {}
+    chosen: dict[str, list[str]] = {}
+    guesses: dict[str, str] = {}
+    for name, values in given.items():
+        words = written(known[name], values)
+        for noun, table in _tables(known[name], values).items():
+            tables[noun] = {**tables.get(noun, {}), **table}
+            said.setdefault(noun, []).append(words)
+            if SETS[noun].tag in table:
+                chosen.setdefault(noun, []).append(words)
+                left_out = len(values) < len(known[name].words) or not known[name].least
+                guesses[noun] = known[name].guess if left_out else ""
+    for noun, each in chosen.items():
+        if len(each) > 1:
+            raise ValueError(f"{' and '.join(each)}: {len(each)} {noun}s are given, one is expected")
+    for noun in ("specimen", "indenter"):
+        if noun not in chosen:
+            each = [" ".join([f"--{o.name}", *o.words]) for o in SETS[noun].options() if not o.adds]
+            raise ValueError(f"no {noun} is given: one of {', '.join(each)} is expected; lengths are in mm")
+    members = {noun: _read(noun, table, said[noun]) for noun, table in tables.items()}
+    lines = {noun: Line(table, guesses.get(noun, ""), bool(guesses.get(noun))) for noun, table in tables.items()}
+    if "support" in members and (why := members["support"].refusal(members["specimen"])):
+        raise ValueError(f"{' '.join([*said['specimen'], *said['support']])}: {why}")
+    if "support" not in lines:
+        usual = {SUPPORTS.tag: members["specimen"].rests}
+        lines["support"] = Line(usual, _other_supports(members["specimen"]), True)
+    laws = [name for name in LAWS.members if name != LAWS.default]
+    lines[LAWS.noun] = Line({LAWS.tag: LAWS.default}, f"or {', '.join(laws)}", True)
+    return {noun: lines[noun] for noun in SETS}
+
+
+def written(option: Option, values: Sequence[float | str]) -> str:
+    """An option as it was given: --slab 2.3 mm."""
+    units = [*option.units, *option.units[-1:] * len(values)]
+    each = [f"{v:g} {u}" if isinstance(v, float) else str(v) for v, u in zip(values, units, strict=False)]
+    return " ".join([f"--{option.name}", *each])
+
+
+def _tables(option: SettingsOption, values: Sequence[float | str]) -> Mapping[str, Mapping[str, Any]]:
+    """The tables that an option means; ValueError naming it."""
+    try:
+        return option.settings(*values)
+    except ValueError as error:
+        raise ValueError(f"{written(option, values)}: {error}") from error
+
+
+def _read(noun: str, table: Mapping[str, Any], said: Sequence[str]) -> Any:
+    """The member of a table; ValueError naming its options."""
+    try:
+        return SETS[noun].read(table)
+    except ValueError as error:
+        raise ValueError(f"{' '.join(said)}: {error}") from error
+
+
+def _other_supports(specimen: Any) -> str:
+    """What the usual support of a specimen does, and how others that carry it are written."""
+    usual, words = SUPPORTS.members[specimen.rests], []
+    for member in SUPPORTS.members.values():
+        try:
+            carries = member is not usual and member.Table().build().refusal(specimen) is None
+        except ValueError:  # it has no sizes of its own
+            continue
+        words += [member.Table.__doc__] if carries else []
+    does = usual.Table.model_fields[SUPPORTS.tag].description
+    return "; or ".join([does[:1].lower() + does[1:].rstrip("."), *words])
 
 
 def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, float]]) -> Line:
@@ -44,11 +114,11 @@ def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, floa
     return Line({"level": level}, said)
 
 
-def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit) -> dict[str, Line]:
-    """Ranges about the modulus that Hertz's limit has in a loading Fz (n,) N at depths (n,) mm; wide ones if n = 0.
+def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit, name: str = HERTZ) -> dict[str, Line]:
+    """Ranges about the modulus that a loading Fz (n,) N at depths (n,) mm has in a limit; wide ones if n = 0.
 
-    The shallow half counts.  Where the force pulls, the JKR limit says modulus and adhesion.  ValueError for a record
-    with no modulus.
+    The limit is Hertz's or another closed form by `name`.  The shallow half counts.  Where the force pulls, the JKR
+    limit says modulus and adhesion.  ValueError for a record with no modulus.
     """
     mu: float = 0.0
     pull: Mapping[str, float] = {}
@@ -60,12 +130,12 @@ def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit) -
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
             raise ValueError(
-                f"the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
-                "Fz falls while the ball goes deeper; is it a tensile record, "
+                f"the modulus by {name} would be {mu:.2g} MPa, which is none: "
+                "Fz falls while the indenter goes deeper; is it a tensile record, "
                 "or a sign or a zero wrong?"
             )
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
-    limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
+    limit = f"{name} of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     why = limit if mu > 0 else "no reading tells: narrow it"
     bulk = "bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"

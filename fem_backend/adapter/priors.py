@@ -21,7 +21,7 @@ OF_THE_INDENTER = ("skin_thickness", "adhesion", "adhesion_range")
 POSE = {"offset_x": 0.1, "offset_y": 0.1, "tilt_x": 0.1, "tilt_y": 0.1}  # uncertainties, mm and degrees
 BALANCE = {"weight": 2e-7}  # N/mm³
 PREVENTED = {
-    "all points again with a lubricated ball": ("friction",),
+    "all points again with a lubricated indenter": ("friction",),
     "all points again under water, which takes the adhesion away": ("adhesion",),
 }
 DEEP = 2.0  # lengths of the indenter: travel by which elements below are so distorted that programs part company
@@ -58,7 +58,7 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
 
 
 def usual(own: Settings) -> dict[str, float]:
-    """Knob → its default where the declared one belongs to another size of body or ball."""
+    """Knob → its default where the declared one belongs to another size of body or indenter."""
     declared = {f.name: f.default for f in fields(known())}
     return {name: k * declared[name] for name, k in _factors(own).items() if declared[name]}
 
@@ -107,11 +107,15 @@ def marks(own: Settings) -> dict[str, list[list[float]]]:
 
 
 def variants(own: Settings) -> dict[str, Mapping[str, Any]]:
-    """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
+    """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it.
+
+    One that makes the same model of this specimen is left out: a flat one that is held is bonded to a stiff base.
+    """
     found = {}
     for name, other in SUPPORTS.members.items():
         usual = SUPPORTS.read({"kind": name})
-        if name != own.support.name and usual.refusal(own.specimen) is None and usual.offered(own.specimen):
+        tried = usual.refusal(own.specimen) is None and usual.offered(own.specimen)
+        if tried and not own.support.same(usual, own.specimen):
             words = f"{other.words} instead of {own.support.words}"
             found[other.variant] = {"settings": {"support": {"kind": name}}, "group": other.group, "description": words}
     return found

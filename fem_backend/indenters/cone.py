@@ -114,8 +114,24 @@ class Cone(OfRevolution):
 
     name: ClassVar[str] = "cone"
     noun: ClassVar[str] = "cone"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "cone",
+            ("HALF_ANGLE", "[TIP_RADIUS]"),
+            ("deg", "mm"),
+            "a cone, by the angle between its axis and its flank, with a rounded tip",
+            least=1,
+            settings=lambda a, r=0.05: {"indenter": {"shape": "cone", "half_angle": a, "tip_radius": r}},
+            guess="the radius of its tip",
+        ),
+    )
     exponents: ClassVar[tuple[float, ...]] = (2.0, 3.0)  # Sneddon, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_half_angle": 0.2, "delta_tip_radius": 0.02}
+
+    @property
+    def described(self) -> str:
+        """Its angle and its tip."""
+        return f"a cone of half angle {self.half_angle:.4g}° and tip radius {members.length_words(self.tip_radius)}"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings: a pyramid is the cone that stands for it."""

@@ -94,8 +94,27 @@ class Flat(OfRevolution):
 
     name: ClassVar[str] = "flat"
     noun: ClassVar[str] = "flat end"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "flat",
+            ("RADIUS", "[FILLET]"),
+            ("mm", "mm"),
+            "a flat-ended cylinder, its edge rounded",
+            least=1,
+            settings=lambda r, f=None: {
+                "indenter": {"shape": "flat", "radius": r, "fillet": float(f"{0.05 * r:.3g}") if f is None else f}
+            },
+            guess="its fillet, a twentieth of the radius",
+        ),
+    )
     exponents: ClassVar[tuple[float, ...]] = (1.0, 2.0)  # Sneddon, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_punch_radius": 0.01, "delta_punch_fillet": 0.02}
+
+    @property
+    def described(self) -> str:
+        """Its sizes."""
+        radius, fillet = members.length_words(self.radius), members.length_words(self.fillet)
+        return f"a flat end of radius {radius} (edge rounded by {fillet})"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

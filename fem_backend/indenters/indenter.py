@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fem_backend.contact.tractions import ContactSurface, Rigid
-from fem_backend.members import MemberTable, OpenSet
+from fem_backend.members import MemberTable, OpenSet, SettingsOption
 
 INDENTERS: OpenSet[Indenter] = OpenSet("indenter", "shape", "sphere")
 
@@ -40,6 +40,8 @@ class Indenter(Rigid, Protocol):
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
+    options: ClassVar[tuple[SettingsOption, ...]]
+    """Options of `rso new` that choose it."""
     exponents: ClassVar[tuple[float, ...]]
     of_revolution: ClassVar[bool]
     """Whether it is of revolution about its way."""
@@ -72,6 +74,10 @@ class Indenter(Rigid, Protocol):
     @property
     def ratio(self) -> float:
         """Its size over the usual one, which declared ranges of knobs are meant for."""
+
+    @property
+    def described(self) -> str:
+        """Itself with its sizes, as a noun phrase: a ball of radius 3 mm."""
 
     def plain(self) -> dict[str, Any]:
         """Its table as it enters the key of a run, with all defaults written out."""

@@ -46,10 +46,25 @@ class Plate(OfRevolution):
 
     name: ClassVar[str] = "plate"
     noun: ClassVar[str] = "plate"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "plate",
+            (),
+            (),
+            "a rigid plate, larger than the specimen",
+            settings=lambda: {"indenter": {"shape": "plate", "contact": "slip"}},
+            guess='it slides; or contact = "bonded"',
+        ),
+    )
     theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.0, 2.0)  # uniform compression, and the first of what stiffens
     meridian: ClassVar[Meridian] = WIDE
     gauges: ClassVar[Mapping[str, float]] = {}
+
+    @property
+    def described(self) -> str:
+        """Whether it slides."""
+        return f"a {'sliding' if self.contact_kind == 'slip' else 'bonded'} plate"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

@@ -230,8 +230,22 @@ class MeasuredProfile(OfRevolution):
 
     name: ClassVar[str] = "profile"
     noun: ClassVar[str] = "tip"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "profile",
+            ("FILE",),
+            ("file",),
+            "an indenter of revolution by its profile: a CSV with the columns r and z and their units",
+            settings=lambda file: {"indenter": {"shape": "profile", "file": file}},
+        ),
+    )
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # of its rounded tip
     gauges: ClassVar[Mapping[str, float]] = {"profile_scale": 0.01}
+
+    @property
+    def described(self) -> str:
+        """It has no sizes of its own."""
+        return "a tip with a measured profile"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings: the points, wherever they come from."""

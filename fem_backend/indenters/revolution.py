@@ -109,6 +109,8 @@ class OfRevolution:
         Over all lines along its way at y (2,) mm beside the axis, the least of h(|y|) + σ(y), with σ where the line
         enters the specimen: convex in y.  Raises ValueError where it passes by.
         """
+        if hasattr(specimen, "first_contact"):  # not convex: it knows
+            return specimen.first_contact(self, through, direction)
         origin, d = np.asarray(through, float), np.asarray(direction, float)
         d = d / np.linalg.norm(d)
         return _meeting(self, specimen, tuple(origin.tolist()), tuple(d.tolist()))[0].copy()
@@ -118,13 +120,17 @@ class OfRevolution:
 
         Where a flat end is tilted its edge touches first, but the whole end soon after.
         """
-        at = _entry(specimen, np.asarray(touch, float)[None], np.asarray(direction, float))[0]
+        tip, d = np.asarray(touch, float), np.asarray(direction, float)
+        convex = not hasattr(specimen, "first_contact")
+        at = _entry(specimen, tip[None], d)[0] if convex else _traced(specimen, tip, d, self.length)
         if np.isfinite(at):
-            return touch + at * np.asarray(direction, float)
+            return tip + at * d
         return self.first_touched(specimen, touch, direction)
 
     def first_touched(self, specimen: Any, touch: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Point (3,) of the specimen that it touches first, with the tip at `touch` (3,)."""
+        if hasattr(specimen, "first_touched"):  # not convex: it knows
+            return specimen.first_touched(self, touch, direction)
         return _meeting(self, specimen, tuple(map(float, touch)), tuple(map(float, direction)))[1].copy()
 
     def held(self, points: np.ndarray, touch: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
@@ -282,3 +288,17 @@ def _entry(specimen: Any, points: np.ndarray, d: np.ndarray) -> np.ndarray:
         if not len(left):
             break
     return out
+
+
+def _traced(specimen: Any, tip: np.ndarray, d: np.ndarray, most: float) -> float:
+    """How far (mm) along d (3,) a specimen of any shape begins behind a point outside (3,); ∞ beyond `most` (mm).
+
+    Steps as long as the distance, which no surface lies within.
+    """
+    s, least = 0.0, 1e-9 * most
+    for _ in range(200):
+        gap = -float(specimen.depth((tip + s * d)[None])[0])
+        s += max(gap, 0.0)
+        if gap <= least or s > most:
+            break
+    return s if s <= most else np.inf

@@ -22,7 +22,7 @@ USUAL = 3.0  # radius (mm) that declared ranges of knobs are meant for
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
 GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
-FINE, COARSE, GRADED = 0.06, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
+FINE, COARSE, GRADED = 0.05, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
 VERIFIED = 2.0  # of R: depth up to which runs reach more than that
 
 
@@ -73,6 +73,21 @@ class Sphere:
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
     of_revolution: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
+        members.SettingsOption(
+            name,
+            ("R",),
+            ("mm",),
+            f"a ball of this radius on a shaft as wide{also}",
+            settings=lambda R: {"indenter": {"shape": "sphere", "radius": R, "shaft": True}},
+        )
+        for name, also in (("ball", ""), ("radius", ", the older name of --ball"))
+    )
+
+    @property
+    def described(self) -> str:
+        """Its radius."""
+        return f"a ball of radius {members.length_words(self.R)}"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
@@ -93,7 +108,7 @@ class Sphere:
         return self
 
     def spacing(self, r: np.ndarray) -> np.ndarray:
-        """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.06 R and 0.12 R.
+        """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.05 R and 0.12 R.
 
         Beyond R it grows by 0.3 of the distance.
         """
@@ -210,8 +225,15 @@ class Sphere:
         return contact_patch(surface, x, pressure, centre, self.R, tuple(axis), planes, attraction=attraction)
 
     def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Closed line (k, 2) mm of the sphere in the plane of the unit vectors `across` (2, 3)."""
+        """Closed line (k, 2) mm of the sphere, with a piece of its shaft, in the plane of the unit vectors `across`."""
         t = np.linspace(0.0, 2.0 * np.pi, 181)
+        ahead = across @ np.asarray(direction, float)
+        if self.shaft and np.linalg.norm(ahead) > 0.5:
+            ahead = ahead / np.linalg.norm(ahead)
+            side = np.array([-ahead[1], ahead[0]])
+            t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 91)
+            front = np.outer(np.cos(t), ahead) + np.outer(np.sin(t), side)
+            return across @ centre + self.R * np.vstack([front, front[-1] - 2.0 * ahead, front[0] - 2.0 * ahead])
         return across @ centre + self.R * np.column_stack([np.cos(t), np.sin(t)])
 
     def effective_radius(self, curvature: float) -> float:

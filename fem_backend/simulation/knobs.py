@@ -110,7 +110,7 @@ class Common:
         neutral=0.0,
         typical=0.3,
         plausible=(0.03, 1.0),
-        label="friction under the ball",
+        label="friction under the indenter",
     )
     adhesion: float = knob(
         "work of adhesion",

@@ -211,27 +211,27 @@ class _Pardiso:
         weakref.finalize(self, _free, solver).atexit = False
         return solver, True
 
-    def _call(self, solver: object, phase: int, data: np.ndarray, b: np.ndarray) -> np.ndarray:
-        matrix = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
+    def _call(self, solver: object, phase: int, matrix: sparse.csr_matrix, b: np.ndarray) -> np.ndarray:
         solver.set_phase(phase)  # type: ignore[attr-defined]
         return solver._call_pardiso(matrix, b)  # type: ignore[attr-defined]
 
     def factor(self, data: np.ndarray) -> Solve:
         solver, new = self._solver(data.dtype.type)
         empty = np.zeros(self._pattern.size, data.dtype)
+        matrix = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
         for other in self._solvers.values():
             if other is not solver:
                 _free(other, everything=False)  # its factor is of a matrix before; its analysis stays
         if new:
-            self._call(solver, 11, data, empty)
+            self._call(solver, 11, matrix, empty)
         try:
-            self._call(solver, 22, data, empty)
+            self._call(solver, 22, matrix, empty)
         except self._error as error:
             if error.value == -4:
                 _free(solver, everything=False)
                 raise NotPositiveDefinite("negative pivot") from error
             raise
-        return lambda b: self._call(solver, 33, data, np.asfortranarray(b))
+        return lambda b: self._call(solver, 33, matrix, np.asfortranarray(b))
 
     def release(self) -> None:
         """Free all factors; solutions with them are at an end."""

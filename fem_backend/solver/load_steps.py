@@ -14,6 +14,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, 
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
 BOLD = 0.25  # of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
+EASY = 9  # evaluations of a step on a meridian, most of them with old factors, after which the next may be longer
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
 CARRYING = 4  # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
@@ -231,6 +232,7 @@ def travel(
     limit = BRISK
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, here, step, last = np.zeros_like(u), 0.0, control.first, None
+    swift = mixed_newton.applies(system, start(0.0))
     amiss = np.zeros_like(u)  # of what is offered, at the travel before
     points: list[LoadPoint] = []
     for target in asked:
@@ -275,6 +277,8 @@ def travel(
             proper(system, found, here, goal, points, counters)
             easy = len(found.history) <= 5
             step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
+            if swift and len(found.history) <= EASY:
+                step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
         try:

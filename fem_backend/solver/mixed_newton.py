@@ -23,7 +23,7 @@ from fem_backend.solver import newton
 from fem_backend.solver.direct import EXACT, NotPositiveDefinite, Solve
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
-BEFORE = 1e-4  # relative residual before multipliers, which leave a thousandth of what they lack
+BEFORE = 1e-6  # relative residual before multipliers, of which the answer keeps a thousandth: its differences must show
 TIGHT = 1e-8  # relative residual at an asked travel
 CHORD = 0.3  # of the residual may be left by a step with an old factor
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up

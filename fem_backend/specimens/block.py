@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
-from fem_backend.specimens.flat import ON, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -85,6 +85,16 @@ class Cuboid(FlatTopped):
         )
 
     name: ClassVar[str] = "block"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "block",
+            ("LX", "LY", "LZ"),
+            ("mm", "mm", "mm"),
+            "a block by its lengths along x, y and upwards, bonded to something stiff",
+            settings=lambda x, y, z: {"specimen": {"shape": "block", "size": [x, y, z]}},
+        ),
+        LAYERED,
+    )
     smallest_words: ClassVar[str] = "height or half the width"
     of_revolution: ClassVar[bool] = False
     gauges: ClassVar[Mapping[str, float]] = {"delta_lx": 0.02, "delta_ly": 0.02, "delta_lz": 0.02}
@@ -103,6 +113,17 @@ class Cuboid(FlatTopped):
     def largest(self) -> float:
         """Half the diagonal of the top or the height (mm), whichever is more."""
         return max(0.5 * float(np.hypot(self.lx, self.ly)), self.lz)
+
+    @property
+    def described(self) -> str:
+        """Its lengths and layers."""
+        x, y, z = map(members.length_words, (self.lx, self.ly, self.lz))
+        return f"a block of {x} by {y}, {z} high{self.layers_described}"
+
+    def extent(self, way: np.ndarray) -> float:
+        """Half the length along x or y, or to the nearer side between these."""
+        with np.errstate(divide="ignore"):
+            return float((self.half / np.abs(way)).min())
 
     @property
     def half(self) -> np.ndarray:

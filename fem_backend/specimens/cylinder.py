@@ -13,7 +13,7 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import Mesh, grids, halved
-from fem_backend.specimens.flat import ON, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -86,6 +86,16 @@ class Cylinder(FlatTopped):
 
     name: ClassVar[str] = "cylinder"
     smallest_words: ClassVar[str] = "height"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "puck",
+            ("RADIUS", "HEIGHT"),
+            ("mm", "mm"),
+            "an upright cylinder, bonded to something stiff",
+            settings=lambda r, h: {"specimen": {"shape": "cylinder", "radius": r, "height": h}},
+        ),
+        LAYERED,
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02}
 
     @property
@@ -125,6 +135,12 @@ class Cylinder(FlatTopped):
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
         return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k))
+
+    @property
+    def described(self) -> str:
+        """Its sizes and layers."""
+        radius, height = members.length_words(self.radius), members.length_words(self.tall)
+        return f"a cylinder of radius {radius} and height {height}{self.layers_described}"
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

@@ -76,6 +76,16 @@ class Ellipsoid(Ellipsoidal):
 
     name: ClassVar[str] = "ellipsoid"
     gauges: ClassVar[Mapping[str, float]] = {"delta_a": 0.1, "delta_b": 0.1, "delta_c": 0.1}
+    options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
+        members.SettingsOption(
+            name,
+            ("A", "B", "C"),
+            ("mm", "mm", "mm"),
+            f"an ellipsoid: semi-axes along x, y and upwards{also}",
+            settings=lambda a, b, c: {"specimen": {"shape": "ellipsoid", "semi_axes": [a, b, c]}},
+        )
+        for name, also in (("ellipsoid", ""), ("semi-axes", ", the older name of --ellipsoid"))
+    )
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

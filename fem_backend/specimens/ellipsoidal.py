@@ -10,10 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 from skfem import MeshTet2
 
-from fem_backend import closed_forms, geometry, meshing
+from fem_backend import closed_forms, geometry, members, meshing
 from fem_backend.meshing import Mesh
 from fem_backend.specimens.in_space import InSpace
 from fem_backend.specimens.specimen import Meshing
+from rso.contract import Drawn
 
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
 FATTEST = 0.6  # size of the indenter with its errors, over the smallest semi-axis
@@ -30,11 +31,30 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
 
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {}  # those of `meshing.recipes`
     smallest_words: ClassVar[str] = "smallest semi-axis"
+    rests: ClassVar[str] = "fixed"
 
     @property
     def fattest(self) -> float:
         """0.6 of the smallest semi-axis (mm): settings say 0.5, errors may exceed it."""
         return FATTEST * self.smallest
+
+    @property
+    def described(self) -> str:
+        """Its semi-axes."""
+        a, b, c = map(members.length_words, (self.a, self.b, self.c))
+        return f"a sphere of radius {a}" if a == b == c else f"an ellipsoid with semi-axes {a}, {b} and {c}"
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """An ellipse and its semi-axes."""
+        across = float(1.0 / np.linalg.norm(way / self.semi_axes[:2]))
+        turn = np.linspace(-0.5 * np.pi, 1.5 * np.pi, 121)
+        ellipse = tuple(zip(*(v.tolist() for v in (across * np.cos(turn), self.c * np.sin(turn))), strict=True))
+        return [
+            Drawn("specimen", ellipse, self.described),
+            Drawn("edge", ellipse),
+            Drawn("dimension", ((0.0, 0.0), (across, 0.0)), members.length_words(across)),
+            Drawn("dimension", ((0.0, -self.c), (0.0, 0.0)), members.length_words(self.c)),
+        ]
 
     def planes(self) -> tuple[bool, bool]:
         """All three planes of its axes are planes of symmetry."""

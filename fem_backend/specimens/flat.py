@@ -13,6 +13,7 @@ from skfem import MeshTet2
 from fem_backend import members
 from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
+from rso.contract import Drawn
 
 LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
 GROWTH = 0.3  # of the element size per distance from the contact, in depth
@@ -55,6 +56,29 @@ def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
         )
 
 
+def _of_layers(*pairs: str) -> dict[str, Any]:
+    """The settings of layers THICKNESS:RATIO; ValueError for what is none."""
+    layers = []
+    for pair in pairs:
+        try:
+            thickness, ratio = map(float, pair.split(":"))
+        except ValueError:
+            raise ValueError(f"{pair!r}: THICKNESS:RATIO is expected, in mm and a pure number, such as 0.3:5") from None
+        layers.append({"thickness": thickness, "ratio": ratio})
+    return {"specimen": {"layers": layers}}
+
+
+LAYERED = members.SettingsOption(
+    "layers",
+    ("THICKNESS:RATIO",),
+    ("text",),
+    "layers of a flat specimen from the top: thickness (mm) and stiffness over that of the rest below",
+    repeated=True,
+    adds=True,
+    settings=_of_layers,
+)
+
+
 class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
@@ -67,12 +91,15 @@ class FlatTopped:
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
+    rests: ClassVar[str] = "bonded"
     alike: ClassVar[bool] = False
     smallest_words: ClassVar[str] = "thickness"
     fattest: ClassVar[float] = math.inf
     grid_edges: str = ""  # of its grid in three dimensions, see `grids.cut`
     height: float
     half_width: float
+    cut: ClassVar[float] = math.inf
+    """Half widths of a sketch below the top from which on it is cut."""
     edge: float = 0.0
     walled: bool = False
     layers: tuple[tuple[float, float], ...] = ()
@@ -96,6 +123,19 @@ class FlatTopped:
         """As it is."""
         return self
 
+    @property
+    def layers_described(self) -> str:
+        """Its layers from the top down, as an addition to what it is."""
+        if not self.layers:
+            return ""
+        each = [f"{members.length_words(t)} ({k:.4g} times as stiff)" for t, k in self.layers]
+        return f" with {'layers' if len(each) > 1 else 'a layer'} of {' and '.join(each)} on top"
+
+    @property
+    def described(self) -> str:
+        """As its member says."""
+        raise NotImplementedError
+
     def beyond(self, length: float) -> float:
         """Nothing."""
         return 0.0
@@ -111,6 +151,35 @@ class FlatTopped:
     def planes(self) -> tuple[bool, bool]:
         """Both vertical planes through the axis."""
         return True, True
+
+    def extent(self, way: np.ndarray) -> float:
+        """Distance (mm) from the axis to its side along a horizontal unit vector (2,)."""
+        return self.half_width
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """A rectangle, whose edge is rounded; its sides are no edges where it goes on beyond them."""
+        half, h, low = min(wide, self.extent(way)), self.height, max(0.0, self.height - self.cut * wide)
+        f = 0.0 if self.alike else self.edge
+        turn = np.linspace(0.0, 0.5 * np.pi, 9)
+        corner = np.column_stack([half - f + f * np.cos(turn), h - f + f * np.sin(turn)]) if f else [[half, h]]
+        right = [(half, low), *((float(x), float(z)) for x, z in corner)]
+        left = [(-x, z) for x, z in right[::-1]]
+        out = [Drawn("specimen", tuple(right + left), self.described.removesuffix(self.layers_described))]
+        down = h
+        for thickness, ratio in self.layers:
+            box = ((-half, down - thickness), (half, down - thickness), (half, down), (-half, down))
+            text = f"{members.length_words(thickness)}, {ratio:.4g} times as stiff"
+            out.append(Drawn("layer", box, text))
+            down -= thickness
+        top = tuple(p for p in right + left if p[1] > low)
+        out.append(Drawn("edge", (top[0], top[-1]) if self.alike else (*right, *left, right[0])))
+        gap = 0.07 * wide
+        if low == 0.0:
+            side = half + gap
+            out.append(Drawn("dimension", ((side, 0.0), (side, h)), members.length_words(h)))
+        if not self.alike:
+            out.append(Drawn("dimension", ((0.0, 0.25 * h), (half, 0.25 * h)), members.length_words(half)))
+        return out
 
     # ------------------------------------------------------------------------------------------------- surface
 

@@ -43,6 +43,16 @@ class HalfSpace(FlatTopped):
     name: ClassVar[str] = "half_space"
     Knobs: ClassVar[type | None] = None
     alike: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "half-space",
+            (),
+            (),
+            "a body without end below and beside the indenter",
+            settings=lambda: {"specimen": {"shape": "half_space"}},
+        ),
+    )
+    cut: ClassVar[float] = 0.8
     smallest_words: ClassVar[str] = "depth of the model"
 
     @property
@@ -75,6 +85,11 @@ class HalfSpace(FlatTopped):
     def actual(self, knobs: Any) -> HalfSpace:
         """It has no sizes."""
         return self
+
+    @property
+    def described(self) -> str:
+        """It has no sizes."""
+        return "a half-space"
 
     def factors(self) -> Mapping[str, float]:
         """It has no sizes."""

@@ -11,7 +11,7 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, Mesh
-from fem_backend.specimens.flat import FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -71,6 +71,16 @@ class Slab(FlatTopped):
         )
 
     name: ClassVar[str] = "slab"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "slab",
+            ("THICKNESS",),
+            ("mm",),
+            "a slab, wide beside its thickness, bonded to something stiff",
+            settings=lambda t: {"specimen": {"shape": "slab", "thickness": t}},
+        ),
+        LAYERED,
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
 
     @property
@@ -126,6 +136,11 @@ class Slab(FlatTopped):
                 f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
             )
         return replace(self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness))
+
+    @property
+    def described(self) -> str:
+        """Its thickness and layers."""
+        return f"a slab of thickness {members.length_words(self.thickness)}{self.layers_described}"
 
     def factors(self) -> Mapping[str, float]:
         """The error goes with the thickness."""

@@ -13,8 +13,9 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import meshing
-from fem_backend.members import MemberTable, OpenSet
+from fem_backend.members import MemberTable, OpenSet, SettingsOption
 from fem_backend.meshing import MeridianMesh, Mesh, Size
+from rso.contract import Drawn
 
 
 class Specimens(OpenSet):
@@ -59,6 +60,10 @@ class Specimen(Protocol):
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
+    options: ClassVar[tuple[SettingsOption, ...]]
+    """Options of `rso new` that choose it."""
+    rests: ClassVar[str]
+    """The support of a new study."""
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]]
     smallest_words: ClassVar[str]
     parts: ClassVar[tuple[str, ...]]
@@ -88,12 +93,22 @@ class Specimen(Protocol):
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0."""
 
+    @property
+    def described(self) -> str:
+        """Itself with its sizes, as a noun phrase: a slab of thickness 2.3 mm."""
+
     def factors(self) -> Mapping[str, float]:
         """Own knobs whose declared ranges and gauges go with one of its lengths → that over the usual one."""
 
     @property
     def ratio(self) -> float:
         """Its size over the usual one, which other declared ranges are meant for."""
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """Its section along the horizontal unit vector `way` (2,), to `wide` (mm) off the axis, with its sizes.
+
+        The polygon `specimen` comes first, its points counterclockwise.
+        """
 
     def beyond(self, length: float) -> float:
         """Share of the force that what is not modelled adds under an indenter, at a contact radius of its `length`."""
@@ -187,6 +202,9 @@ class NotConvex(Protocol):
 
     def first_contact(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Reference point (3,) where the indenter first touches on its line: the least of `travel` over the surface."""
+
+    def first_touched(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Point (3,) of the surface that it touches there."""
 
 
 @runtime_checkable

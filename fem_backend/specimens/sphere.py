@@ -56,6 +56,15 @@ class SolidSphere(Ellipsoidal):
     gauges: ClassVar[Mapping[str, float]] = {"delta_sphere": 0.1}
     smallest_words: ClassVar[str] = "radius"
     of_revolution: ClassVar[bool] = True
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "sphere",
+            ("RADIUS",),
+            ("mm",),
+            "a solid sphere as the specimen",
+            settings=lambda r: {"specimen": {"shape": "sphere", "radius": r}},
+        ),
+    )
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

@@ -18,7 +18,7 @@ from fem_backend import members, meshing
 from fem_backend.meshing import Mesh, scans
 from fem_backend.specimens.in_space import InSpace
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
-from rso.contract import knob
+from rso.contract import Drawn, knob
 
 UNITS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}  # mm
 USUAL = (60.0, 35.0, 35.0)  # half extents (mm) of the body that declared ranges of knobs are meant for
@@ -135,6 +135,18 @@ class Surface(InSpace):
         )
 
     name: ClassVar[str] = "surface"
+    rests: ClassVar[str] = "fixed"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "surface",
+            ("FILE", "[UNIT]"),
+            ("file", "text"),
+            "a body inside a closed surface, STL, PLY or OBJ, and the unit of its numbers",
+            least=1,
+            settings=lambda file, unit="mm": {"specimen": {"shape": "surface", "file": file, "unit": unit}},
+            guess="the unit of its numbers; held = { below = … } says which region is held, else the lower half",
+        ),
+    )
     gauges: ClassVar[Mapping[str, float]] = {"delta_scan": 0.002}
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.MESHER: scans.make}
     smallest_words: ClassVar[str] = "half the smallest extent"
@@ -187,6 +199,37 @@ class Surface(InSpace):
     def half(self) -> np.ndarray:
         """Half the extents (3,) mm."""
         return 0.5 * self.size * (self.scan.high - self.scan.low)
+
+    @property
+    def described(self) -> str:
+        """Its extents."""
+        x, y, z = (members.length_words(2.0 * float(v)) for v in self.half)
+        return f"a scanned body of {x} by {y} by {z}"
+
+    def drawn(self, way: np.ndarray, wide: float) -> list[Drawn]:
+        """The cut of its facets by the plane, in the order of their angles about the middle of the cut."""
+        x = self._out(self.scan.vertices)
+        off = x[:, :2] @ np.array([-way[1], way[0]])
+        edges = np.concatenate([self.scan.facets[:, [i, (i + 1) % 3]] for i in range(3)])
+        a, b = edges[(off[edges[:, 0]] < 0.0) != (off[edges[:, 1]] < 0.0)].T
+        if not len(a):
+            raise ValueError(
+                "the vertical plane through the axis of the frame and the place of the test misses the surface"
+            )
+        share = (off[a] / (off[a] - off[b]))[:, None]
+        cut = x[a] + share * (x[b] - x[a])
+        points = np.column_stack([cut[:, :2] @ way, cut[:, 2]])
+        d = points - 0.5 * (points.min(0) + points.max(0))
+        points = points[np.argsort(np.arctan2(d[:, 1], d[:, 0]))]
+        outline = tuple((float(s), float(z)) for s, z in points)
+        low, high = points.min(0), points.max(0)
+        beside = float(high[0] + 0.04 * (high - low)[0])
+        height = Drawn(
+            "dimension",
+            ((beside, float(low[1])), (beside, float(high[1]))),
+            members.length_words(float((high - low)[1])),
+        )
+        return [Drawn("specimen", outline, self.described), Drawn("edge", (*outline, outline[0])), height]
 
     @property
     def smallest(self) -> float:
@@ -308,7 +351,12 @@ class Surface(InSpace):
         smooth surface.  Raises ValueError where the indenter passes by.
         """
         line = tuple(map(float, through)), tuple(map(float, direction))  # type: ignore[arg-type]
-        return np.array(_first_contact(self, indenter, *line))
+        return np.array(_first_contact(self, indenter, *line)[0])
+
+    def first_touched(self, indenter: Any, through: ArrayLike, direction: ArrayLike) -> np.ndarray:
+        """Point (3,) mm of the surface that it touches there; see :meth:`first_contact`."""
+        line = tuple(map(float, through)), tuple(map(float, direction))  # type: ignore[arg-type]
+        return np.array(_first_contact(self, indenter, *line)[1])
 
     # -------------------------------------------------------------------------------------------- what is modelled
 
@@ -472,8 +520,8 @@ def _region(table: Surface.Table, body: scans.Scan) -> dict[str, Any]:
 @functools.lru_cache(maxsize=256)
 def _first_contact(
     body: Surface, indenter: Any, through: tuple[float, ...], direction: tuple[float, ...]
-) -> tuple[float, ...]:
-    """See :meth:`Surface.first_contact`; runs of a study ask for the same again and again."""
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Reference point and point touched, see :meth:`Surface.first_contact`; a study asks for the same again."""
     origin, d = np.array(through), np.array(direction) / np.linalg.norm(direction)
     corners = body._out(body.scan.smooth.tree.corners)
     away = 4.0 * (body.largest + indenter.length) + float(np.linalg.norm(origin - body.middle))
@@ -492,12 +540,16 @@ def _first_contact(
     travel = indenter.travel(on, start, d)
     best = np.argsort(travel.min(1), kind="stable")[:CANDIDATES]
     at, nodes, least = weights[travel[best].argmin(1), 1:], corners[near[best]], float(travel.min())
+    touched = on.reshape(-1, 3)[travel.argmin()]
     offsets, width = np.indices((7, 7)).reshape(2, -1).T / 3.0 - 1.0, 2.0 / GRID
     for _ in range(ZOOMS):
         finer = np.maximum(at[:, None] + width * offsets, 0.0)
         finer /= np.maximum(finer.sum(-1, keepdims=True), 1.0)
         points = np.einsum("fqa,fai->fqi", np.concatenate([1.0 - finer.sum(-1, keepdims=True), finer], axis=-1), nodes)
-        travel = indenter.travel(body.project(points.reshape(-1, 3)).reshape(points.shape), start, d)
+        on = body.project(points.reshape(-1, 3))
+        travel = indenter.travel(on.reshape(points.shape), start, d)
         at = finer[np.arange(len(best)), travel.argmin(1)]
-        width, least = 0.6 * width, min(least, float(travel.min()))
-    return tuple((start + least * d).tolist())
+        if travel.min() < least:
+            least, touched = float(travel.min()), on[travel.argmin()]
+        width *= 0.6
+    return tuple((start + least * d).tolist()), tuple(touched.tolist())

@@ -31,6 +31,11 @@ class Bonded(Walls):
     variant: ClassVar[str] = "bonded"
     words: ClassVar[str] = "bonded to a stiff base"
 
+    @property
+    def described(self) -> str:
+        """Which part of the surface it holds."""
+        return "bonded to a rigid base"
+
     def grips(self) -> Mapping[str, str]:
         """Its base is bonded."""
         return {"base": BONDED}

@@ -16,7 +16,7 @@ from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
 from fem_backend.geometry import STILL, EllipsoidShape, arrays, closest_point
 from fem_backend.kinematics.bodies import Body
 from fem_backend.supports.support import SUPPORTS
-from rso.contract import knob
+from rso.contract import Drawn, knob
 
 PENALTY = 8.0  # ε R/μ; pressures are far smaller than below the indenter, a stiff one would be felt point by point
 ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
@@ -75,6 +75,16 @@ class BowlSupport:
         )
 
     name: ClassVar[str] = "bowl"
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "bowl",
+            ("CLEARANCE",),
+            ("mm",),
+            "it lies in a bowl so much larger in each semi-axis",
+            settings=lambda c: {"support": {"kind": "bowl", "clearance": c, "friction": FRICTION}},
+            guess="its friction",
+        ),
+    )
     lengths: ClassVar[tuple[str, ...]] = ("bowl_clearance",)
     loose: ClassVar[bool] = True
     variant: ClassVar[str] = "bowl"
@@ -88,6 +98,22 @@ class BowlSupport:
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings; clearance and friction are knobs."""
         return {"kind": self.name}
+
+    @property
+    def described(self) -> str:
+        """Its clearance and friction."""
+        clearance = members.length_words(CLEARANCE if self.wide is None else self.wide)
+        friction = FRICTION if self.friction_of is None else self.friction_of
+        return f"in a bowl {clearance} larger all round, friction {friction:.3g}"
+
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """The lower half of its ellipse."""
+        room = CLEARANCE if self.wide is None else self.wide
+        s = specimen.semi_axes + room
+        turn = np.linspace(-np.pi, 0.0, 61)
+        x, z = np.cos(turn) / np.linalg.norm(way / s[:2]), room + s[2] * np.sin(turn)
+        below = z <= 0.0
+        return [Drawn("support", tuple(zip(x[below].tolist(), z[below].tolist(), strict=True)), self.described)]
 
     def defaults(self) -> Mapping[str, float]:
         """Clearance (mm) and friction of the table."""
@@ -111,6 +137,10 @@ class BowlSupport:
     def offered(self, specimen: Any) -> bool:
         """It may be tried."""
         return True
+
+    def same(self, other: Any, specimen: Any) -> bool:
+        """No other support is a bowl."""
+        return isinstance(other, BowlSupport)
 
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""

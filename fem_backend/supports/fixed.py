@@ -31,6 +31,11 @@ class Fixed(Holding):
     variant: ClassVar[str] = "held"
     words: ClassVar[str] = "held"
 
+    @property
+    def described(self) -> str:
+        """Which part of the surface it holds."""
+        return "its lower half held"
+
     def refusal(self, specimen: Any) -> str | None:
         """Every specimen has a lower part."""
         return None

@@ -9,6 +9,10 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
+from fem_backend.members import SettingsOption
+from rso.contract import Drawn
+
+LOOKED_AT = 200  # points of the surface by which two supports are compared
 
 
 class Holding:
@@ -16,6 +20,7 @@ class Holding:
 
     name: ClassVar[str]
     Knobs: ClassVar[type | None] = None
+    options: ClassVar[tuple[SettingsOption, ...]] = ()
     lengths: ClassVar[tuple[str, ...]] = ()
     loose: ClassVar[bool] = False
     group: ClassVar[str] = ""
@@ -27,6 +32,10 @@ class Holding:
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
         return {"kind": self.name}
+
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """No walls."""
+        return []
 
     def defaults(self) -> Mapping[str, float]:
         """No knobs."""
@@ -43,6 +52,18 @@ class Holding:
     def offered(self, specimen: Any) -> bool:
         """It may be tried."""
         return True
+
+    def same(self, other: Any, specimen: Any) -> bool:
+        """Whether the other only holds, too, and the same: compared at points all around the specimen."""
+        if not isinstance(other, Holding) or self.group or other.group:
+            return False  # what has knobs of its own does more
+        X = _around(specimen)
+        every = np.arange(len(X))
+        return np.array_equal(self.held(specimen, X, every), other.held(specimen, X, every))
+
+    def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
+        """Which displacement components (n, 3) of nodes X (n, 3) it holds: a member says."""
+        raise NotImplementedError
 
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""
@@ -88,3 +109,13 @@ class Holding:
     def revised(self, specimen: Any) -> bool:
         """Answers are as they were."""
         return False
+
+
+def _around(specimen: Any) -> np.ndarray:
+    """Points (LOOKED_AT, 3) mm of the surface in all directions: nearest to a Fibonacci lattice on a sphere around."""
+    k = np.arange(LOOKED_AT) + 0.5
+    z, turn = 1.0 - 2.0 * k / LOOKED_AT, np.pi * (1.0 + np.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z**2)
+    directions = np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
+    middle = 0.5 * (specimen.top + specimen.lowest)
+    return np.array([specimen.closest(middle + 2.0 * specimen.largest * d) for d in directions])

@@ -12,7 +12,8 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.bodies import Body
-from fem_backend.members import MemberTable, OpenSet
+from fem_backend.members import MemberTable, OpenSet, SettingsOption
+from rso.contract import Drawn
 
 SUPPORTS: OpenSet[Support] = OpenSet("support", "kind", "fixed", marks={"rolling": 3})
 
@@ -30,6 +31,8 @@ class Support(Protocol):
     name: ClassVar[str]
     Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
+    options: ClassVar[tuple[SettingsOption, ...]]
+    """Options of `rso new` that choose it."""
     lengths: ClassVar[tuple[str, ...]]
     loose: ClassVar[bool]
     variant: ClassVar[str]
@@ -42,6 +45,16 @@ class Support(Protocol):
 
     def plain(self) -> dict[str, Any]:
         """Its table as far as it enters the key of a run: what sets a knob is among the values."""
+
+    @property
+    def described(self) -> str:
+        """What it does to a specimen, behind a comma: in a bowl 1 mm larger all round."""
+
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """Walls that the specimen may touch, in its section along `way` (2,), to `wide` (mm) off the axis.
+
+        They are lines of the role `support`, solid to the right of their way; what is held is found by `held`.
+        """
 
     def defaults(self) -> Mapping[str, float]:
         """Knobs that its table sets."""
@@ -57,6 +70,9 @@ class Support(Protocol):
 
     def refusal(self, specimen: Any) -> str | None:
         """Why it cannot carry this specimen; None where it can."""
+
+    def same(self, other: Support, specimen: Any) -> bool:
+        """Whether another support, which carries this specimen too, makes the same model of it under another name."""
 
     def planes(self) -> tuple[bool, bool]:
         """Whether it is symmetric about x = 0 and y = 0."""

@@ -13,7 +13,7 @@ from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
 from fem_backend.geometry import STILL
 from fem_backend.kinematics.bodies import Body
 from fem_backend.supports.holding import Holding
-from rso.contract import knob
+from rso.contract import Drawn, knob
 
 PENALTY = 2e4  # ε h/μ, h the smallest size of the specimen: a base rests on few elements of a fifth of that
 TOUCHING = 1e-9  # of that size, by which a plane that lets go is above the base: seated, its whole base presses first
@@ -91,10 +91,26 @@ class Walls(Holding):
     penalty and multipliers.
     """
 
+    words: ClassVar[str]
     rubs: float = 0.0
     yields: float = 0.0
 
     parts: ClassVar[tuple[str, ...]] = ("base",)
+
+    @property
+    def described(self) -> str:
+        """Where the specimen is."""
+        return self.words
+
+    def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
+        """The plane below and the wall beside the specimen, where it has them."""
+        radius, height = min(self.wall(specimen), wide), specimen.height
+        plane = ((-radius, 0.0), (radius, 0.0))
+        found = [Drawn("support", plane, self.described)] if "base" in self.grips() else []
+        if "side" in self.grips():
+            found.append(Drawn("support", ((radius, 0.0), (radius, height))))
+            found.append(Drawn("support", ((-radius, height), (-radius, 0.0))))
+        return found
 
     def grips(self) -> Mapping[str, str]:
         """How it meets each part of the surface that it meets."""

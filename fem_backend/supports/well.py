@@ -70,9 +70,29 @@ class Well(Walls):
 
     name: ClassVar[str] = "well"
     parts: ClassVar[tuple[str, ...]] = ("base", "side")
+    options: ClassVar[tuple[members.SettingsOption, ...]] = (
+        members.SettingsOption(
+            "well",
+            ("RADIUS", "DEPTH"),
+            ("mm", "mm"),
+            "a well filled by the specimen, bonded to its bottom and free to slide along its wall",
+            settings=lambda r, d: {
+                "specimen": {"shape": "slab", "thickness": d},
+                "support": {"kind": "well", "radius": r, "base": BONDED, "wall": SLIP},
+            },
+            guess="what holds it at the base and at the wall",
+        ),
+    )
     variant: ClassVar[str] = "well"
     words: ClassVar[str] = "in a well"
     group: ClassVar[str] = "well"
+
+    @property
+    def described(self) -> str:
+        """Its radius and how it holds base and side."""
+        radius = f" of radius {members.length_words(self.radius)}" if self.radius else ""
+        words = {BONDED: "bonded", SLIP: "sliding", GAP: "free to leave it"}
+        return f"in a well{radius} (base {words[self.base]}, wall {words[self.side]})"
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings; the friction is a knob."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration import (
+    formula_comparison,
     held_out,
     identification_stage,
     joined_runs,
@@ -204,6 +205,7 @@ def _validate(
         found["identification"]["gains"] += predictive_check.gains(plan, determination, foretold)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
+    found.update(formula_comparison.of_formulas(plan, found))
     found.update(results.of_region(plan, bench.region(design.similar), found["runs"]))
     found["warnings"] += [found["feasible"]["story"]] if found["feasible"]["story"] else []
     result_files.write_runs(notes.path.parent / "runs.csv", found)

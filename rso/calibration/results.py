@@ -32,7 +32,7 @@ from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
 from rso.optimise.targets import Checked, Target
-from rso.study.cases import remarks
+from rso.study.cases import remarks, sketches
 from rso.study.schema import Study
 
 SCHEMA = 1
@@ -59,6 +59,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             "settings": plain(study.written(study.backend.settings)),
         },
         "parameters": parameters(plan, plan),
+        "sketches": sketches(study, plan.backend),
         "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
         "outputs": [_output(o) for o in (*plan.outputs, *plan.extras)],
         "verify": {"tolerance": study.verify.tolerance, "max_infill": study.verify.max_infill},

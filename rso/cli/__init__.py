@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, err = Printable(sys.stdout), Printable(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        options = parser().parse_args(arguments)
+        options = parser(arguments).parse_args(arguments)
         code = _guarded(lambda: options.call(options, shlex.join(["rso", *arguments])))
         return _guarded(lambda: _flushed(code))
 

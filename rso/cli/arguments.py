@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import rso
 from rso.cli import commands
-from rso.core.default_backend import command_line
+from rso.contract import NewStudies, Option, capability
+from rso.core.default_backend import USE, command_line
 
 MOST_JOBS = 10_000  # as in [dispatch]
 LABORATORY = """a folder, for example:
@@ -28,8 +30,11 @@ what is not understood is refused with what is, other keys are not used, which i
 this means is in docs/data_for_a_diagnosis.md"""
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line; `call` of what it parses is the command."""
+def parser(arguments: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """The whole command line; `call` of what it parses is the command.
+
+    Only where `new` stands among the arguments is the backend loaded, whose options it has.
+    """
     rso_ = argparse.ArgumentParser(
         prog="rso",
         description="Response surface optimisation for indentation tests.",
@@ -39,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
     )
     rso_.add_argument("--version", action="version", version=f"rso {rso.__version__}")
     known = rso_.add_subparsers(required=True, metavar="command")
-    _new(known)
+    _new(known, _options() if "new" in arguments else ())
     _of_a_study(known)
     _blind(known)
     text = "list what a study file may hold: every table and key, its values, default and meaning"
@@ -49,23 +54,22 @@ def parser() -> argparse.ArgumentParser:
     return rso_
 
 
-def _new(known: Any) -> None:
+def _options() -> Sequence[Option]:
+    """Options of `rso new` that the backend has."""
+    from rso.evaluation.adapters import load_backend
+
+    studies = capability(load_backend(USE), NewStudies)
+    return () if studies is None else studies.options()
+
+
+def _new(known: Any, own: Sequence[Option]) -> None:
     text = "write a first study file from data files, what they tell filled in and guesses marked, and check it"
     new = known.add_parser("new", help=text, description=text)
     new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
     new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
     new.add_argument("--validate", nargs="+", default=[], metavar="FILE", help="a file only looked at in the end")
-    own = command_line().OPTIONS
     for o in own:
-        many = len(o["metavar"]) > 1
-        new.add_argument(
-            f"--{o['name']}",
-            nargs=len(o["metavar"]) if many else None,
-            type=float,
-            help=o["help"],
-            required=o["required"],
-            metavar=o["metavar"] if many else o["metavar"][0],
-        )
+        _add(new, o)
     new.add_argument(
         "--point",
         nargs=2,
@@ -87,7 +91,20 @@ def _new(known: Any) -> None:
         "a frame)",
     )
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
-    new.set_defaults(call=commands.new, of_backend=tuple(o["name"] for o in own))
+    new.set_defaults(call=commands.new, of_backend=tuple(own))
+
+
+def _add(new: argparse.ArgumentParser, o: Option) -> None:
+    """An option of the backend; how many values it has is checked with what they are."""
+    units = " and ".join(dict.fromkeys(u for u in o.units if u in ("mm", "deg")))
+    words = f"{o.help} ({units})" if units else o.help
+    if not o.words:
+        new.add_argument(f"--{o.name}", action="store_const", const=[], help=words)
+    elif o.least is None and not o.repeated:
+        new.add_argument(f"--{o.name}", nargs=len(o.words), help=words, metavar=o.words)
+    else:
+        names = o.words[0] if o.repeated else (o.words[0], " ".join(o.words[1:]).replace("[", "").replace("]", ""))
+        new.add_argument(f"--{o.name}", nargs="+", help=words, metavar=names)
 
 
 def _of_a_study(known: Any) -> None:

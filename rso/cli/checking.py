@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from rso import discrepancy
-from rso.calibration import confirmed_optimum, required_runs, stated_settings
+from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings
 from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
-from rso.contract import Programme, Refusals, capability
+from rso.cli.text_sketch import text_sketch
+from rso.contract import ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -68,7 +69,7 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())
     shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
-    lines = [f"{study.file}: good", f"  {study.study.title}", *_things(plan), *asked]
+    lines = [f"{study.file}: good", f"  {study.study.title}", *_sketches(plan), *_things(plan), *asked]
     lines += [f"  similarity: {plan.group.why}", f"  simulations: {total} at most ({shown})" + ("" if direct else ",")]
     if direct:
         lines.append("    most descents need 3 to 8 points: they end as soon as a run agrees with its prediction;")
@@ -84,6 +85,17 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
     lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
     return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
+
+
+def _sketches(plan: Plan) -> list[str]:
+    """Each different experiment in a sentence, the first as a drawing too."""
+    found = cases.sketches(plan.study, plan.backend)
+    lines = []
+    for k, sketch in enumerate(found):
+        names = ", ".join(repr(n) for n in sketch["experiments"])
+        lines += [f"  {f'{names}: ' if len(found) > 1 else ''}{sketch['words']}"]
+        lines += ["", *(f"    {line}" for line in text_sketch(sketch)), ""] if k == 0 else []
+    return lines
 
 
 def _open_to_others(study: Study) -> list[str]:
@@ -209,7 +221,9 @@ def _things(plan: Plan) -> list[str]:
         known = (
             _recorded(measured, curve),
             _pace(plan, e),
+            _reduction(plan, e),
             *_small_contacts(plan, e.name, curve),
+            *formula_comparison.stated(plan, e.name),
             _noise(plan.study, e),
         )
         about = (*known, unread, *remarks)
@@ -260,29 +274,45 @@ def _pace(plan: Plan, e: ExperimentTable) -> str:
     return f"loaded with {speed:.3g} mm/s ({whose})" if kept != other else ""
 
 
+def _reduction(plan: Plan, e: ExperimentTable) -> str:
+    """How much of a specimen is simulated in the middle of the ranges, where the backend says that."""
+    reductions = capability(plan.backend, Reduction)
+    if reductions is None:
+        return ""
+    case = cases.case_for(plan.study, e.name, (float(plan.curves[e.name].depth.max()),))
+    return reductions.reduction(plan.values(np.full(plan.box.d, 0.5)), case) or ""
+
+
 def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
     """The modulus of the shallow half of a loading Fz in the limit of small contacts, where the backend knows one: far
     from its range a unit is wrong, or what is pressed is no half-space."""
-    out = []
+    out, theory = [], _theory(plan, name)
     opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
     for knob, value in contact_modulus(plan.backend, plan.study.settings_of(name), curve).items():
         if "adhesion" in opened:
-            continue  # Hertz has none
+            continue  # it has none
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (
-                f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
-                "modulus; a sign, a zero, a tensile record, or adhesion: "
+                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} is "
+                f"{value:.2g} MPa, which is no modulus; a sign, a zero, a tensile record, or adhesion: "
                 "then open `adhesion` in [parameters]"
             )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
-        out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
+        out.append(f"shallow half, in the limit of small contacts{theory}: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         fixed = plan.resolved.fixed.get(knob)
         low, high = (axis.low, axis.high) if axis else (fixed, fixed)
         if low is not None and high is not None and not low / FAR < value < high * FAR:
             out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
     return out
+
+
+def _theory(plan: Plan, name: str) -> str:
+    """Whose closed form the backend has for an experiment, in brackets; empty where it does not say."""
+    ladder = capability(plan.backend, ModelHierarchy)
+    rungs = ladder.levels(plan.study.settings_of(name)) if ladder else ()
+    return next((f" ({level['title']})" for rung in rungs for level in rung if level.get("closed_form")), "")
 
 
 def _noise(study: Study, e: ExperimentTable) -> str:

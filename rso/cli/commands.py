@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rso.contract import Option
 from rso.core import disk
 from rso.core.default_backend import USE
 from rso.core.printable import one
@@ -77,10 +78,43 @@ def new(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def _given(options: argparse.Namespace) -> dict[str, tuple[float, ...]]:
-    """The backend's own options that were given: name → numbers."""
-    found = {name: getattr(options, name.replace("-", "_")) for name in options.of_backend}
-    return {k: tuple(v) if isinstance(v, list) else (v,) for k, v in found.items() if v is not None}
+def _given(options: argparse.Namespace) -> dict[str, tuple[float | str, ...]]:
+    """The backend's own options that were given: name → values; ValueError naming option, value and unit."""
+    found = {o: getattr(options, o.name.replace("-", "_")) for o in options.of_backend}
+    return {o.name: _values(o, words) for o, words in found.items() if words is not None}
+
+
+def _values(option: Option, words: Sequence[str]) -> tuple[float | str, ...]:
+    """Values of an option by what was written: numbers in its units, files by absolute paths."""
+    least = len(option.words) if option.least is None else option.least
+    most = len(words) if option.repeated else len(option.words)
+    usage = f"--{option.name} {' '.join(option.words)}"
+    if not least <= len(words) <= most:
+        raise ValueError(f"--{option.name} {shlex.join(words)}: {usage} is expected")
+    values: list[float | str] = []
+    for k, word in enumerate(words):
+        unit = option.units[min(k, len(option.units) - 1)]
+        if unit == "file":
+            if not Path(word).is_file():
+                raise ValueError(f"--{option.name} {word}: there is no such file")
+            values.append(str(Path(word).absolute()))
+        else:
+            values.append(word if unit == "text" else _number(f"{usage}: ", word, unit))
+    return tuple(values)
+
+
+def _number(place: str, word: str, unit: str) -> float:
+    """A number in a unit, which it may have behind itself or not; ValueError for another."""
+    from rso.core.units import quantity
+
+    try:
+        try:
+            value: float | str = float(word)
+        except ValueError:
+            value = word
+        return quantity(value, unit)
+    except ValueError as error:
+        raise ValueError(f"{place}{error}") from error
 
 
 CODES = ("loading", "hold", "unloading", "skip")

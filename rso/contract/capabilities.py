@@ -103,6 +103,24 @@ class ClosedForm(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class FormulaCurve:
+    """A closed form of the literature: forces (n,) N at the asked travels, and at each why it does not hold or ""."""
+
+    name: str
+    source: str
+    force: np.ndarray
+    invalid: tuple[str, ...]
+
+
+class Formulas(Protocol):
+    """Closed forms of the literature for an experiment; without it a report compares the simulations with none."""
+
+    def formulas(self, values: Mapping[str, float], case: Case, /) -> Sequence[FormulaCurve]:
+        """Each closed form that exists, the simplest first, at the asked travels of loading."""
+        ...
+
+
 class ClosedFormStart(Protocol):
     """Ranges from a measured curve before any simulation; without it a ladder starts from the study's ranges."""
 
@@ -161,6 +179,14 @@ class Resolution(Protocol):
 
     def resolution(self, settings: Settings, depth: float, /) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first → share of the force that it misses at a depth (mm)."""
+        ...
+
+
+class Reduction(Protocol):
+    """How much of a symmetric experiment is simulated; without it `rso check` says nothing of that."""
+
+    def reduction(self, values: Mapping[str, float], case: Case, /) -> str | None:
+        """The part that is simulated with these values, in words; None where that is what one expects."""
         ...
 
 
@@ -223,6 +249,40 @@ class Gauges(Protocol):
         ...
 
 
+# --- what is modelled, in words and lines ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One part of a sketch: its role, points (horizontal, up) in mm, and what is written beside it.
+
+    Roles: the polygons `specimen`, `layer`, `indenter` where it first touches and `deepest` where it ends; the lines
+    `edge` of the specimen, `held` where it is held, `support` of what it touches, solid to the right of their way;
+    `dimension` between two points; `contact`, one point.
+    """
+
+    role: str
+    points: tuple[tuple[float, float], ...]
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """An experiment in a sentence and as a vertical section through the axis of its indenter, along `plane`."""
+
+    words: str
+    plane: str
+    drawn: tuple[Drawn, ...]
+
+
+class Sketches(Protocol):
+    """A sketch of an experiment for `rso check`, `rso new` and reports; without it they show none."""
+
+    def sketch(self, settings: Settings, depth: float, /) -> Sketch:
+        """What these settings are taken for, with a deepest travel (mm); ValueError for what is not modelled."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -235,15 +295,38 @@ class Line:
     guess: bool = False
 
 
-class NewStudies(Protocol):
-    """First studies by `rso new`; without it a study of this backend is written by hand.
+@dataclass(frozen=True)
+class Option:
+    """An option of `rso new`: its name, a word and a unit for each of its values, and its help.
 
-    Which options of the command line it is given stands as plain data, OPTIONS, in the module that
-    `rso/core/default_backend.py` names: name, words for its numbers, whether it is required, help.
+    The first `least` values must be given, all by default; with `repeated` the last word stands for any number of
+    values.  A unit is "mm" or "deg", of a number that is handed over in it, "file", an absolute path, which
+    the study will hold as it finds it, or "text".
     """
 
-    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float], /) -> Mapping[str, Line]:
-        """Setting → its line, by options → their numbers and the deepest reading (mm) of each force test."""
+    name: str
+    words: tuple[str, ...]
+    units: tuple[str, ...]
+    help: str
+    least: int | None = None
+    repeated: bool = False
+
+
+Given = Mapping[str, tuple[float | str, ...]]
+
+
+class NewStudies(Protocol):
+    """First studies by `rso new`; without it a study of this backend is written by hand."""
+
+    def options(self) -> Sequence[Option]:
+        """Options of the command line that say what a record does not."""
+        ...
+
+    def first_settings(self, given: Given, depths: Sequence[float], /) -> Mapping[str, Line]:
+        """Setting → its line, by options → their values and the deepest reading (mm) of each force test.
+
+        ValueError, naming option, value and unit, for what is missing or contradicts.
+        """
         ...
 
     def first_parameters(self, settings: Settings, depth: np.ndarray, force: np.ndarray, /) -> Mapping[str, Line]:
@@ -269,17 +352,19 @@ class Fingerprint(Protocol):
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy, Relaxation),
-    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, ForceExponents),
+    "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
         CostModel,
         LeanSettings,
         DraftSettings,
         Resolution,
+        Reduction,
         Refusals,
         ErrorCalibration,
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
+    "what is modelled": (Sketches,),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }

@@ -11,15 +11,6 @@ USE = f"{PACKAGE}.backend:BACKEND"  # what a new study says under [backend]
 COMMAND_LINE = f"{PACKAGE}.adapter.command_line"  # plain data: nothing that computes is loaded for it
 
 
-class Option(TypedDict):
-    """An option of `rso new`: its name, a word for each of its numbers, whether it is required, and its help."""
-
-    name: str
-    metavar: tuple[str, ...]
-    required: bool
-    help: str
-
-
 class Part(TypedDict):
     """Specimen or indenter in a nominal.json, and as a setting.
 
@@ -59,7 +50,6 @@ class Laboratory(TypedDict):
 class CommandLine(Protocol):
     """The module COMMAND_LINE."""
 
-    OPTIONS: Sequence[Option]
     LABORATORY: Laboratory
 
 

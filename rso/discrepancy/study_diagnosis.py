@@ -39,7 +39,7 @@ from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
-from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, stated_speed
+from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, sketches, stated_speed
 from rso.study.errors import Problem, choose, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
@@ -282,6 +282,7 @@ def run_diagnosis(
         }
         found["command"] = command
         found["settings"] = plain(asked.study.written(asked.study.backend.settings))
+        found["sketches"] = plain(sketches(asked.study, asked.base.backend))
         found["study"] = {"file": asked.study.file.name, "seed": asked.study.study.seed}
         found["provenance"] = {
             "rso": rso.__version__,

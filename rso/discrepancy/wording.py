@@ -48,7 +48,7 @@ def _mirrored(found: Mapping[str, Any]) -> list[str]:
     each = ", ".join(f"{r['channel']} in {r['experiment']} ({r['times']:+.1f} times the model's)" for r in rows)
     return [
         f"Opposite to the model in sign: {each}. Are signs of channels and places right? Forces are those "
-        "of the specimen on the ball: a slope pushes it downhill. What else is said takes the data as they stand."
+        "of the specimen on the indenter: a slope pushes it downhill. What else is said takes the data as they stand."
     ]
 
 
@@ -207,8 +207,8 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             return (
                 f"Cause: what carries the body gives way with time, {_named(first)}, probability "
                 f"{chance(first['probability'])}, or the body itself does, as one out of which water is pressed "
-                "(poroelasticity): forces on the ball hardly tell these apart. A rigid block under the same load, for "
-                "as long, does."
+                "(poroelasticity): forces on the indenter hardly tell these apart. A rigid block under the same load, "
+                "for as long, does."
             )
         if len(causes) == 1 and first.get("like_a_spot"):
             return (

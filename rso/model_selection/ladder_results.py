@@ -17,6 +17,7 @@ from rso.inference.verdict import physical
 from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
 from rso.model_selection.held_out import Unused
 from rso.model_selection.study_ladder import FittedLevel, LadderFit
+from rso.study.cases import sketches
 
 FILE, SCHEMA = "ladder.json", 2
 LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
@@ -37,6 +38,7 @@ def results(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
                 "seed": plan.seed,
                 "units": plan.study.study.units,
             },
+            "sketches": sketches(plan.study, plan.backend),
             "rule": model_selection.RULE.format(alarm=alarm),
             "confidence": table.confidence,
             "draws": table.draws,

@@ -18,6 +18,7 @@ from rso.core.distributions import chi2_ppf
 from rso.inference import ExpectedInformation
 from rso.inference.verdict import FACTOR, REFUTED, physical
 from rso.optimal_design.study_design import AGAIN, DesignResult, Joint, Learnt
+from rso.study.cases import sketches
 
 FILE, SCHEMA = "next.json", 1
 ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
@@ -41,6 +42,7 @@ def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
                 "seed": plan.seed,
                 "units": plan.study.study.units,
             },
+            "sketches": sketches(plan.study, plan.backend),
             "focus": focus,
             "enough": ENOUGH,
             "draws": plan.study.next.draws,

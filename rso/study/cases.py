@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from rso.contract import Backend, Case, ContactModulus, Programme, by_contents, capability, digest
+from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
 from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
 from rso.data import Hold, MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
@@ -32,6 +34,7 @@ READINGS = 3000  # of a profile: more say no more, and the covariance of all wou
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
 UNLOADING = "The way back is not compared; it is for rso diagnose."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
+UNDRAWN = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")  # of settings
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
 
 
@@ -121,6 +124,26 @@ def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
         for key, (stated, what, span, unit) in ranges.items()
         if stated > LOUD * span
     ]
+
+
+def sketches(study: Study, backend: Backend) -> list[dict[str, Any]]:
+    """Sketches of the different experiments to their deepest readings as plain data, with the names of each."""
+    drawing = capability(backend, Sketches)
+    if drawing is None:
+        return []
+    alike: dict[str, list[str]] = {}
+    for e in study.experiments:
+        own = {k: v for k, v in study.settings_of(e.name).items() if k not in UNDRAWN}
+        alike.setdefault(json.dumps(plain(own), sort_keys=True), []).append(e.name)
+    found = []
+    for text, names in alike.items():
+        deepest = max(float(r.depth.max()) for n in names for r in study.measurement(n).repeats)
+        try:
+            sketch = drawing.sketch(json.loads(text), max(deepest, 0.0))
+        except MISREAD:  # whoever runs it says why
+            continue
+        found.append({"experiments": names, **dataclasses.asdict(sketch)})
+    return found
 
 
 def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None) -> tuple[float, ...]:

@@ -169,6 +169,8 @@ def inline(value: Any) -> str:
     """A value as TOML writes it within a line."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{_key(k)} = {inline(v)}' for k, v in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(inline, value))}]"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML knows no pairs of surrogates
 
 

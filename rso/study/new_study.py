@@ -7,20 +7,21 @@ import os
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from rso.contract import Backend, Line, NewStudies, capability
+from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.units import COLUMN_NAMES
 from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, read, recorded_speed, sheet_of
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory_folder import inline, may_be_a_place, place
+from rso.study.settings_files import seen_from
 
 GUESS = "# <-"  # behind what nobody has stated
 TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
@@ -36,7 +37,7 @@ class NewTest:
     [columns], where the files do not say it themselves.
     """
 
-    given: Mapping[str, tuple[float, ...]]
+    given: Given
     point: tuple[float, float] | None = None
     repeats: bool = False
     columns: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -68,6 +69,7 @@ def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], va
     forces = [e for e in experiments if e.measurement.kind == "force"]
     depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
     settings = studies.first_settings(test.given, depths)
+    folder = file.absolute().parent
     title = inline(f"Indentation: {experiments[0].name}")
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
@@ -79,7 +81,7 @@ def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], va
         f"use = {inline(USE)}",
         "",
         "[backend.settings]",
-        *(_line(key, line) for key, line in settings.items()),
+        *(_line(key, replace(line, value=seen_from(line.value, folder))) for key, line in settings.items()),
         "",
         "[parameters]",
         *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()),
@@ -190,8 +192,8 @@ def _parameters(
         raise ValueError(f"{force.files[0]}: {error}") from error
 
 
-def _lines(e: _Experiment, beside: Path) -> list[str]:
-    m, data = e.measurement, [_beside(f, beside) for f in e.files]
+def _lines(e: _Experiment, folder: Path) -> list[str]:
+    m, data = e.measurement, [_beside(f, folder) for f in e.files]
     lines = [
         "[[experiments]]",
         f"name = {inline(e.name)}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,18 @@ def written(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         return path.relative_to(root).as_posix() if path.is_absolute() and path.is_relative_to(root) else name
 
     return _changed(settings, short)
+
+
+def seen_from(settings: Any, folder: Path) -> Any:
+    """The settings with the paths of their files as a study in a folder finds them; their own on another drive."""
+
+    def there(name: str) -> str:
+        try:
+            return Path(os.path.relpath(Path(name).resolve(), folder.resolve())).as_posix()
+        except ValueError:
+            return name
+
+    return _changed(settings, there)
 
 
 def named(settings: Mapping[str, Any]) -> list[str]:

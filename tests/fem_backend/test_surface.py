@@ -15,6 +15,8 @@ from skfem import MeshTet
 from fem_backend import geometry, meshing, post
 from fem_backend.backend import BACKEND
 from fem_backend.contact.tractions import quadratic_facets
+from fem_backend.indenters.cone import Cone
+from fem_backend.indenters.flat import Flat
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.meshing import recipes, scans
 from fem_backend.meshing.closed_surface import closed, volume
@@ -277,6 +279,56 @@ def test_first_contact_on_a_body_that_is_not_convex(tmp_path):
         Sphere(11.0).first_contact(ring, (0.0, 0.0, 0.0), down)
     with pytest.raises(ValueError, match="passes by the body"):
         Sphere(3.0).first_contact(ring, (40.0, 0.0, 0.0), down)
+
+
+def test_a_cone_touches_a_torus_with_its_flank(tmp_path):
+    """The flank, at α to the axis, is a tangent of the circle of radius a about R₀: z = (a − R₀ cos α)/sin α of the
+    apex, above which the tip of radius ρ is ρ (1/sin α − 1), and it touches at R₀ − a cos α, a sin α.
+
+    The smooth surface of the facets is right to 2e-3.
+    """
+    R, a, rho, angle = 20.0, 8.0, 0.5, math.radians(60.0)
+    ring = specimen(str(files.write_stl(tmp_path / "ring.stl", *files.torus(R, a, 40))), (R, 0.0))
+    cone, down = Cone(60.0, rho), np.array([0.0, 0.0, -1.0])
+    tip = cone.first_contact(ring, (0.0, 0.0, 0.0), down)
+    wanted = (a - R * math.cos(angle)) / math.sin(angle) + rho * (1.0 / math.sin(angle) - 1.0)
+    np.testing.assert_allclose(tip, [0.0, 0.0, wanted], atol=3e-3)
+    on = cone.contact(ring, tip, down)  # its axis goes through the hole
+    np.testing.assert_allclose(
+        [np.hypot(*on[:2]), on[2]], [R - a * math.cos(angle), a * math.sin(angle)], atol=0.2
+    )  # a flat valley
+    upon = cone.first_contact(ring, (R, 0.0, 0.0), down)
+    np.testing.assert_allclose(upon, [R, 0.0, a], atol=3e-3)
+    np.testing.assert_allclose(cone.contact(ring, upon, down), upon, atol=1e-6)
+    with pytest.raises(ValueError, match="passes by the body"):
+        Flat(11.0, 0.5).first_contact(ring, (0.0, 0.0, 0.0), down)
+
+
+@pytest.mark.parametrize("shape", [Flat(1.0, 0.1), Flat(4.0, 0.5), Cone(15.0, 0.5)], ids=["narrow", "wide", "cone"])
+def test_an_indenter_that_comes_down_aslant_over_the_rim_of_a_torus(tmp_path, shape):
+    """Past the rim, where the distance grows again, to the inner side; against travels to points of the exact torus
+    0.1 mm apart: those miss the least one by (0.05 mm)²/2r at an edge of r = 0.1 mm, and a facet's surface 3e-3."""
+    ring = specimen(str(files.write_stl(tmp_path / "ring.stl", *files.torus(20.0, 8.0, 40))), (20.0, 0.0))
+    through, way = np.array([0.0, 0.0, 6.0]), np.array([1.0, 0.0, -0.6]) / math.hypot(1.0, 0.6)
+    u, v = (x.ravel() for x in np.meshgrid(*(np.linspace(0.0, 2.0 * math.pi, n) for n in (1600, 500))))
+    r = 20.0 + 8.0 * np.cos(v)
+    points = np.column_stack([r * np.cos(u), r * np.sin(u), 8.0 * np.sin(v)])
+    start = through - 200.0 * way
+    wanted = start + shape.travel(points, start, way).min() * way
+    found = shape.first_contact(ring, through, way)
+    np.testing.assert_allclose(found, wanted, atol=0.02)
+    assert abs(shape.travel(shape.first_touched(ring, found, way)[None], found, way)[0]) < 1e-9
+
+
+def test_a_cone_meets_a_scan_as_it_meets_the_ellipsoid(kidney):
+    cone, body, exact = Cone(60.0, 0.5), specimen(kidney), experiment.read_settings({}).specimen
+    for through, way in (((0.0, 0.0, 0.0), (0.0, 0.0, -1.0)), ((25.0, -8.0, 0.0), (0.2, 0.1, -1.0))):
+        d = np.array(way) / np.linalg.norm(way)
+        found, wanted = (cone.first_contact(b, through, way) for b in (body, exact))
+        np.testing.assert_allclose(found, wanted, atol=3e-3)
+        np.testing.assert_allclose(
+            *(cone.contact(b, at, d) for b, at in ((body, found), (exact, wanted))), atol=5e-3
+        )  # along the axis; steep there by 35°
 
 
 def test_first_contact_is_that_of_the_ellipsoid(kidney):

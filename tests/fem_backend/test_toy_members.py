@@ -476,7 +476,8 @@ def test_a_diagnosis_tries_the_toys_that_are_there(toys):
 
     here, elsewhere = labels({**toys, "support": {"kind": "fixed"}, "material": {}}), labels({})
     own = {"wrong height of the block", "wrong tip"}
-    assert own | {"on a smooth plate instead of held", "stiffening (exponential)", "friction under the ball"} <= here
+    others = {"on a smooth plate instead of held", "stiffening (exponential)", "friction under the indenter"}
+    assert own | others <= here
     assert not {"wrong semi-axis a", "wrong ball radius", "in a bowl instead of held"} & here
     assert not own & elsewhere and "wrong semi-axis a" in elsewhere
 

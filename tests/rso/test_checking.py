@@ -224,9 +224,26 @@ def test_corners_of_the_ranges_that_nothing_models_are_told_before_a_library_sto
 def test_forces_that_no_modulus_of_the_range_would_have_are_told(tmp_path, unit, told):
     """The same numbers in another unit: a thousand times what Hertz's limit of these forces has, or a thousandth."""
     lines = said(tmp_path, parameters=f'mu = {{ low = "1 {unit}", high = "40 {unit}" }}\nD1 = {{ value = 5.8 }}')
-    found = [line for line in lines if "Hertz's limit" in line]
+    found = [line for line in lines if "limit of small contacts (Hertz)" in line]
     assert len(found) == 2 and all(re.search(r"mu about 0\.0\d+ MPa", line) for line in found)
     assert sum("are the units of force and depth right?" in line for line in lines) == told
+
+
+@pytest.mark.usefixtures("no_library")
+def test_what_is_pressed_with_another_indenter_is_called_so(tmp_path):
+    """A layer under a flat end: no word of a ball or of Hertz, and which part of a body of revolution is simulated."""
+    flat = "specimen = { shape = 'slab', thickness = 8.0 }\nindenter = { shape = 'flat', radius = 2.0, fillet = 0.1 }"
+    puck = "settings = { specimen = { shape = 'cylinder', radius = 12.0, height = 10.0 }, point = [4.0, 0.0] }"
+    narrow = 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }'
+    lines = said(tmp_path, puck, backend__settings=flat, parameters=narrow)
+    text = "\n".join(lines)
+    assert "limit of small contacts (Sneddon): mu about" in text
+    assert not re.search(r"\b(ball|[Hh]ertz\w*)\b", text)
+    found = [line.strip() for line in lines if "of revolution" in line]
+    assert found == [
+        "of revolution: solved on its meridian",
+        "the specimen is of revolution, its test is not: half of it is solved in space",
+    ]
 
 
 @pytest.mark.usefixtures("no_library")

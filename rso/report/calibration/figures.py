@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
 from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_resting
@@ -36,6 +37,7 @@ from rso.report.reading import (
     points,
     validations,
 )
+from rso.report.sketch import NAME, sketch_figure
 
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
 
@@ -45,6 +47,10 @@ def draw(results: Results, name: str) -> str:
     kind, _, index = name.partition("-")
     k = int(index or 0)
     with style():
+        if kind == NAME:
+            return sketch_figure(results)
+        if kind == "formulas":
+            return closed_form_figure(results, k, name)
         if kind == "determined":
             return determined(results, name)
         if kind == "profile":

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rso.report.calibration.background import provenance, runs
+from rso.report.calibration.closed_forms import closed_form_sections
 from rso.report.calibration.displacements import is_profile, profile_blocks
 from rso.report.calibration.gap import gap_sections
 from rso.report.calibration.gauss_newton import gauss_newton_section, gauss_newton_starts
@@ -96,6 +97,7 @@ def report(results: Results) -> Report:
             curve_section(results),
             identification_section(results),
             *gap_sections(results),
+            *closed_form_sections(results),
             candidate_section(results),
             *_how_found(results),
             runs(results),

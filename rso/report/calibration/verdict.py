@@ -40,6 +40,7 @@ from rso.report.reading import (
     pair,
     parameters,
 )
+from rso.report.sketch import sketch_blocks
 
 
 def verdict(results: Results) -> Section:
@@ -50,7 +51,7 @@ def verdict(results: Results) -> Section:
         blocks.append(Facts(facts))
     blocks += [Text(t, "missing") for t in unfinished(results)]
     said = [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
-    blocks += [*said[:1], *data_remarks(results), *said[1:]]
+    blocks += [*said[:1], *sketch_blocks(results), *data_remarks(results), *said[1:]]
     blocks += [Text(lettered(results, w), "warning") for w in results.get("warnings") or ()]
     if interval_rows(results):
         blocks.append(Picture("determined", _determined_caption(results)))

@@ -29,6 +29,7 @@ from rso.report.discrepancy.reading import (
 from rso.report.discrepancy.signatures import signature_map
 from rso.report.layout.digits import clean, fixed, known, places, symbol
 from rso.report.reading import listed, number
+from rso.report.sketch import NAME, sketch_figure
 
 BARS, CURVES = 7, 12
 _POWER = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
@@ -36,6 +37,9 @@ _POWER = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
 
 def draw(found: Found, name: str) -> str:
     """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
+    if name == NAME:
+        with style():
+            return sketch_figure(found)
     figures = {
         "residuals": residual_map,
         "residuals-more": lambda f: residual_map(f, more=True),

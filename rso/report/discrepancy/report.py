@@ -54,6 +54,7 @@ from rso.report.layout.document import (
 )
 from rso.report.layout.page import pictures, pour
 from rso.report.reading import listed, number, pair
+from rso.report.sketch import sketch_blocks
 
 FEW = 0.9  # probability of all named causes below which it is said that others hold the rest
 
@@ -115,6 +116,7 @@ def verdict(found: Found) -> Section:
         lead = f"{odd} does not agree with the other experiments, and nothing in the catalogue explains it."
     blocks: list[Block] = [Text(lead, "lead" if text else "missing")]
     blocks.append(Facts(tuple(_facts(found))))
+    blocks += sketch_blocks(found)
     blocks += [Text(_in_letters(found, clean(w))) for w in listed(found, "words")]
     return Section("verdict", "Verdict", tuple(blocks))
 

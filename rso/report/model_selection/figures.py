@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, plain_log, short, style, svg
 from rso.report.layout.digits import Unit, channel_text, clean, known, largest, shown, symbol
 from rso.report.reading import at_rest, listed, on_the_way, pair, points
+from rso.report.sketch import NAME, sketch_figure
 
 Found = Mapping[str, Any]
 LINES = (GREY, "#8b6ba8", WARM, "#2f8f6f", "#b08a2e", "#5b7f95", "#a04f6d")
@@ -58,6 +59,8 @@ def draw(found: Found, name: str) -> str:
     """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
     kind, _, index = name.partition("-")
     with style():
+        if kind == NAME:
+            return sketch_figure(found)
         if kind == "curve":
             return svg(curve(found, int(index or 0)), name)
         if kind == "threshold":

@@ -40,6 +40,7 @@ from rso.report.layout.document import (
 from rso.report.layout.page import pictures, pour
 from rso.report.model_selection.figures import Found, draw, fitted, levels, role_word, title
 from rso.report.reading import listed, number, pair
+from rso.report.sketch import sketch_blocks
 
 _VERDICTS: dict[str, Cell] = {
     "adequate": Cell("good enough", mark="good"),
@@ -74,6 +75,7 @@ def decision(found: Found) -> Section:
     facts = _facts(found)
     if facts:
         blocks.append(Facts(tuple(facts)))
+    blocks += sketch_blocks(found)
     blocks += [Text(sentence(w), "warning") for w in listed(found, "warnings")]
     blocks.append(_steps(found))
     return Section("decision", "Decision", tuple(blocks))

@@ -28,6 +28,7 @@ from rso.report.layout.document import Block, Cell, Picture, Report, Section, Ta
 from rso.report.layout.page import pictures, pour
 from rso.report.model_selection.report import interval_text, value_text
 from rso.report.reading import listed, number
+from rso.report.sketch import NAME, sketch_blocks, sketch_figure
 
 Found = Mapping[str, Any]
 MOST = 12  # pairs in the table
@@ -90,6 +91,7 @@ def answer(found: Found) -> Section:
     now, *more = listed_words(found) or [""]
     said = [*more[:1], now, *more[1:]]
     blocks: list[Block] = [Text(sentence(w), "plain" if k or not more else "lead") for k, w in enumerate(said) if w]
+    blocks += sketch_blocks(found)
     rows = [*rows_of(found, 0), *rows_of(found, 1)]
     titles = [r["added"][0] if r.get("added") else "only what has been done" for r in rows]
     blocks.append(
@@ -227,9 +229,11 @@ def how(found: Found) -> Section:
 
 def draw(found: Found, name: str) -> str:
     """The figure of that name; ValueError for an unknown one."""
-    if name != "sizes":
+    if name not in ("sizes", NAME):
         raise ValueError(f"no figure {name!r}")
     with style():
+        if name == NAME:
+            return sketch_figure(found)
         return svg(sizes(found), name)
 
 

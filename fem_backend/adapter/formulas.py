@@ -1,0 +1,109 @@
+"""Closed forms of the literature for an experiment of the study: which exist, what they say, where they hold."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from fem_backend import closed_forms
+from fem_backend.adapter.model_hierarchy import as_it_is, touch
+from fem_backend.closed_forms import Formula
+from fem_backend.laws import LAWS
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.knobs import Knobs
+from rso.contract import FormulaCurve
+
+SIZES = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter's table that formulas know
+THICK = 0.01  # of the force: what a specimen of finite height may add to that of a half-space
+WIDE = 5.0  # heights that a specimen must be wide to count as a layer without end
+INCOMPRESSIBLE = 0.5
+
+
+def formulas(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[FormulaCurve, ...]:
+    """Force Fz (n,) N of each closed form at travels (n,) mm, simplest first; none where the pair has none.
+
+    μ and K = 2/D₁ give E and ν; errors of sizes and place count, other effects and nonlinear terms of the law do not.
+    """
+    actual = as_it_is(settings, knobs)
+    normal, _, tilt = touch(actual)
+    K = 2.0 / knobs.D1
+    E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
+    h, found = travel * tilt, []
+    relaxes = "the material relaxes, the formula is elastic" if settings.prony or knobs.prony_g else ""
+    for f in of_pair(actual, E, nu):
+        with np.errstate(all="ignore"):
+            force = np.asarray(f.force(h), float) * float(normal[2])
+        why = tuple(relaxes or _general(actual, float(d), nu) or f.valid(float(d)) or "" for d in h)
+        found.append(FormulaCurve(f.name, f.source, force, why))
+    return tuple(found)
+
+
+def of_pair(settings: Settings, E: float, nu: float) -> tuple[Formula, ...]:
+    """The closed forms of specimen, indenter and support; E in MPa."""
+    indenter, specimen = settings.indenter, settings.specimen
+    sizes: dict[str, Any] = {k: float(v) for k, v in indenter.plain().items() if k in SIZES}
+    curvature = specimen.mean_curvature(*settings.point)
+    if curvature and "radius" in sizes:
+        sizes["radius"] = indenter.effective_radius(curvature)
+    base: dict[str, Any] = {} if _held(settings) else {"base": "slip"}
+    try:
+        return closed_forms.formulas(
+            indenter.name,
+            E,
+            nu,
+            **sizes,
+            **base,
+            thickness=thickness(settings),
+            neo_hookean=settings.law == LAWS.default and not curvature,
+        )
+    except ValueError:  # of an indenter that they do not know
+        return ()
+
+
+def thickness(settings: Settings) -> float | None:
+    """Thickness (mm) of the layer that the specimen is taken for; None for a half-space."""
+    specimen = settings.specimen
+    flat = "base" in specimen.parts and np.isfinite(specimen.deepest[0])
+    return float(specimen.top[2] - specimen.lowest[2]) if flat else None
+
+
+def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> tuple[str, float] | None:
+    """The last closed form of the pair and the μ (MPa) that Fz (n,) N over travel (n,) mm has by it, incompressible.
+
+    None where the pair has none.
+    """
+    normal, _, tilt = touch(settings)
+    found = of_pair(settings, 3.0, INCOMPRESSIBLE)
+    if not found:
+        return None
+    with np.errstate(all="ignore"):
+        unit = np.asarray(found[-1].force(travel * tilt), float) * float(normal[2])
+    good = np.isfinite(unit)
+    if not unit[good].any():
+        return None
+    return found[-1].name, float(unit[good] @ force[good] / (unit[good] @ unit[good]))
+
+
+def _held(settings: Settings) -> bool:
+    """Whether the base is held in all directions, as formulas take it to be by default, rather than sliding."""
+    specimen = settings.specimen
+    held: Any = settings.support.held(specimen, specimen.lowest[None], np.zeros(1, int))
+    return bool(np.asarray(held).all())
+
+
+def _general(settings: Settings, depth: float, nu: float) -> str:
+    """Why no formula holds for a specimen that is neither a half-space nor a layer of one material."""
+    specimen, length = settings.specimen, settings.indenter.length
+    layers = getattr(specimen, "layers", ())
+    if layers:
+        return "the specimen has layers, the formula has one material"
+    height = float(specimen.top[2] - specimen.lowest[2])
+    if thickness(settings) is not None:
+        narrow = not specimen.alike and specimen.volume() < math.pi / 4.0 * WIDE**2 * height**3
+        return f"the specimen is less than {WIDE:g} times as wide as it is high" if narrow else ""
+    if specimen.alike or depth == 0.0:
+        return ""
+    more = float(closed_forms.thickness_factor(np.array([depth / length]), height / length, nu)[0]) - 1.0
+    return f"the specimen is no half-space: a slab as high as it adds {100.0 * more:.0f} %" if more > THICK else ""
