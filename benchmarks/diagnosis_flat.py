@@ -1,6 +1,6 @@
 """The diagnosis on flat bodies, checked on cases of its own library: a slab, a puck and a slab of two layers.
 
-    python benchmarks/diagnosis_flat.py FOLDER [--cases 300] [--only slab,puck,layers] [--out FILE]
+    python benchmarks/diagnosis_flat.py FOLDER [--cases 300] [--only slab,puck,layers] [--out FILE] [--again]
 
 Writes a study of each body into FOLDER, diagnoses it (`rso diagnose`, of which runs are kept there) and sends its
 library through `benchmarks/diagnosis`.  The plan is one that laboratories have: load and unload at two speeds, a hold,
@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +42,8 @@ IN_WORDS = {
     "puck": "A puck of radius 10 mm and height 8 mm, bonded",
     "layers": "A slab of 4 mm, bonded, its upper 0.5 mm three times as stiff",
 }
+ORACLE = "closest imitations known (oracle)"
+SECTIONS = "effects,rules,controls,shrinkage"
 IN_SPACE = ("tilt_x", "tilt_y", "offset_x", "offset_y", "fibre", "inclusion_ratio")  # need three dimensions
 PEAK, DEEP = 1.5, 2.2  # mm
 TRUE = {"mu": 0.012, "D1": 6.0}  # MPa, 1/MPa
@@ -111,9 +116,7 @@ def made(folder: Path, body: str) -> None:
             force = np.interp(d, depth, exact / depth**1.5) * d**1.5 * (1.0 + GAIN * rng.standard_normal())
             force = force + NOISE * rng.standard_normal(len(d))
             read = d + DEPTH_NOISE * rng.standard_normal(len(d))
-            rows += [
-                f"{a:.3f},{b:.4f},{c:.5f},{repeat},{k}" for a, b, c, k in zip(t, read, force, kinds, strict=True)
-            ]
+            rows += [f"{a:.3f},{b:.4f},{c:.5f},{repeat},{k}" for a, b, c, k in zip(t, read, force, kinds, strict=True)]
         (folder / "measured" / f"{name}.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     every = [e.name for e in ask(load(study)).effects if e.place is None]
     effects = [n for n in every if n not in IN_SPACE]
@@ -122,10 +125,68 @@ def made(folder: Path, body: str) -> None:
         file.write("\n[diagnose]\neffects = [" + ", ".join(f'"{n}"' for n in effects) + "]\n")
 
 
-def _settings(study: Path) -> dict:
-    import tomllib
-
+def _settings(study: Path) -> dict[str, Any]:
     return tomllib.loads(study.read_text(encoding="utf-8"))["backend"]["settings"]
+
+
+def row(text: str, first: str) -> list[str]:
+    """Cells of the first row of a table that begins with a cell."""
+    line = next(v for v in text.splitlines() if v.startswith(f"| {first} |"))
+    return [c.strip() for c in line.strip("|").split("|")]
+
+
+def section(text: str, title: str) -> str:
+    """A section of a Markdown text, without its title."""
+    return text.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0].split("\nCPU ", 1)[0].strip()
+
+
+def summary(checks: dict[str, str]) -> list[str]:
+    """One column for each body: the figures by which the diagnosis of the ellipsoid is judged."""
+    columns = {b: _figures(text) for b, text in checks.items()}
+    words = list(next(iter(columns.values())))
+    out = ["| | " + " | ".join(checks) + " |", "|---" * (len(checks) + 1) + "|"]
+    return [*out, *(f"| {w} | " + " | ".join(c[w] for c in columns.values()) + " |" for w in words)]
+
+
+def _figures(text: str) -> dict[str, str]:
+    inference, controls, closes = (section(text, n) for n in ("Inference", "Controls", "How much closes"))
+    judged, missing, permuted = (
+        row(inference, "as it is"),
+        *(row(controls, n) for n in ("true effect not in the catalogue", "residuals permuted")),
+    )
+    # columns of the table of inference, those left out are empty
+    names = ["false alarms", "detected", "cause on top", "or its class", "in the named set", ""]
+    names += ["set size", "wrong and sure", "", "slope"]
+    found = {n: v for n, v in zip(names, judged[1:], strict=True) if n}
+    size = re.search(r"under the true cause (\S+)", inference)
+    held, turn = (row(t, "all") for t in closes.split("### Each experiment", 1))
+    without = re.search(r"as judged, (\S+)", closes)
+    return {
+        "cases": re.search(r"(\d+ cases \(\d+ without a gap)", text)[1] + ")",
+        "effects tried": re.search(r"of (\d+) effects", text)[1],
+        **found,
+        "90 % interval of the size holds it": size[1] if size else "–",
+        "true cause not in the catalogue: unexplained or partly": f"{float(missing[2]) + float(missing[3]):.3f}",
+        "another cause sure": missing[5],
+        "permuted residuals: one cause, sure": permuted[5],
+        "share closed of the deep curve, median (quartiles)": f"{held[2]} of {held[1]} cases",
+        "over that of the true effect": held[4],
+        "the same, each experiment left out in turn": f"{turn[2]}; {turn[4]}",
+        "share printed without a gap": without[1] if without else "–",
+        f"cause on top of those found: {ORACLE}": row(text, "closest imitations known (oracle)")[1],
+        "nearest signature, no re-fit": row(text, "nearest signature, no re-fit")[1],
+    }
+
+
+def report(folder: Path, bodies: list[str], out: Path, command: str) -> None:
+    """The figures of every body, and each effect."""
+    checks = {b: (folder / b / "check.md").read_text(encoding="utf-8") for b in bodies}
+    lines = ["# Diagnosis on flat bodies, on cases of its own library", "", f"`{command}` (seed 0)", ""]
+    lines += [f"- {b}: {IN_WORDS[b]}, under a ball of 3 mm." for b in bodies]
+    lines += ["", *summary(checks), ""]
+    for b in bodies:
+        lines += [f"## {IN_WORDS[b]}", "", section(checks[b], "By effect"), ""]
+    out.write_text("\n".join(lines), encoding="utf-8")
 
 
 def options() -> argparse.Namespace:
@@ -134,20 +195,23 @@ def options() -> argparse.Namespace:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--only", default=",".join(SPECIMENS))
-    parser.add_argument("--sections", default="effects,rules,controls,shrinkage")
+    parser.add_argument("--out", type=Path, default=REPORT)
+    parser.add_argument("--again", action="store_true", help="with the studies and libraries that are there")
     return parser.parse_args()
 
 
 def main() -> None:
     """Study, library and check of every body."""
     o = options()
-    for body in o.only.split(","):
+    bodies = o.only.split(",")
+    for body in bodies:
         folder = o.folder / body
-        made(folder, body)
-        subprocess.run([sys.executable, "-m", "rso", "diagnose", str(folder), "--jobs", "1"], check=True)
-        out = folder / "check.md"
-        told = ["--cases", str(o.cases), "--sections", o.sections, "--jobs", "1", "--out", str(out)]
+        if not (o.again and (folder / "results" / "diagnosis.json").exists()):
+            made(folder, body)
+            subprocess.run([sys.executable, "-m", "rso", "diagnose", str(folder), "--jobs", "1"], check=True)
+        told = ["--cases", str(o.cases), "--sections", SECTIONS, "--jobs", "1", "--out", str(folder / "check.md")]
         subprocess.run([sys.executable, str(CHECK), str(folder), *told], check=True)
+    report(o.folder, bodies, o.out, f"python benchmarks/diagnosis_flat.py FOLDER --cases {o.cases}")
 
 
 if __name__ == "__main__":
