@@ -127,10 +127,28 @@ def test_every_skin_that_is_plausible_on_a_thin_slab_is_one_it_can_have(thicknes
         "mesh": {"level": "coarse"},
         "derivatives": False,
     }
-    low, high = BACKEND.plausible(settings, ())["skin_thickness"]
+    low, high = BACKEND.plausible(settings)["skin_thickness"]
     assert 0.0 < low < high
     case = Case("a", Programme.ramp((0.1 * thickness,)), settings)
     assert BACKEND({"mu": 0.01, "D1": 5.0, "skin_ratio": 3.0, "skin_thickness": high}, case).channels["Fz"][0] > 0.0
     thick = {"mu": 0.01, "D1": 5.0, "skin_ratio": 3.0, "skin_thickness": 1.2 * high}
     with pytest.raises(SimulationFailed, match="skin thickness"):  # no more can be had
         BACKEND(thick, case)
+
+
+@pytest.mark.parametrize("upper", [0.1, 0.5, 2.0, 3.9])
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"shape": "slab", "thickness": 4.0},
+        {"shape": "cylinder", "radius": 10.0, "height": 4.0},
+        {"shape": "block", "size": [20.0, 20.0, 4.0]},
+    ],
+)
+def test_the_error_of_a_layer_leaves_something_of_it_and_of_what_is_below(body, upper):
+    settings = {"specimen": {**body, "layers": [{"thickness": upper, "ratio": 3.0}]}, "support": {"kind": "bonded"}}
+    declared = {p.name: p.plausible for p in BACKEND.parameters}
+    low, high = (declared | BACKEND.plausible(settings))["delta_layer"]
+    assert upper + low > 0.5 * upper
+    assert upper + high < 4.0
+    assert high == -low > 0.0
