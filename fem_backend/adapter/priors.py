@@ -122,7 +122,7 @@ def variants(own: Settings) -> dict[str, Mapping[str, Any]]:
     found = {}
     for name, other in SUPPORTS.members.items():
         usual = SUPPORTS.read({"kind": name})
-        tried = usual.refusal(own.specimen) is None and usual.offered(own.specimen)
+        tried = name != own.support.name and usual.refusal(own.specimen) is None and usual.offered(own.specimen)
         if tried and not own.support.same(usual, own.specimen):
             words = f"{other.words} instead of {own.support.words}"
             found[other.variant] = {"settings": {"support": {"kind": name}}, "group": other.group, "description": words}

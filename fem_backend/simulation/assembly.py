@@ -339,6 +339,7 @@ def touching(
     """Surfaces that may touch: the indenter around the first contact, and what the support offers to touch."""
     middle = model.body.nodes[model.facets].mean(1)
     near = np.linalg.norm(middle - placement.contact, axis=1) < placement.indenter.reach
+    near &= placement.specimen.part("upper", middle) | (middle[:, 2] > placement.specimen.lowest[2])  # not the base
     below = settings.support.surfaces(placement.specimen, model.body, model.facets)
     return contact_surface(model.body, model.facets[near], placement.specimen), below
 

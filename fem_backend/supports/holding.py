@@ -59,7 +59,8 @@ class Holding:
             return False  # what has knobs of its own does more
         X = _around(specimen)
         every = np.arange(len(X))
-        return np.array_equal(self.held(specimen, X, every), other.held(specimen, X, every))
+        mine, its = self.held(specimen, X, every), other.held(specimen, X, every)
+        return np.array_equal(mine, its) and bool(mine.any())  # what holds none of them cannot be told
 
     def held(self, specimen: Any, X: np.ndarray, surface: np.ndarray) -> np.ndarray:
         """Which displacement components (n, 3) of nodes X (n, 3) it holds: a member says."""
@@ -112,10 +113,10 @@ class Holding:
 
 
 def _around(specimen: Any) -> np.ndarray:
-    """Points (LOOKED_AT, 3) mm of the surface in all directions: nearest to a Fibonacci lattice on a sphere around."""
+    """Points (n, 3) mm of the surface: the lowest, and those nearest to a Fibonacci lattice on a sphere around."""
     k = np.arange(LOOKED_AT) + 0.5
     z, turn = 1.0 - 2.0 * k / LOOKED_AT, np.pi * (1.0 + np.sqrt(5.0)) * k
     r = np.sqrt(1.0 - z**2)
     directions = np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
     middle = 0.5 * (specimen.top + specimen.lowest)
-    return np.array([specimen.closest(middle + 2.0 * specimen.largest * d) for d in directions])
+    return np.array([specimen.lowest, *(specimen.closest(middle + 2.0 * specimen.largest * d) for d in directions)])

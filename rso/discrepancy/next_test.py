@@ -136,8 +136,13 @@ def simulated(
 
 def _out_of_reach(there: Library, survivors: Survivors) -> bool:
     """Whether a survivor relaxes in times that, in the travel of the tests of a library, lie beyond those computed."""
-    d, speeds = len(there.base.axes), {t.speed for t in there.plan.tests}
+    d, speeds, own = len(there.base.axes), {t.speed for t in there.plan.tests}, there.base.relaxing
     for effects, post in survivors.values():
+        if own is not None:
+            level = there.places[there.home(own.effect)].effects[own.effect.name].nodes.levels[1]
+            late = there.base.relaxation(post.at[:, :d])[:, 1] + np.log([[v] for v in speeds])
+            if np.mean((late < level.min()) | (late > level.max())) > FEW:
+                return True
         column = d
         for e in (e for e in effects if e.family != "scatter"):  # these have no coordinate
             timely = [k for k, s in enumerate(e.knobs) if k and timed(s)] if e.family == "model" else []

@@ -36,6 +36,8 @@ from rso.core.units import quantity
 from rso.data import recorded_speed
 from rso.discrepancy import Base, BaseAxis, Effect, Experiment, Library
 from rso.discrepancy.library.planning import framed
+from rso.discrepancy.library.relaxation import relaxes
+from rso.discrepancy.library.simulations import BaseRelaxation
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
@@ -48,6 +50,7 @@ Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
 WIDTH = 79  # of lines that say much
 ROUNDS = 2  # of finalists computed anew
+AROUND = 2.5  # times a time that relaxes: how far it is computed on each side
 BEYOND = 1.5  # times the range of a modulus that moves what is fixed over it: how far simulations go on each side
 
 
@@ -78,17 +81,19 @@ def ask(study: Study) -> Asked:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
     base = _base(study, backend, resolved)
+    base = _relaxing(base, study, backend, resolved)
     try:
         framed(base, plan)
     except ValueError as error:
-        place = ("parameters", *(a.name for a in base.axes[2:3]))
+        place = ("parameters", *(a.name for a in base.simulated[2:3]))
         raise study_error(study.file, study.lines, [Problem(place, str(error))]) from error
     if not any(e.role != "validate" and e.measurement.kind == "force" for e in experiments):
         text = 'diagnosis needs a force curve with role "fit" or "select"'
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
     every = discrepancy.catalogue(backend, study.backend.settings, resolved.fixed, opened)
-    every = tuple(e for e in every if e.size.name not in base.held)  # known, and no multiple of the modulus
+    own = {*base.held, *(base.relaxing.names if base.relaxing else ())}
+    every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
     measured = {c for t in plan.seen().tests for c in t.channels}
     effects = discrepancy.recorded(every, measured)
     wanted = study.diagnose.effects
@@ -231,6 +236,33 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     lean = forces.lean if forces else {}
     draft = dict(cheap.draft if cheap else lean) | dict(study.diagnose.settings)
     return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
+
+
+def _relaxing(base: Base, study: Study, backend: Backend, resolved: Resolved) -> Base:
+    """The base model with its share and its time that relax, if it has one of each, taken as an effect in all it says.
+
+    So every rate and every hold is followed, and no simulation of the base rests.
+    """
+    opened = {a.name: a for a in resolved.axes}
+    values = {p.name: resolved.fixed.get(p.name, p.default) for p in backend.parameters}
+    for e in filter(relaxes, discrepancy.catalogue(backend, study.backend.settings, {}, ())):
+        share, time = e.size.name, e.shape[0].name
+        (_, most), (short, long) = (
+            (opened[k].low, opened[k].high) if k in opened else (values[k] or 0.0,) * 2 for k in (share, time)
+        )
+        if not (0.0 < most <= 1.0 and short > 0.0):  # none
+            continue
+        wide = short / AROUND, long * AROUND
+        effect = dataclasses.replace(
+            e,
+            name=f"{e.name} of the base model",
+            size=dataclasses.replace(e.size, low=0.0, high=most),
+            shape=(dataclasses.replace(e.shape[0], low=wide[0], high=wide[1]),),
+        )
+        fixed = tuple(None if k in opened else values[k] for k in (share, time))
+        last = sorted(base.axes, key=lambda a: a.name in (share, time))
+        return dataclasses.replace(base, axes=tuple(last), relaxing=BaseRelaxation(effect, fixed))
+    return base
 
 
 def _axis(a: Axis, low: float, high: float, exponent: int, reference: float, keep: bool) -> BaseAxis:

@@ -34,6 +34,7 @@ What costs little has no row: it is held by the daily tests, `./dev test tests/f
 | loop of Coulomb, work of separation, contact found again in any frame | `test_contact.py` |
 
 Negative controls (normal or friction reversed, a wrong factor in law or area): `test_controls.py` of the marked set.
+Beside 2 500 public slab curves of another code: [nanoindentation](../reports/nanoindentation.md).
 
 | property | measured | test |
 |---|---|---|

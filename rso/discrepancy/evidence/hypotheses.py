@@ -12,7 +12,7 @@ from rso.discrepancy.evidence.gaussian_mixture import TileFactors, Tiles, compre
 from rso.discrepancy.library.effects import Effect, Size
 from rso.discrepancy.library.interpolation import placed, points, timed
 from rso.discrepancy.library.prediction import predict
-from rso.discrepancy.library.simulations import BaseAxis
+from rso.discrepancy.library.simulations import Base, BaseAxis
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import HELD, LOADING, UNLOADING, SurfaceProfile, TestPlan
 
@@ -20,6 +20,8 @@ BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
 VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does on it is far from linear
+BESIDE_RELAXING = 3  # of every other axis there
+RELAXING_TILES = 2, 4  # of the share and of the time of a base model that relaxes
 TIME_TILES = 6
 TIME_WIDTH = 1.0  # in ln τ
 PLACE_TILES = 5
@@ -65,7 +67,7 @@ def tiles(
     for j, a in enumerate(library.base.axes):
         shift = kept[j].slope * np.log(modulus) if j in kept else 0.0
         low, high = (kept[j].low + shift, kept[j].high + shift) if j in kept else a.ends
-        levels.append(_even(max(low, a.ends[0]), min(high, a.ends[1]), BASE_TILES[len(library.base.axes)]))
+        levels.append(_even(max(low, a.ends[0]), min(high, a.ends[1]), _of_axis(library.base, a)))
     for e in effects:
         levels.append(_sizes(e, coarse))
         for s in e.shape:
@@ -107,6 +109,13 @@ def tiles(
     if base is not None:
         also = np.concatenate([base.lift(base.A), base.lift(base.c) / modulus])
     return compressed(own, list(blocks(library.plan).values()), also, modulus)
+
+
+def _of_axis(base: Base, axis: BaseAxis) -> int:
+    """Tiles of an axis of the base model: fewer of each, the more there are; of a share that relaxes, and its time."""
+    if axis not in base.simulated:
+        return RELAXING_TILES[axis.unit == "s"]
+    return BASE_TILES[len(base.axes)] if len(base.axes) == len(base.simulated) else BESIDE_RELAXING
 
 
 def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:

@@ -43,15 +43,15 @@ class Sizes:
 
 def framed(base: Base, plan: TestPlan) -> LibraryFrame:
     """The frame of a library; ValueError for a base model that cannot have one."""
-    d = len(base.axes)
+    d = len(base.simulated)
     if d not in (0, *BASE_NODES):
         held = f" (what stays where the modulus moves, {', '.join(base.held)}, counts as one)" if base.held else ""
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}{held}: fix some")
-    several = len({round(np.log(t.speed), 1) for t in plan.tests}) > 1
-    if (several or any(t.held.any() for t in plan.tests)) and rated(base, plan):
+    if rated(base, plan) and any(t.held.any() or round(np.log(t.speed), 1) != 0.0 for t in plan.tests):
         raise ValueError(
-            "the base model itself depends on the rate, and the tests have several or a hold: set what relaxes to "
-            "neutral and let the diagnosis find it, or give tests of one speed without holds"
+            "the base model depends on the rate by more than one share and its time among the parameters; tests with a "
+            "hold, or another speed than 1 mm/s, cannot be diagnosed with it. Leave one share that relaxes and its "
+            "time, as parameters, or none: the diagnosis looks for it"
         )
     # rounded: data sets recorded with the same nominal speeds share their library
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
@@ -59,8 +59,8 @@ def framed(base: Base, plan: TestPlan) -> LibraryFrame:
     return LibraryFrame(
         int(np.argmax([sum(_pressed(t) for t in judged if t.place == k) for k in range(len(plan.places))])),
         (slowest, fastest),
-        tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes),
-        tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes),
+        tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.simulated),
+        tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.simulated),
         tuple(passes(plan, k) for k in range(len(plan.places))),
     )
 
@@ -76,10 +76,15 @@ def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[Libra
     Raises ValueError for a base model that cannot have one.
     """
     frame, anywhere = framed(base, plan), np.ones(len(plan.places), bool)
-    modelled = [e for e in effects if e.family == "model"]
+    modelled = simulated(base, effects)
     jobs = jobs_of_base(base, plan, frame)
     jobs += jobs_of_effects(base, plan, modelled, frame, Sizes(~anywhere, anywhere))[1]
     return list({key_of(base, j): j for j in reversed(jobs)}.values())[::-1]
+
+
+def simulated(base: Base, effects: Sequence[Effect]) -> list[Effect]:
+    """Effects of the model, and what relaxes in the base model: their changes are simulated."""
+    return [*([base.relaxing.effect] if base.relaxing else []), *(e for e in effects if e.family == "model")]
 
 
 def key_of(base: Base, job: LibraryJob) -> str:

@@ -57,6 +57,9 @@ def predict(
         at += len(e.knobs)
     chain = [(e, p) for e, p in parts if e.family == "measurement"]
     model = [(e, p) for e, p in parts if e.family == "model"]
+    relaxing = library.base.relaxing
+    if relaxing is not None:  # it comes first: all others change what it leaves
+        model.insert(0, (relaxing.effect, library.base.relaxation(x)))
     W = library.base_weights(x)
     weights: dict[tuple[int, float], list[Weighted]] = {}  # of every model effect at every place and rate
     for place, speed in {(t.place, t.speed) for t in plan.tests}:
@@ -70,7 +73,10 @@ def predict(
         here = library.places[place]
         f = np.tensordot(W, here.base, axes=1)
         own = [np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w, _ in weights[place, speed]]
-        return f + f[:, 2:] * (here.mesh + here.ways[way] + sum(own))
+        step = here.mesh + here.ways[way]
+        if relaxing is not None:
+            return f + f[:, 2:] * (own[0] + (1.0 + own[0][:, 2:]) * (step + sum(own[1:])))
+        return f + f[:, 2:] * (step + sum(own))
 
     def decays(place: int, speed: float, way: int) -> list[tuple[np.ndarray, np.ndarray]]:
         here = library.places[place]
@@ -91,9 +97,14 @@ def predict(
         else:
             read = _readings(library, item)
             c = item.channels.index(channel)
-            change = read.step[c] + sum(
-                _change(w, r, item, read.changes[e.name][:, c]) for e, w, r in weights[item.place, item.speed]
-            )
+            mine = weights[item.place, item.speed]
+            each = [_change(w, r, item, read.changes[e.name][:, c]) for e, w, r in mine]
+            if relaxing is None:
+                change = read.step[c] + sum(each)
+            else:
+                e, w, r = mine[0]
+                left = 1.0 + _change(w, r, item, read.normal_changes[e.name])
+                change = each[0] + left * (read.step[c] + sum(each[1:]))
             force[:, rows] = W @ read.base[:, c] + (W @ read.normal) * change
     return force, moved
 
@@ -119,12 +130,16 @@ def _change(weights: np.ndarray, relaxing: Relaxing | None, test: Test, change: 
 
 @dataclass(frozen=True, eq=False)
 class _Readings:
-    """Tables at the recorded depths of a test: base (n_base, c, n), its Fz (n_base, n), steps and changes."""
+    """Tables at the recorded depths of a test: base (n_base, c, n), its Fz (n_base, n), steps and changes.
+
+    `normal_changes` (n_nodes, n) are those of Fz, whichever channels were measured.
+    """
 
     base: np.ndarray
     normal: np.ndarray
     step: np.ndarray
     changes: dict[str, np.ndarray]
+    normal_changes: dict[str, np.ndarray]
 
 
 def _readings(library: Library, test: Test) -> _Readings:
@@ -158,13 +173,13 @@ def _read(key: _Key) -> _Readings:
     pick = [FORCES.index(c) for c in test.channels]
     loading, unloading = passes_of(here.passes, test)
     back = test.branch == UNLOADING
-    changes = {
-        name: np.where(back, at(t.change[:, unloading]), at(t.change[:, loading]))[:, pick]
-        for name, t in here.effects.items()
+    every = {
+        name: np.where(back, at(t.change[:, unloading]), at(t.change[:, loading])) for name, t in here.effects.items()
     }
+    changes, normal = {k: v[:, pick] for k, v in every.items()}, {k: v[:, 2] for k, v in every.items()}
     base = at(here.base)
     step = at(here.mesh) + np.where(back, at(here.ways[unloading]), at(here.ways[loading]))
-    return _Readings(base[:, pick], base[:, 2], step[pick], changes)
+    return _Readings(base[:, pick], base[:, 2], step[pick], changes, normal)
 
 
 def _recorded(

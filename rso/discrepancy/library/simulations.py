@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Backend, Case, Programme
+from rso.contract import Backend, Case, Programme, Relaxation, capability
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.test_plan import Test, TestPlan, rounded
@@ -52,6 +52,22 @@ class BaseAxis:
         return (float(np.log(self.low)), float(np.log(self.high))) if self.log else (self.low, self.high)
 
 
+@dataclass(frozen=True, eq=False)
+class BaseRelaxation:
+    """Relaxation that belongs to the base model: tables hold it as an effect, simulations of the base are without it.
+
+    `values` are size and time of the `effect` where they are fixed, None where an axis of its knob's name has them.
+    """
+
+    effect: Effect
+    values: tuple[float | None, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its knobs."""
+        return tuple(k.name for k in self.effect.knobs)
+
+
 @dataclass(frozen=True)
 class Base:
     """The base model: its modulus with a reference value, the other open parameters, and fixed values.
@@ -59,6 +75,7 @@ class Base:
     Settings of many cheap runs, `draft`, and of those on the study's mesh, `lean`.  Fixed values with a stress in their
     unit, `held` with its exponent e, stay where the modulus moves, so that it needs an axis of its own, named as it is:
     at the reference modulus μ₀ they are p (μ/μ₀)^−e.  Without such an axis `low` = `high` is a modulus that is fixed.
+    Axes of what is `relaxing` come last: with the values of its knobs the model is simulated without them.
     """
 
     backend: Backend
@@ -71,13 +88,32 @@ class Base:
     draft: Mapping[str, Any]
     lean: Mapping[str, Any] = field(default_factory=dict)
     held: Mapping[str, int] = field(default_factory=dict)
+    relaxing: BaseRelaxation | None = None
+
+    @property
+    def simulated(self) -> tuple[BaseAxis, ...]:
+        """The axes along which the base model is simulated: all but those of what relaxes, which come last."""
+        return tuple(a for a in self.axes if self.relaxing is None or a.name not in self.relaxing.names)
 
     def values(self, x: Sequence[float] | np.ndarray) -> dict[str, float]:
-        """Knobs at coordinates x of the axes, at the reference modulus."""
-        own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
+        """Knobs at coordinates x of the axes, or of those that are simulated, at the reference modulus."""
+        own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.simulated, x, strict=False)}
         scale = own.pop(self.modulus, self.reference) / self.reference
         held = {k: self.fixed[k] * scale**-e for k, e in self.held.items()}
-        return {**self.fixed, **held, self.modulus: self.reference, **own}
+        without = () if self.relaxing is None else self.relaxing.names
+        fixed = {k: v for k, v in self.fixed.items() if k not in without}
+        return {**fixed, **held, self.modulus: self.reference, **own}
+
+    def relaxation(self, x: np.ndarray) -> np.ndarray:
+        """Coordinates (T, 2) of size and time of what is `relaxing`, at coordinates x (T, d) of the axes."""
+        assert self.relaxing is not None
+        out = np.empty((len(x), len(self.relaxing.values)))
+        for j, (k, given) in enumerate(zip(self.relaxing.effect.knobs, self.relaxing.values, strict=True)):
+            axis = next((n for n, a in enumerate(self.axes) if a.name == k.name), None)
+            value = given if axis is None else self.axes[axis].physical(x[:, axis])
+            assert value is not None
+            out[:, j] = np.log(value) if k.neutral is None and k.logarithmic else np.asarray(value) - (k.neutral or 0.0)
+        return out
 
     @property
     def tied(self) -> int | None:
@@ -92,8 +128,8 @@ class Base:
 
     @property
     def centre(self) -> tuple[float, ...]:
-        """Middle of the axes."""
-        return tuple(0.5 * sum(a.ends) for a in self.axes)
+        """Middle of the axes that are simulated."""
+        return tuple(0.5 * sum(a.ends) for a in self.simulated)
 
 
 @dataclass(frozen=True)
@@ -255,8 +291,10 @@ def jobs_at(
 
 
 def rated(base: Base, plan: TestPlan) -> bool:
-    """Whether the base model itself depends on the rate: an effect that is switched on has a time."""
-    task = task_of(base, plan, 0, base.values(base.centre), None, {})
+    """Whether what is simulated of the base depends on the rate: it relaxes, or an effect that is on has a time."""
+    task, asked = task_of(base, plan, 0, base.values(base.centre), None, {}), capability(base.backend, Relaxation)
+    if asked is not None and asked.relaxes(task.values, task.case.settings):
+        return True
     kept = base.backend.canonical(task.values, task.case)[0]
     on = {p.group for p in base.backend.parameters if p.group and p.neutral is not None and p.name in kept}
     return any(p.unit == "s" and p.group in on for p in base.backend.parameters)

@@ -20,7 +20,7 @@ from scipy.interpolate import interp1d
 from rso.core.curves import Resampling
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import Nodes, cardinal, placed, points, tensor, timed
-from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
+from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of, simulated
 from rso.discrepancy.library.relaxation import dense, foreseen, relaxes
 from rso.discrepancy.library.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
 from rso.discrepancy.library.simulations import Base, LibraryJob, Pass, Run, nearest
@@ -135,15 +135,15 @@ class Library:
         return np.tensordot(W, table.change, axes=1), W @ table.marks
 
     def base_weights(self, x: np.ndarray) -> np.ndarray:
-        """(T, n_base): the base model at coordinates x (T, d) in terms of its nodes."""
-        return tensor(self.levels, x)
+        """(T, n_base): the base model at coordinates x (T, d) in terms of its nodes, without what relaxes in it."""
+        return tensor(self.levels, x[:, : len(self.levels)])
 
 
 def _told(base: Base, job: LibraryJob) -> str:
     """The values of a run, and how its open parameters came by them: nobody stated a product of two ranges."""
     values = job.task.values
-    each = [f"{base.modulus} = {base.reference:.4g}", *(f"{a.name} = {values[a.name]:.4g}" for a in base.axes)]
-    bound = [a.name for a in base.axes if a.exponent]
+    each = [f"{base.modulus} = {base.reference:.4g}", *(f"{a.name} = {values[a.name]:.4g}" for a in base.simulated)]
+    bound = [a.name for a in base.simulated if a.exponent]
     why = f"; low and high of {base.modulus} and of {' and '.join(bound)} are taken together" if bound else ""
     return f"{', '.join(dict.fromkeys(each))} (a library covers the ranges of [parameters]{why}: narrow them)"
 
@@ -155,7 +155,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     """
     frame = framed(base, plan)
     primary, levels, few, every = frame.primary, frame.levels, frame.few, frame.every
-    modelled = [e for e in effects if e.family == "model"]
+    modelled = simulated(base, effects)
     jobs = jobs_of_base(base, plan, frame)
     outcomes = run([j.task for j in jobs])
     unknowns = np.zeros(len(plan.places))
@@ -191,6 +191,8 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
     home = {e.name: _home(e, plan, primary) for e in modelled}
     lost = {name for name, k in home.items() if not tables[k].effects[name].known.any()}
+    if base.relaxing is not None and base.relaxing.effect.name in lost:
+        raise LibraryUnanswered("the base model has no answer where it relaxes")
     carried = tuple(
         replace(
             here,
