@@ -30,7 +30,7 @@ from pathlib import Path
 import checked
 import complete
 import controls
-import coverage
+import covered
 import sections
 import shrunk
 import smooth
@@ -173,7 +173,7 @@ def main() -> None:
         "ablations": lambda: sections.without(say, bench, cases, y, classes, o.seed),
         "smooth": lambda: smooth.of_no_cause(say, evidence, y, threshold, o.seed),
         "pairs": lambda: sections.with_pairs(say, own, s, o.pairs),
-        "coverage": lambda: coverage.section(say, evidence, y, threshold, o.seed),
+        "coverage": lambda: covered.section(say, evidence, y, threshold, o.seed),
         "whole": lambda: complete.complete(say, whole, s, values, o.whole, o.seed),
     }
     for name in ("inference", *(n for n in SECTIONS if n in o.sections.split(","))):

@@ -14,9 +14,11 @@ from rso.discrepancy.evidence.attribution import GAPS, Comparison, Evidence, Sha
 from rso.discrepancy.evidence.gaussian_mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
 from rso.discrepancy.library.effects import Effect, Size
 from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.tables import Library
 
 NULL, PAIRS = 0.3, 0.1  # shares of the cases; the rest has one cause
 SPREAD = 0.05  # of ln modulus around the one that gives the forces of the study
+REDRAWN = 100  # times at most, until all cases lie in the ranges that fits keep to
 AT_ONCE = 300  # data sets per evaluation: bounds the memory
 TWIN = "_twin"
 
@@ -86,6 +88,27 @@ def draw_cases(bench: Shared, y: np.ndarray, count: int, seed: int, nothing: boo
 
 
 def _drawn(bench: Shared, force: np.ndarray, effects: tuple[Effect, ...], count: int, rng: np.random.Generator):
+    """Means, coordinates and moduli of cases of these effects whose parameters lie in the ranges that fits keep to."""
+    mean, X, modulus = _anywhere(bench, force, effects, count, rng)
+    for _ in range(REDRAWN):
+        out = ~_kept(bench.library, X, modulus)
+        if not out.any():
+            return mean, X, modulus
+        mean[out], X[out], modulus[out] = _anywhere(bench, force, effects, int(out.sum()), rng)
+    raise ValueError("hardly a case has parameters in the ranges that fits keep to")
+
+
+def _kept(library: Library, X: np.ndarray, modulus: np.ndarray) -> np.ndarray:
+    """Whether the parameters (B,) of base coordinates X (B, d) and moduli lie where fits look for them."""
+    inside = np.ones(len(X), bool)
+    for k, a in enumerate(library.base.axes):
+        if a.kept is not None:
+            v = a.physical(X[:, k], modulus)
+            inside &= (v >= a.kept[0]) & (v <= a.kept[1])
+    return inside
+
+
+def _anywhere(bench: Shared, force: np.ndarray, effects: tuple[Effect, ...], count: int, rng: np.random.Generator):
     library = bench.library
     columns = [rng.uniform(*a.ends, count) for a in library.base.axes]
     for e in effects:

@@ -81,8 +81,9 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     travel, c = np.maximum(np.abs(result.travel), 1e-300), calibration(settings)
     left, size = run_terms(settings, knobs, result), whole_force(result)
     near = (travel[:, None] <= 2.0 * travel) & (travel <= 2.0 * travel[:, None]) & (result.travel > 0.0)
-    a = np.maximum(result.channels["contact_radius"], 1e-300)
-    share = np.minimum(COMPARED * (1.0 + (4.0 * element_size(settings, True) / a) ** 2), 1.0)
+    h0 = element_size(settings, True)
+    a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
+    share = np.minimum(COMPARED * (1.0 + (4.0 * h0 / a) ** 2), 1.0)
     out = {}
     for name, fine in result.channels.items():
         if name in ("time", "travel"):

@@ -24,6 +24,7 @@ PREVENTED = {
     "all points again with a lubricated indenter": ("friction",),
     "all points again under water, which takes the adhesion away": ("adhesion",),
 }
+THICKEST = 0.9  # of the thickest skin that a specimen can have: one that is plausible
 DEEP = 2.0  # lengths of the indenter: travel by which elements below are so distorted that programs part company
 Range = tuple[float, float] | None
 
@@ -44,7 +45,7 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
     others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
     others += own.specimen.absent()
     others += [k for k in SUPPORTS.of_others(own.support.name) if declared[k].neutral is not None]
-    return {**_lengths(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
+    return {**_lengths(own, declared), **_skin(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
 
 
 def gauges(own: Settings) -> dict[str, tuple[str, float]]:
@@ -76,6 +77,13 @@ def _lengths(own: Settings, declared: Mapping[str, Any]) -> dict[str, Range]:
     """What grows with specimen or indenter: errors of dimensions and places, a skin, a clearance, an adhesion."""
     mine = {name: k for name, k in _factors(own).items() if declared[name].plausible}
     return {name: tuple(k * v for v in declared[name].plausible) for name, k in mine.items()}
+
+
+def _skin(own: Settings, declared: Mapping[str, Any]) -> dict[str, Range]:
+    """A skin no thicker than the specimen can have, where the indenter's share would be: a thin layer under a ball."""
+    low, high = (_factors(own).get("skin_thickness", 1.0) * v for v in declared["skin_thickness"].plausible)
+    most = THICKEST * own.specimen.skin_limit
+    return {"skin_thickness": (low * most / high, most)} if high > most else {}
 
 
 def _inclusion(own: Settings, declared: Mapping[str, Any]) -> dict[str, Range]:

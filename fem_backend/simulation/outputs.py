@@ -10,6 +10,7 @@ import numpy as np
 from fem_backend import post
 from fem_backend.contact import tractions
 from fem_backend.contact.rings import ring_patch
+from fem_backend.contact.tractions import Pair
 from fem_backend.indenters import Contact
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import Placement
@@ -92,6 +93,7 @@ def softness(at: InitialState, points: Sequence[LoadPoint]) -> np.ndarray:
 
         F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
 
+    with p per area before, but p²/ε dA = p² (dA/da)/ε dA where contact acts per area now, da,
     along each way of the indenter (an elastic body has one) from the values at the asked travels s; p₀ carries the
     weight of a loose body.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
     Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are
@@ -105,7 +107,10 @@ def softness(at: InitialState, points: Sequence[LoadPoint]) -> np.ndarray:
             continue
         rest = _resting(at)[k]
         taken = [p.evaluation.contacts[k].pressure - rest for p in points]
-        each = [0.5 * pair.surface.weights * p**2 / pair.epsilon for p in taken]
+        each = [
+            0.5 * pair.surface.weights * _stretch(at, pair, point) * p**2 / pair.epsilon
+            for p, point in zip(taken, points, strict=True)
+        ]
         raised = [np.broadcast_to(p.load.touches[k].raised, pair.epsilon.shape) for p in points]
         W += np.einsum("jfq,kfq->jk", each, 1.0 / np.array(raised))
     moves = np.nonzero(np.diff(s))[0]  # from each of these points to the next; at rest nothing moves
@@ -122,6 +127,13 @@ def softness(at: InitialState, points: Sequence[LoadPoint]) -> np.ndarray:
         rise[way] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in way]
     along = np.array([np.abs(p.force @ at.placement.direction) for p in points])
     return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
+
+
+def _stretch(at: InitialState, pair: Pair, point: LoadPoint) -> np.ndarray | float:
+    """Areas before over those now, dA/da (f, q), of a pair that acts per area now; else 1."""
+    if not tractions.follows(pair):
+        return 1.0
+    return pair.surface.weights / tractions.areas(pair, at.model.body.nodes + point.evaluation.u)
 
 
 def _resting(at: InitialState) -> list[np.ndarray | float]:

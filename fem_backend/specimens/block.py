@@ -150,7 +150,8 @@ class Cuboid(FlatTopped):
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""
-        return {f"delta_l{a}": v / u for a, v, u in zip(AXES, (self.lx, self.ly, self.lz), USUAL, strict=True)}
+        sizes = zip(AXES, (self.lx, self.ly, self.lz), USUAL, strict=True)
+        return {**{f"delta_l{a}": v / u for a, v, u in sizes}, **self.upper()}
 
     @property
     def ratio(self) -> float:

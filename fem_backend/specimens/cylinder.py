@@ -144,7 +144,8 @@ class Cylinder(FlatTopped):
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""
-        return {"delta_radius": self.radius / USUAL[0], "delta_height": self.tall / USUAL[1]}
+        own = {"delta_radius": self.radius / USUAL[0], "delta_height": self.tall / USUAL[1]}
+        return {**own, **self.upper()}
 
     @property
     def ratio(self) -> float:

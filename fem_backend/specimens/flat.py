@@ -22,6 +22,7 @@ ACROSS = 5.0  # elements through the height at least, at unit fineness
 WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
 DEEPEST = 0.75  # of the height
+USUAL_LAYER = 0.5  # thickness (mm) that the declared range of its error is meant for
 ON = 1e-9  # of the height: what lies this near a plane lies in it
 
 
@@ -338,6 +339,13 @@ class FlatTopped:
             return None
         ratios = np.array([*(k for _, k in self.layers), 1.0])
         return ratios[np.searchsorted(np.cumsum([t for t, _ in self.layers]), self.height - X[..., 2])]
+
+    def upper(self) -> dict[str, float]:
+        """Of `factors`: the error of a layer goes with its thickness, or that of what is below where that is less."""
+        if not self.layers:
+            return {}
+        t = self.layers[0][0]
+        return {"delta_layer": min(t, self.height - sum(v for v, _ in self.layers)) / USUAL_LAYER}
 
     def changed(self, knobs: Any, k: float) -> tuple[tuple[float, float], ...]:
         """Layers of a specimen `k` times as high, the uppermost with its own errors; ValueError where one vanishes."""

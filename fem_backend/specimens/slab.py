@@ -144,7 +144,7 @@ class Slab(FlatTopped):
 
     def factors(self) -> Mapping[str, float]:
         """The error goes with the thickness."""
-        return {"delta_thickness": self.ratio}
+        return {"delta_thickness": self.ratio, **self.upper()}
 
     @property
     def ratio(self) -> float:

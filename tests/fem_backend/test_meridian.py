@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -192,3 +193,20 @@ def test_a_rounded_edge_has_the_volume_of_one():
     centre = (square * f / 2.0 - quarter * (4.0 * f / (3.0 * np.pi))) / (square - quarter)  # of what is off, from r0
     off = 2.0 * np.pi * (R - f + centre) * (square - quarter)
     assert body.w.sum() == pytest.approx(np.pi * R**2 * h - off, rel=1e-5)
+
+
+def test_a_contact_that_is_lost_on_the_way_back_states_an_error():
+    back = Programme((0.0, 1.5, 3.0), (0.0, 1.5, 0.0), (0.75, 1.5), (2.2, 2.6, 2.95))
+    settings = {"specimen": SLAB, "support": {"kind": "bonded"}, "mesh": {"level": "coarse"}, "derivatives": False}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        r = BACKEND({**BALL, "prony_g": 0.6, "prony_tau": 1.0}, Case("a", back, settings))
+    assert r.channels["contact_radius"][-1] == r.channels["Fz"][-1] == 0.0  # else nothing is tested
+    assert np.isfinite(r.error["Fz"]).all()
+
+
+def test_forces_without_multipliers_are_those_with_them():
+    """A deep ball stretches the surface by two and a half: the penalty acts per area now.  Else 1.8 % at 2.4 mm."""
+    body = {"shape": "slab", "thickness": 4.0, "layers": [{"thickness": 0.5, "ratio": 3.0}]}
+    exact, lean = (pressed(body, asked=(0.5, 1.0, 1.5, 2.0, 2.4), multipliers=m) for m in (True, False))
+    np.testing.assert_allclose(lean.channels["Fz"], exact.channels["Fz"], rtol=2e-3)  # of second order in the penalty

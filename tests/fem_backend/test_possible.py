@@ -10,7 +10,7 @@ from fem_backend.simulation import experiment
 from fem_backend.supports.bonded import Bonded
 from fem_backend.supports.bowl import BowlSupport
 from fem_backend.supports.fixed import Fixed
-from rso.contract import Case, Programme
+from rso.contract import Case, Programme, SimulationFailed
 
 BENCH = "specimen and ball on the bench: callipers, a micrometer, a balance"
 ALIGNED = "ink on the ball and a level on the holder"
@@ -117,3 +117,38 @@ def test_what_is_said_of_friction_and_forces_holds_for_every_indenter():
     said += [f"{level['title']} {level['description']}" for rung in BACKEND.levels(flat) for level in rung]
     assert len(said) > 20 and "flat end" in " ".join(said)
     assert not [words for words in said if re.search(r"\b(ball|[Hh]ertz\w*)\b", words)]
+
+
+@pytest.mark.parametrize("thickness", [1.0, 4.0])
+def test_every_skin_that_is_plausible_on_a_thin_slab_is_one_it_can_have(thickness):
+    settings = {
+        "specimen": {"shape": "slab", "thickness": thickness},
+        "support": {"kind": "bonded"},
+        "mesh": {"level": "coarse"},
+        "derivatives": False,
+    }
+    low, high = BACKEND.plausible(settings)["skin_thickness"]
+    assert 0.0 < low < high
+    case = Case("a", Programme.ramp((0.1 * thickness,)), settings)
+    assert BACKEND({"mu": 0.01, "D1": 5.0, "skin_ratio": 3.0, "skin_thickness": high}, case).channels["Fz"][0] > 0.0
+    thick = {"mu": 0.01, "D1": 5.0, "skin_ratio": 3.0, "skin_thickness": 1.2 * high}
+    with pytest.raises(SimulationFailed, match="skin thickness"):  # no more can be had
+        BACKEND(thick, case)
+
+
+@pytest.mark.parametrize("upper", [0.1, 0.5, 2.0, 3.9])
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"shape": "slab", "thickness": 4.0},
+        {"shape": "cylinder", "radius": 10.0, "height": 4.0},
+        {"shape": "block", "size": [20.0, 20.0, 4.0]},
+    ],
+)
+def test_the_error_of_a_layer_leaves_something_of_it_and_of_what_is_below(body, upper):
+    settings = {"specimen": {**body, "layers": [{"thickness": upper, "ratio": 3.0}]}, "support": {"kind": "bonded"}}
+    declared = {p.name: p.plausible for p in BACKEND.parameters}
+    low, high = (declared | BACKEND.plausible(settings))["delta_layer"]
+    assert upper + low > 0.5 * upper
+    assert upper + high < 4.0
+    assert high == -low > 0.0

@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,10 @@ from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.cross_validation import HeldOut
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.verdict import Judgement
+from rso.discrepancy.library.simulations import BaseAxis
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "diagnosis"
-PARTS = ("cases", "scores", "controls", "sections", "checked", "shrunk", "smooth", "complete", "coverage")
+PARTS = ("cases", "scores", "controls", "sections", "checked", "shrunk", "smooth", "complete", "covered")
 
 
 @pytest.fixture(scope="module")
@@ -159,10 +161,31 @@ def test_the_interval_of_the_modulus_holds_it_as_often_as_it_says(bench):
     y = library.plan.values()
     evidence = Evidence(attribution.set_up(library, y), library.effects)
     force = bench.cases.fitted(evidence.bench, y)
-    rows = list(bench.coverage.coverage(evidence, y, force, 0.0, 200, 1))
+    rows = list(bench.covered.coverage(evidence, y, force, 0.0, 200, 1))
     found = {r[0]: [float(str(v).split()[0]) for v in r[3:]] for r in rows}
     assert {"all of these", "gain 1.03", "compliance 0.44 mm/N"} <= set(found)
     was, _, _, _, held, width = found["all of these"]
     assert held >= 0.85 and width < 10.0 and was < held, found
     assert found["gain 1.03"][0] < 0.6 < 0.7 <= found["gain 1.03"][4], found  # 3 % beside a gain known to 2 %
     assert found["compliance 0.44 mm/N"][4] >= 0.8, found
+
+
+def test_parameters_of_cases_lie_where_fits_look_for_them(bench, monkeypatch):
+    """Else the fit misses what nothing but the parameters makes, and says so: no false alarm."""
+    axis = BaseAxis("D1", "1/MPa", 0.005, 1.8, True, -1, (1.0, 60.0))
+    shared = SimpleNamespace(library=SimpleNamespace(base=SimpleNamespace(axes=(axis,))))
+
+    def anywhere(_bench, _force, _effects, count, rng):
+        return np.zeros((count, 5)), rng.uniform(*axis.ends, (count, 1)), rng.uniform(0.005, 0.03, count)
+
+    def values(draw):
+        _, x, modulus = draw(shared, None, (), 400, np.random.default_rng(1))
+        return np.exp(x[:, 0]) / modulus
+
+    before = values(anywhere)
+    assert before.min() < 1.0
+    assert before.max() > 60.0
+    monkeypatch.setattr(bench.cases, "_anywhere", anywhere)
+    drawn = values(bench.cases._drawn)
+    assert 1.0 <= drawn.min() < 2.0
+    assert 30.0 < drawn.max() <= 60.0
