@@ -252,7 +252,7 @@ def test_elements_are_small_where_a_surface_bends():
     cone, ball = Cone(60.0, 0.05).spacing(r), Sphere(3.0).spacing(r)
     assert np.argmin(cone) == 0 and np.all(np.diff(cone) >= 0.0) and cone[0] == pytest.approx(0.05 / 3.0)
     assert (
-        ball[0] == pytest.approx(0.09) and ball[199] == pytest.approx(0.36, abs=1e-3) and np.all(np.diff(ball) >= 0.0)
+        ball[0] == pytest.approx(0.15) and ball[199] == pytest.approx(0.36, abs=1e-3) and np.all(np.diff(ball) >= 0.0)
     )
     assert np.ptp(Plate().spacing(r)) == 0.0
     for shape, larger in ((Flat(2.0, 0.1), Flat(2e-3, 1e-4)), (Cone(60.0, 0.05), Cone(60.0, 5e-5))):
