@@ -46,6 +46,20 @@ LAYOUT: dict[str, Any] = {
             "others": [{"channel": None, "unit": None, "measured": None}],
         }
     ],
+    "sketches": [
+        {
+            "experiments": [None],
+            "words": None,
+            "plane": None,
+            "drawn": [{"role": None, "points": [[None]], "text": None}],
+        }
+    ],
+    "formulas": [
+        {
+            **{"experiment": None, "depth": [None], "simulated": [None], "error": [None]},
+            "formulas": [{**dict.fromkeys(("name", "source", "modulus")), "force": [None], "invalid": [None]}],
+        }
+    ],
     "outputs": [dict.fromkeys(("id", "experiment", "channel", "depth_mm", "unit"))],
     "verify": dict.fromkeys(("tolerance", "max_infill")),
     "metric": None,
