@@ -93,7 +93,7 @@ def test_a_rigid_motion_along_the_axis_changes_nothing() -> None:
     """Of the motions of a body of revolution only this one is rigid; to round-off of the shifted positions."""
     body, _ = cylinder()
     material = Material(NeoHooke(MU, 0.02))
-    u = bumpy(body)
+    u = 0.6 * bumpy(body)
     here, there = (response.answer(body, material, u + v, None, 0.0, None) for v in (0.0, np.array([0.0, 0.0, 7.0])))
     assert there.energy == pytest.approx(here.energy, rel=1e-11)
     assert np.abs(there.force - here.force).max() < 1e-10 * np.abs(here.force).max()
