@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import Settings, on_axis
 
 TABLE = Path(__file__).with_suffix(".toml")
 UNKNOWN = 3.0  # times as much for a pair that nobody has fitted: a wide guess, no calibration
@@ -76,7 +76,7 @@ def calibration(settings: Settings) -> Calibration:
 def uncalibrated(settings: Settings) -> str | None:
     """What a reader must know of the errors that runs with these settings state; None where the pair is calibrated."""
     c = calibration(settings)
-    if c.inflated == 1.0 or all(m.of_revolution for m in (settings.specimen, settings.indenter, settings.support)):
+    if c.inflated == 1.0 or on_axis(settings):
         return None  # a meridian states its errors by a second run of its own
     return (
         f"numerical errors are not calibrated for specimen.shape = {settings.specimen.name!r} under indenter.shape = "

@@ -12,7 +12,7 @@ from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.experiment import Settings, element_size, profile_name
+from fem_backend.simulation.experiment import Settings, element_size, on_axis, profile_name
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
@@ -317,10 +317,10 @@ def at_depth(settings: Settings, depth: float) -> float:
     Of what may be solved on its meridian: 0.13 % f² + 35 % (h₀/a)², f the fineness, as of slabs and a half-space at 0.1
     to 1.5 R beside an independent program.
     """
-    h0 = element_size(settings, settings.specimen.of_revolution)
+    h0 = element_size(settings, on_axis(settings))
     H = settings.specimen.mean_curvature(*settings.point)
     a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))
-    if settings.specimen.of_revolution and settings.indenter.of_revolution and settings.support.of_revolution:
+    if on_axis(settings):
         return float(min(1.3e-3 * settings.fineness**2 + COMPARED * (h0 / a) ** 2, 1.0))
     c, level = calibration(settings), _of_level(settings)
     own, _, stiff, _ = c.shares["force"]

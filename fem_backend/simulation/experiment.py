@@ -266,6 +266,12 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     )
 
 
+def on_axis(settings: Settings) -> bool:
+    """Whether the meridian alone is modelled as long as no knob tilts, moves or reinforces anything."""
+    round_ = all(m.of_revolution for m in (settings.specimen, settings.indenter, settings.support))
+    return round_ and (settings.specimen.alike or settings.point == (0.0, 0.0))
+
+
 def element_size(settings: Settings, meridian: bool) -> float:
     """Size (mm) of the smallest elements at the contact, of a meridian or in space."""
     return settings.fineness * float(settings.indenter.spacing(np.zeros(1))[0]) if meridian else settings.h0

@@ -89,6 +89,14 @@ def test_what_is_of_revolution_is_found_not_assumed():
     assert meridian(**away) and not meridian(**away, inclusion_x=1.0)
 
 
+def test_a_puck_beside_its_axis_says_that_its_errors_are_not_calibrated():
+    """A meridian states its errors by a second run of its own; a run in space does not."""
+    puck = {"specimen": {"shape": "cylinder", "radius": 10.0, "height": 5.0}, "support": {"kind": "bonded"}}
+    assert BACKEND.uncalibrated(puck) is None
+    assert "not calibrated" in BACKEND.uncalibrated({**puck, "point": [3.0, 0.0]})
+    assert BACKEND.uncalibrated({**puck, "specimen": SLAB, "point": [3.0, 0.0]}) is None  # all its places are alike
+
+
 # ------------------------------------------------------------------------------------------------------ layers, zones
 
 
