@@ -15,7 +15,7 @@ from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
+from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.indenters import INDENTERS
@@ -35,6 +35,7 @@ from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DerivedQuantity,
     FormulaCurve,
     Given,
     Line,
@@ -123,6 +124,10 @@ class FiniteElements:
     def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
         return priors.marks(experiment.read_settings(settings))
+
+    def derived(self, settings: Mapping[str, Any], given: Collection[str]) -> Sequence[DerivedQuantity]:
+        """E, ν, K and long-term moduli; see :mod:`fem_backend.adapter.derived`."""
+        return derived.derived(given)
 
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""

@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model model_hierarchy new_study priors sketch",
+        "command_line cost_model derived model_hierarchy new_study priors sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -241,7 +241,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "usual_errors",
+        "derived usual_errors",
         "__init__",
     ),
     "rso.model_selection": (
@@ -277,8 +277,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
-        "range_extension",
+        "background closed_forms derived displacements gap gauss_newton hold_panels influence maps",
+        "identification range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -317,6 +317,7 @@ LAYERS = {
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
     "members",
+    "adapter.derived",
     "simulation.knobs",
     "simulation.experiment",
     "adapter.formulas",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -283,6 +284,30 @@ class Sketches(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class DerivedQuantity:
+    """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
+
+    Where its interval lies outside of the `ordinary` range, a reader is told `otherwise`.
+    """
+
+    name: str
+    letter: str
+    description: str
+    unit: str
+    of: Callable[[Mapping[str, np.ndarray]], np.ndarray]
+    ordinary: tuple[float, float] = (-math.inf, math.inf)
+    otherwise: str = ""
+
+
+class DerivedQuantities(Protocol):
+    """Quantities that people think in; without it a report states the parameters alone."""
+
+    def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
+        """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -364,7 +389,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches,),
+    "what is modelled": (Sketches, DerivedQuantities),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
