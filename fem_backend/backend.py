@@ -31,7 +31,7 @@ from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
@@ -517,6 +517,7 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
     names = [n for n in derivatives.material_knobs() if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in names if n not in settings.specimen.absent()]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
@@ -524,6 +525,8 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
 
 def _always(settings: Settings, name: str) -> bool:
     """Whether a knob has its influence also at its neutral value."""
+    if name in own_laws.always(settings.specimen.laws):
+        return True
     return LAWS.members[settings.law].own_at_neutral and name in LAWS.own(settings.law)
 
 

@@ -13,7 +13,9 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import Mesh, grids, halved
-from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import ON, FlatTopped
+from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -30,6 +32,7 @@ class Cylinder(FlatTopped):
     tall: float
     fillet: float = 0.0
     layers: tuple[tuple[float, float], ...] = ()
+    laws: tuple[OwnLaw | None, ...] = ()
     walled: bool = False
 
     class Table(members.MemberTable):
@@ -46,7 +49,7 @@ class Cylinder(FlatTopped):
         )
         """Radius of the rounded upper edge, mm."""
         layers: Layers = ()
-        """Layers from the top down; the rest has ratio 1."""
+        """Layers from the top down; the rest has ratio 1 and the law of the table material."""
 
         @model_validator(mode="after")
         def _fit(self) -> Cylinder.Table:
@@ -57,7 +60,7 @@ class Cylinder(FlatTopped):
 
         def build(self) -> Cylinder:
             """The specimen of these settings."""
-            return Cylinder(self.radius, self.height, self.fillet, tuple((v.thickness, v.ratio) for v in self.layers))
+            return Cylinder(self.radius, self.height, self.fillet, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers))
 
     @dataclass(frozen=True)
     class Knobs:
@@ -119,7 +122,7 @@ class Cylinder(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        layers = written(self.layers, self.laws)
         sizes = {"radius": self.radius, "height": self.tall, "fillet": self.fillet}
         return {"shape": self.name, **sizes, "layers": layers}
 

@@ -11,7 +11,9 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, Mesh
-from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import FlatTopped
+from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -33,6 +35,7 @@ class Slab(FlatTopped):
 
     thickness: float
     layers: tuple[tuple[float, float], ...] = ()
+    laws: tuple[OwnLaw | None, ...] = ()
     around: float = 0.0
     wide: float = 0.0
 
@@ -44,7 +47,7 @@ class Slab(FlatTopped):
         thickness: members.Length = USUAL
         """Thickness, mm."""
         layers: Layers = ()
-        """Layers from the top down; the rest has ratio 1."""
+        """Layers from the top down; the rest has ratio 1 and the law of the table material."""
 
         @model_validator(mode="after")
         def _fit(self) -> Slab.Table:
@@ -53,7 +56,7 @@ class Slab(FlatTopped):
 
         def build(self) -> Slab:
             """The specimen of these settings."""
-            return Slab(self.thickness, tuple((v.thickness, v.ratio) for v in self.layers))
+            return Slab(self.thickness, thicknesses_and_ratios(self.layers), laws_of(self.layers))
 
     @dataclass(frozen=True)
     class Knobs:
@@ -124,7 +127,7 @@ class Slab(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        layers = written(self.layers, self.laws)
         return {"shape": self.name, "thickness": self.thickness, "layers": layers}
 
     def actual(self, knobs: Any) -> Slab:
