@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,7 +63,7 @@ class Regions:
 
     def without(self, *names: str) -> Regions:
         """The same with some of `fibre`, `prony`, `mullins` taken away."""
-        return replace(self, materials=tuple(without(m, *names) for m in self.materials))
+        return replace(self, materials=tuple(_without(m, names) for m in self.materials))
 
 
 Substance = Material | Regions
@@ -72,7 +73,12 @@ def without(material: Substance, *names: str) -> Substance:
     """A material with some of `fibre`, `prony`, `mullins` taken away."""
     if isinstance(material, Regions):
         return material.without(*names)
-    return replace(material, **dict.fromkeys(names))
+    return _without(material, names)
+
+
+def _without(material: Material, names: Collection[str]) -> Material:
+    left = {n: None if n in names else getattr(material, n) for n in ("fibre", "prony", "mullins")}
+    return Material(material.law, **left)
 
 
 def parts(material: Substance) -> list[tuple[Material, np.ndarray | slice]]:

@@ -32,6 +32,7 @@ class Cuboid(FlatTopped):
     lz: float
     layers: tuple[tuple[float, float], ...] = ()
     laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
 
     class Table(members.MemberTable):
         """{ shape = "block", size = [20, 20, 5], layers = [{ thickness, ratio }, …] }"""
@@ -149,7 +150,9 @@ class Cuboid(FlatTopped):
                     f"larger than {SMALLEST * old:g} mm ({SMALLEST:g} of that asked for)"
                 )
         k = now[2] / was[2]
-        return replace(self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k))
+        return replace(
+            self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k), met=self.unlike
+        )
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

@@ -32,8 +32,9 @@ class Cylinder(FlatTopped):
     tall: float
     fillet: float = 0.0
     layers: tuple[tuple[float, float], ...] = ()
-    laws: tuple[OwnLaw | None, ...] = ()
     walled: bool = False
+    laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
 
     class Table(members.MemberTable):
         """{ shape = "cylinder", radius = 10, height = 5, fillet = 0, layers = [{ thickness, ratio }, …] }"""
@@ -60,7 +61,9 @@ class Cylinder(FlatTopped):
 
         def build(self) -> Cylinder:
             """The specimen of these settings."""
-            return Cylinder(self.radius, self.height, self.fillet, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers))
+            return Cylinder(
+                self.radius, self.height, self.fillet, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers)
+            )
 
     @dataclass(frozen=True)
     class Knobs:
@@ -137,7 +140,7 @@ class Cylinder(FlatTopped):
                 )
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
-        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k))
+        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k), met=self.unlike)
 
     @property
     def described(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -53,6 +54,8 @@ class FlatTopped:
     walled: bool = False
     layers: tuple[tuple[float, float], ...] = ()
     laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
+    """Which interfaces the grid meets, those between unlike layers where nothing is said."""
 
     @property
     def ratios(self) -> tuple[float, ...]:
@@ -259,12 +262,17 @@ class FlatTopped:
         return self.planes_of_layers()
 
     def planes_of_layers(self) -> list[float]:
-        """Heights (mm) of base, interfaces between unlike layers and top, from below."""
-        down, ratios = np.cumsum([t for t, _ in self.layers]), [*self.ratios, 1.0]
-        laws = [*(self.laws or (None,) * len(self.layers)), None]
-        unlike = [a != b or bool(v or w) for a, b, v, w in zip(ratios, ratios[1:], laws, laws[1:], strict=False)]
-        seen = [float(d) for d, here in zip(down, unlike, strict=True) if here]
+        """Heights (mm) of base, interfaces that the grid meets and top, from below."""
+        down = np.cumsum([t for t, _ in self.layers])
+        seen = [float(d) for d, here in zip(down, self.met or self.unlike, strict=True) if here]
         return [0.0, *(self.height - d for d in seen[::-1]), self.height]
+
+    @property
+    def unlike(self) -> tuple[bool, ...]:
+        """Whether each layer differs from what is below it."""
+        ratios, laws = [*self.ratios, 1.0], [*(self.laws or (None,) * len(self.layers)), None]
+        below = zip(ratios[1:], laws[1:], strict=True)
+        return tuple(k != r or bool(v or w) for k, v, (r, w) in zip(ratios, laws, below, strict=False))
 
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
@@ -278,7 +286,10 @@ class FlatTopped:
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)
 
-        own, other = self.interfaces(), actual.interfaces()
+        met = tuple(a or b for a, b in zip(self.unlike, actual.unlike, strict=True))
+        both: list[Any] = [self, actual]
+        both = [replace(body, met=met) for body in both] if met else both
+        own, other = (body.interfaces() for body in both)
         r, z = graded(across, tuple(self.rings())), graded(down, tuple(own))
 
         def moved(points: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ def _listed(value: Any) -> Any:
         raise members.refused(": a list of { thickness, ratio } from the top down is expected")
     for k, layer in enumerate(value[len(PREFIXES) :], len(PREFIXES)):
         if isinstance(layer, Mapping) and layer.get("material") is not None:
-            why = f": of layers from the top the first {len(PREFIXES)} may have a law of their own, this is number {k + 1}"
+            why = f": the first {len(PREFIXES)} layers from the top may have laws of their own, this is number {k + 1}"
             raise members.refused(why, "material", layer["material"])
     return tuple(value)
 

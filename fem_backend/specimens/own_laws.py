@@ -105,7 +105,9 @@ def _of_layer(prefix: str, words: str, laws: tuple[type, ...]) -> type:
             cause=p.cause and f"{p.cause} of {words}",
             label=p.label and f"{p.label}, of {words}",
         )
-        fields.append((named(prefix, f.name), float, dataclasses.field(default=own.default, metadata={"parameter": own})))
+        fields.append(
+            (named(prefix, f.name), float, dataclasses.field(default=own.default, metadata={"parameter": own}))
+        )
     return dataclasses.make_dataclass(f"Knobs_{prefix}", fields, frozen=True)
 
 
@@ -140,7 +142,9 @@ def powers() -> dict[str, int]:
 
 def made(own: OwnLaw, prefix: str, knobs: Any, ratio: float) -> Law:
     """The law of a layer: μ from its knob or `ratio` times that of the rest, K/μ likewise, other constants its own."""
-    mu = (getattr(knobs, named(prefix, "mu")) or ratio * knobs.mu) * (knobs.layer_ratio if prefix == PREFIXES[0] else 1.0)
+    mu = (getattr(knobs, named(prefix, "mu")) or ratio * knobs.mu) * (
+        knobs.layer_ratio if prefix == PREFIXES[0] else 1.0
+    )
     D1 = getattr(knobs, named(prefix, "D1")) or knobs.D1 * knobs.mu / mu
     rest = {name: getattr(knobs, named(prefix, name)) for name in LAWS.own(own.law)}
     return LAWS.members[own.law].of(SimpleNamespace(mu=mu, D1=D1, **rest), own.terms)

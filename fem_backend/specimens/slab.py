@@ -35,9 +35,10 @@ class Slab(FlatTopped):
 
     thickness: float
     layers: tuple[tuple[float, float], ...] = ()
-    laws: tuple[OwnLaw | None, ...] = ()
     around: float = 0.0
     wide: float = 0.0
+    laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
 
     class Table(members.MemberTable):
         """{ shape = "slab", thickness = 2.3, layers = [{ thickness = 0.3, ratio = 5.0 }, …] }"""
@@ -56,7 +57,7 @@ class Slab(FlatTopped):
 
         def build(self) -> Slab:
             """The specimen of these settings."""
-            return Slab(self.thickness, thicknesses_and_ratios(self.layers), laws_of(self.layers))
+            return Slab(self.thickness, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers))
 
     @dataclass(frozen=True)
     class Knobs:
@@ -138,7 +139,9 @@ class Slab(FlatTopped):
                 f"delta_thickness = {knobs.delta_thickness:g} mm: a slab of {thickness:g} mm, must be thicker than "
                 f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
             )
-        return replace(self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness))
+        return replace(
+            self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness), met=self.unlike
+        )
 
     @property
     def described(self) -> str:

@@ -70,9 +70,7 @@ def test_a_confined_column_of_three_laws_has_the_force_of_its_energies():
     layers = (1.5, {"material": {"law": "yeoh"}}), (2.0, {"ratio": 3.0, "material": {"law": "ogden"}})
     values = {"mu": 0.02, "D1": 20.0, "layer_mu": 0.05, "layer_D1": 30.0, "layer_C20": 0.4, "layer2_alpha": 8.0}
     well = {"kind": "well", "base": "slip", "wall": "slip"}
-    found = curve(
-        layered(puck, *layers), values, Programme.ramp((0.6, 1.8)), indenter={"shape": "plate"}, support=well
-    )
+    found = curve(layered(puck, *layers), values, Programme.ramp((0.6, 1.8)), indenter={"shape": "plate"}, support=well)
     # the second has K/mu of the rest: D1 = 20 · 0.02 / 0.06
     parts = [({"C20": 0.4}, 0.05, 30.0, 1.5), ({"alpha": 8.0}, 0.06, 20.0 / 3.0, 2.0), ({}, 0.02, 20.0, 2.5)]
     wanted = [column_force(parts, s, 16.0 * np.pi) for s in (0.6, 1.8)]
@@ -97,7 +95,9 @@ def test_a_stack_of_one_law_is_the_plain_body():
     assert one.Fz == pytest.approx(two.Fz, rel=1e-9)
 
 
-@pytest.mark.parametrize("values", [{}, {"prony_g": 0.4, "prony_tau": 2.0}, {"mullins": 0.4}], ids=["", "prony", "mullins"])
+@pytest.mark.parametrize(
+    "values", [{}, {"prony_g": 0.4, "prony_tau": 2.0}, {"mullins": 0.4}], ids=["", "prony", "mullins"]
+)
 @pytest.mark.parametrize("law", ["neo_hookean", "mooney_rivlin", "yeoh", "ogden"])
 def test_a_law_of_its_own_that_says_the_same_as_a_ratio_does_the_same(law, values):
     """Every law at its neutral constants is neo-Hookean, elastic or not."""
@@ -186,3 +186,17 @@ def test_a_layer_of_finite_strain_on_a_linear_body_is_not_modelled():
 def test_what_is_said_names_the_law():
     body = layered(SLAB, (0.5, {"ratio": 5.0, "material": {"law": "mooney_rivlin"}}))
     assert "0.5 mm (mooney rivlin, 5 times as stiff)" in read_settings({"specimen": body}).specimen.described
+
+
+@pytest.mark.parametrize("body", [SLAB, {"shape": "block", "size": [8.0, 8.0, 6.0]}], ids=["meridian", "space"])
+def test_a_ratio_may_come_from_the_settings_or_from_its_knob(body):
+    """One of them may be 1, or their product: a meridian meets the interface in any case, a grid in space is cut."""
+
+    def force(ratio, knob):
+        found = curve(layered(body, (1.0, {"ratio": ratio})), {**SOFT, "layer_ratio": knob}, Programme.ramp((0.5,)))
+        return found.channels["Fz"][0], found.error["Fz"][0]
+
+    (knob, off), (settings, other) = force(1.0, 4.0), force(4.0, 1.0)
+    assert knob == pytest.approx(settings, abs=1e-9 if body is SLAB else off + other)
+    (product, off), (plain, other) = force(2.0, 0.5), force(1.0, 1.0)
+    assert product == pytest.approx(plain, abs=off + other)  # on another grid
