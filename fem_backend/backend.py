@@ -191,12 +191,13 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
+        absent_here = settings.specimen.absent() | settings.support.absent(settings.specimen)
         for kind, present in (
             (SPECIMENS, settings.specimen),
             (INDENTERS, settings.indenter),
             (SUPPORTS, settings.support),
         ):
-            absent = kind.of_others(present.name) | settings.specimen.absent()
+            absent = kind.of_others(present.name) | absent_here
             kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
@@ -311,7 +312,8 @@ class FiniteElements:
             found = literature.shear_modulus(own, u, F)
             return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
 
-        return new_study.parameters(depth, force, layer, self._jkr(settings), name)
+        walled = literature.wall_nearby(own) is not None
+        return new_study.parameters(depth, force, layer, self._jkr(settings), name, walled)
 
     def _jkr(self, settings: Mapping[str, Any]) -> new_study.Limit:
         return lambda u, F: self.jkr(settings, u, F)

@@ -92,7 +92,7 @@ class Placement:
 def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
     try:
-        specimen = settings.specimen.actual(knobs)
+        specimen = settings.support.actual(knobs).confines(settings.specimen.actual(knobs))
         indenter = settings.indenter.actual(knobs, specimen)
         on, normal = specimen.above(*settings.point)
         rotation = turned(knobs)
