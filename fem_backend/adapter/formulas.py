@@ -71,12 +71,12 @@ def thickness(settings: Settings) -> float | None:
 
 
 def wall_nearby(settings: Settings) -> float | None:
-    """Radius (mm) of a wall that touches the side of a flat specimen near the indenter; None where there is none.
+    """Radius (mm) of a wall at the side of a flat specimen near the indenter; None where there is none.
 
     What a wall adds to the force falls off with its distance over the height: of a slab 1 to 4 % at 2.5 heights from the
     axis, 0.05 % at 5, down to half the height under a ball as large as that is high.
     """
-    specimen = settings.specimen
+    specimen: Any = settings.specimen
     if thickness(settings) is None or not getattr(specimen, "walled", False):
         return None
     height, half = float(specimen.top[2] - specimen.lowest[2]), float(specimen.half_width)

@@ -21,8 +21,9 @@ SMALLEST = 0.2  # of the radius over that of the settings
 class Well(Walls):
     """A well of `radius` (mm), as deep as the specimen is high; 0: as wide as the specimen.
 
-    `off` (mm) is the error of that radius.  `base` is bonded or slips, `side` is bonded, slips (u_r = 0), or is touched once it has crossed the gap that the
+    `base` is bonded or slips, `side` is bonded, slips (u_r = 0), or is touched once it has crossed the gap that the
     radius leaves.  A slab is as wide as its well.  Coulomb friction counts wherever it may slide.
+    `off` (mm) is the error of the radius.
     """
 
     radius: float = 0.0
@@ -131,8 +132,8 @@ class Well(Walls):
         """The friction, and the error of its radius; ValueError where hardly any of that is left."""
         if self.radius and self.radius + knobs.delta_well <= SMALLEST * self.radius:
             raise ValueError(
-                f"delta_well = {knobs.delta_well:g} mm: a well of radius {self.radius + knobs.delta_well:g} mm, must be "
-                f"larger than {SMALLEST * self.radius:g} mm ({SMALLEST:g} of that asked for)"
+                f"delta_well = {knobs.delta_well:g} mm: a well of radius {self.radius + knobs.delta_well:g} mm, must "
+                f"be larger than {SMALLEST * self.radius:g} mm ({SMALLEST:g} of that asked for)"
             )
         return replace(self, rubs=knobs.well_friction, off=knobs.delta_well if self.radius else 0.0)
 
@@ -156,8 +157,8 @@ class Well(Walls):
             and specimen.half_width > self.wall(specimen) * (1.0 + ON)
         ):
             raise ValueError(
-                f"delta_well = {self.off:g} mm: the specimen, of radius {specimen.half_width:g} mm, is wider than a well "
-                f"of {self.wall(specimen):g} mm"
+                f"delta_well = {self.off:g} mm: the specimen, of radius {specimen.half_width:g} mm, is wider than a "
+                f"well of {self.wall(specimen):g} mm"
             )
         own_width = not specimen.alike and not (self.off and self._cast(specimen))
         room = own_width and self.wall(specimen) > specimen.half_width * (1.0 + ON)
