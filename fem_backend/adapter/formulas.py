@@ -73,7 +73,7 @@ def thickness(settings: Settings) -> float | None:
 def wall_nearby(settings: Settings) -> float | None:
     """Radius (mm) of a wall at the side of a flat specimen near the indenter; None where there is none.
 
-    What a wall adds to the force falls off with its distance over the height: of a slab 1 to 4 % at 2.5 heights from the
+    What a wall adds to the force falls off with its distance over the height: of a slab 1 to 4 % at 2.5 heights off the
     axis, 0.05 % at 5, down to half the height under a ball as large as that is high.
     """
     specimen: Any = settings.specimen

@@ -159,7 +159,7 @@ def test_walls_stiffen_in_order():
     ("specimen", "wall"), [(SLAB, "slip"), (SLAB, "bonded"), (SLAB, "gap"), (PUCK, "gap")], ids=str
 )
 def test_the_error_of_a_well_is_another_well(specimen, wall):
-    """What is cast in it is as wide; a puck keeps its width and has more room.  Grids differ, so stated errors count."""
+    """What is cast in it is as wide; a puck keeps its width and has more room.  Grids differ: stated errors count."""
     radius = 10.3 if specimen is PUCK else 6.0
     well = {"kind": "well", "wall": wall, "radius": radius}
     for off in (-0.25, 0.25):
@@ -182,7 +182,7 @@ def test_the_error_of_a_well_counts_where_it_has_a_radius_of_its_own():
     for support in ({"kind": "well"}, {"kind": "well", "radius": 10.0}, {"kind": "well", "wall": "gap"}):
         assert key(support, PUCK, delta_well=0.1) == key(support, PUCK)
         assert BACKEND.plausible({"specimen": PUCK, "support": support})["delta_well"] is None
-    with pytest.raises(SimulationFailed, match="delta_well = -0.4 mm: the specimen, of radius 10 mm, is wider"):
+    with pytest.raises(SimulationFailed, match=r"delta_well = -0\.4 mm: the specimen, of radius 10 mm, is wider"):
         BACKEND(VALUES | {"delta_well": -0.4}, case({"kind": "well", "radius": 10.2, "wall": "gap"}, PUCK))
     with pytest.raises(SimulationFailed, match="delta_well = -5 mm: a well of radius 1 mm"):
         BACKEND(VALUES | {"delta_well": -5.0}, case({"kind": "well", "radius": 6.0}))
