@@ -31,7 +31,7 @@ from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
@@ -196,12 +196,13 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
+        absent_here = settings.specimen.absent() | settings.support.absent(settings.specimen)
         for kind, present in (
             (SPECIMENS, settings.specimen),
             (INDENTERS, settings.indenter),
             (SUPPORTS, settings.support),
         ):
-            absent = kind.of_others(present.name) | settings.specimen.absent()
+            absent = kind.of_others(present.name) | absent_here
             kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
@@ -316,7 +317,8 @@ class FiniteElements:
             found = literature.shear_modulus(own, u, F)
             return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
 
-        return new_study.parameters(depth, force, layer, self._jkr(settings), name)
+        walled = literature.wall_nearby(own) is not None
+        return new_study.parameters(depth, force, layer, self._jkr(settings), name, walled)
 
     def _jkr(self, settings: Mapping[str, Any]) -> new_study.Limit:
         return lambda u, F: self.jkr(settings, u, F)
@@ -527,6 +529,7 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
     names = [n for n in derivatives.material_knobs() if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in names if n not in settings.specimen.absent()]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
@@ -534,6 +537,8 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
 
 def _always(settings: Settings, name: str) -> bool:
     """Whether a knob has its influence also at its neutral value."""
+    if name in own_laws.always(settings.specimen.laws):
+        return True
     return LAWS.members[settings.law].own_at_neutral and name in LAWS.own(settings.law)
 
 

@@ -63,7 +63,8 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.materials": (
-        "meridian_zones stress",
+        "meridian_zones regions",
+        "stress",
         "response zones",
     ),
     "fem_backend.meshing": (
@@ -95,7 +96,8 @@ LAYERS = {
         "history_steps",
     ),
     "fem_backend.specimens": (
-        "specimen",
+        "own_laws",
+        "layers specimen",
         "flat in_space",
         "ellipsoidal",
         "*",

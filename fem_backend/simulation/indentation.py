@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fem_backend.laws import admissible
-from fem_backend.materials import stress
+from fem_backend.materials import regions, stress
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.derivatives import Slopes
@@ -137,16 +137,19 @@ def unstable(result: Result) -> tuple[int, str] | None:
     """
     if result.system is None or not result.points:
         return None
-    law, points = result.system.material.law, result.points
-    if law.unconditional:
+    parts, points = regions.parts(result.system.material), result.points
+    if all(material.law.unconditional for material, _ in parts):
         return None
 
     def lost(point: LoadPoint) -> str | None:
-        F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
-        squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
-        reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
-        why = admissible(law, reached)
-        return why and f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        for material, cells in parts:
+            F = point.evaluation.H[cells].reshape(-1, 3, 3) + np.eye(3)
+            squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
+            reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
+            why = None if material.law.unconditional else admissible(material.law, reached)
+            if why:
+                return f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        return None
 
     if lost(max(points, key=lambda p: p.travel)) is None:
         return None
@@ -210,7 +213,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     virgin = stress.virgin(at.system.material, *body.w.shape)
     if virgin is None or at.settings.earlier == 0.0 or at.system.material.mullins is None:
         return virgin
-    first = replace(at.system.material, prony=None)
+    first = regions.without(at.system.material, "prony")
     system = replace(history_steps.smooth(at.system), material=first)
     deepest = at.settings.earlier
     ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
