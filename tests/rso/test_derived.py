@@ -93,3 +93,30 @@ def test_elastic_constants_agree_with_uniaxial_stress():
 
 def test_without_both_constants_nothing_is_derived():
     assert derived(["mu"]) == () and [q.name for q in derived(["mu", "D1"])] == ["E", "nu", "K"]
+
+
+RESULTS = {
+    "identification": {
+        "level": 0.9,
+        "derived": [
+            {"name": "E", "letter": "E", "description": "Young's modulus", "unit": "MPa", "value": 0.028035,
+             "interval": [0.027128, 0.028938], "known": True, "ends_by": [[], []], "unlikely": ""},
+            {"name": "nu", "letter": "ν", "description": "Poisson's ratio", "unit": "1", "value": 0.22,
+             "interval": [0.1614, 0.2872], "known": False, "ends_by": [[], ["D1"]], "unlikely": "below 0.3"},
+        ],
+    }
+}  # fmt: skip
+
+
+def test_the_page_says_what_is_fixed_what_is_open_and_what_is_unlikely():
+    from rso.report.calibration.derived import derived_facts, derived_sentences, derived_table
+
+    said = [s.replace("\xa0", " ") for s in derived_sentences(RESULTS)]
+    assert said[0].startswith("The data fix the Young's modulus E = 28.0 kPa (27.13 to 28.94 kPa), with 90 %")
+    assert said[1:] == ["They leave the Poisson's ratio ν between 0.161 and 0.287.", "Look again: below 0.3."]
+    facts = derived_facts(RESULTS)
+    assert [f.mark for f in facts] == ["good", "warn"] and facts[1].value == "0.161 to 0.287"
+    table = derived_table(RESULTS)
+    assert table is not None and table.columns[-1].title == "ends by a range"
+    assert [row[-1].text for row in table.rows] == ["", "upper: the range of D1"]
+    assert derived_table({}) is None and derived_facts({}) == [] == derived_sentences({})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.layout.digits import Unit, between, clean, percent, rounded, shown
+from rso.report.layout.digits import Unit, between, clean, fixed, percent, places, rounded, shown
 from rso.report.layout.document import Fact, Table, column, table, words
 from rso.report.reading import Results, number, pair
 
@@ -75,8 +75,13 @@ def _value(q: Mapping[str, Any]) -> str:
 
 
 def _span(q: Mapping[str, Any]) -> str:
-    low, high = q["interval"]
-    return between(low, high, _unit(q))
+    """Both ends to two digits of their half-width: a Poisson's ratio of 0.26 to 0.46 is not one of 0.3 to 0.5."""
+    unit, (low, high) = _unit(q), q["interval"]
+    a, b = low * unit.factor, high * unit.factor
+    if not 0.0 < b - a < 0.9 * abs(b):
+        return between(low, high, unit)
+    decimals = places(0.5 * (b - a), 2)
+    return f"{fixed(a, decimals)} to {fixed(b, decimals)}{unit.after}"
 
 
 def _ends(q: Mapping[str, Any]) -> str:
