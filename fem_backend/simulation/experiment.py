@@ -21,7 +21,7 @@ from fem_backend.indenters import INDENTERS, Indenter
 from fem_backend.laws import LAWS
 from fem_backend.laws.law import plain as law_table
 from fem_backend.members import OpenSet, refused
-from fem_backend.meshing import LIMIT
+from fem_backend.meshing import LIMIT, Zoning
 from fem_backend.solver.load_steps import Control
 from fem_backend.specimens import SPECIMENS, OfOnePlace, Specimen
 from fem_backend.supports import SUPPORTS, Support
@@ -43,7 +43,7 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian.
+    `fineness` multiplies all element sizes of a meridian, `zoning` those along its top by place.
     """
 
     specimen: Specimen
@@ -66,6 +66,8 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    zoning: Zoning | None = None
+    remesh: str = "never"
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
