@@ -72,11 +72,15 @@ class Stage:
 
 @dataclass(frozen=True)
 class LoadPoint:
-    """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts)."""
+    """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts).
+
+    `leg` counts the meshes that were made anew on the way there.
+    """
 
     time: float
     travel: float
     stages: tuple[Stage, ...]
+    leg: int = 0
 
     @property
     def evaluation(self) -> Evaluation:
@@ -125,7 +129,7 @@ class Worn(Exception):
 
 
 Start = Callable[[float], Load]
-Wear = Callable[[Evaluation], bool]  # whether the mesh of a state is to be made anew
+Wear = Callable[[Evaluation, float], bool]  # whether the mesh of a state at a travel (mm) is to be made anew
 Guess = Callable[[float], Sequence[np.ndarray] | None]  # states (n, 3) at the stages of an asked travel, or fewer
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
@@ -291,7 +295,7 @@ def travel(
                 step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
-            if worn is not None and worn(last):
+            if worn is not None and worn(last, here):
                 raise Worn(points, u, here)
         try:
             points.append(
