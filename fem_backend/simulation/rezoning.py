@@ -19,7 +19,8 @@ from fem_backend.solver import load_steps
 from fem_backend.solver.load_steps import Guess, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
-LONGER = 1.8  # times the wanted length: an edge that the indenter may touch is too long
+LONGER = 1.6  # times the wanted length: an edge that the indenter may touch is too long
+FINER = 0.7  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
@@ -119,7 +120,7 @@ def _lengths(at: InitialState, edges: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def _wanted(at: InitialState, x: np.ndarray) -> np.ndarray:
     """Wanted edge length (k,) mm on the surface at places now (k, 2)."""
-    return at.settings.fineness * at.settings.indenter.spacing(np.maximum(x[:, 0], 0.0))
+    return FINER * at.settings.fineness * at.settings.indenter.spacing(np.maximum(x[:, 0], 0.0))
 
 
 def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarray]:
