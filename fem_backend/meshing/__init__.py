@@ -9,7 +9,7 @@ have graded grids in three dimensions, see `grids`.
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
-from fem_backend.meshing.meridian import FINE, FINER, MeridianMesh, Size, Zoning, graded, halved, triangulated
+from fem_backend.meshing.meridian import MeridianMesh, Size, graded, halved, triangulated
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import (
@@ -28,8 +28,6 @@ from fem_backend.meshing.templates import LEVELS, RADIUS, template_fits, templat
 
 __all__ = [
     "FARTHEST",
-    "FINE",
-    "FINER",
     "LEVELS",
     "LIMIT",
     "MAKERS",
@@ -39,7 +37,6 @@ __all__ = [
     "Mesh",
     "Size",
     "Sizing",
-    "Zoning",
     "arrays",
     "assemble",
     "cached",

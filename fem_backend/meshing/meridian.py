@@ -13,22 +13,6 @@ from fem_backend.meshing.mesh import BadMesh
 Size = Callable[[np.ndarray], np.ndarray]  # wanted element size (n,) mm at places (n,) mm
 Shape = Callable[[np.ndarray], np.ndarray]  # points (n, 2) mm of the body from those of the grid
 FINE = 400  # places per interval at which a size is integrated
-FINER = 8000  # the same of one that changes within a small part of the indenter
-
-
-@dataclass(frozen=True)
-class Zoning:
-    """Factor on the sizes of elements along the top by place: `factor` at distances r mm (increasing) from the axis.
-
-    It makes a mesh of the undeformed meridian that is well shaped once its top has stretched.
-    """
-
-    r: tuple[float, ...]
-    factor: tuple[float, ...]
-
-    def __call__(self, r: np.ndarray) -> np.ndarray:
-        """The factor (n,) at r (n,) mm, linear between the places."""
-        return np.interp(r, self.r, self.factor)
 
 
 @dataclass(frozen=True)
@@ -46,16 +30,16 @@ class MeridianMesh:
         return single[~(self.points[single, 0] == 0.0).all(1)]
 
 
-def graded(size: Size, places: tuple[float, ...], fine: int = FINE) -> np.ndarray:
+def graded(size: Size, places: tuple[float, ...]) -> np.ndarray:
     """Coordinates from the first to the last of `places` (mm, increasing), with each of them among these.
 
-    Between two places ∫ dx/size elements, rounded up, at equal shares of the integral, by `fine` midpoints.
+    Between two places ∫ dx/size elements, rounded up, at equal shares of the integral.
     """
     out: list[np.ndarray] = [np.array([places[0]])]
     for a, b in itertools.pairwise(places):
-        x = np.linspace(a, b, fine + 1)
+        x = np.linspace(a, b, FINE + 1)
         density = 1.0 / size(0.5 * (x[1:] + x[:-1]))
-        total = np.concatenate([[0.0], np.cumsum(density)]) * (b - a) / fine
+        total = np.concatenate([[0.0], np.cumsum(density)]) * (b - a) / FINE
         n = max(int(np.ceil(total[-1] - 1e-9)), 1)
         inside = np.interp(np.linspace(0.0, 1.0, n + 1)[1:], total / total[-1], x)
         inside[-1] = b

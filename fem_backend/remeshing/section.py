@@ -161,7 +161,7 @@ def _meeting(section: Section, near: np.ndarray) -> set[int]:
 
 def _interfaces(section: Section, near: np.ndarray) -> list[Chain]:
     """Chains of edges between two parts, each from one of its ends to the other."""
-    left = [tuple(int(v) for v in e) for e in _between(section, near)]
+    left = [(int(a), int(b), int(c)) for a, b, c in _between(section, near)]
     at: dict[int, list[tuple[int, int, int]]] = {}
     for e in left:
         at.setdefault(e[0], []).append(e)

@@ -93,14 +93,10 @@ def _seeded(polygon: np.ndarray, given: np.ndarray, edges: np.ndarray, size: Siz
     low, high = polygon.min(0), polygon.max(0)
     least = float(size(given).min())
     least = max(least, 0.004 * float((high - low).max()))
-    i, j = np.meshgrid(
-        np.arange(int((high[0] - low[0]) / least) + 2),
-        np.arange(int((high[1] - low[1]) / (0.866 * least)) + 2),
-        indexing="ij",
-    )
-    i, j = i.ravel(), j.ravel()
+    columns, rows = int((high[0] - low[0]) / least) + 2, int((high[1] - low[1]) / (0.866 * least)) + 2
+    i, j = np.repeat(np.arange(columns), rows), np.tile(np.arange(rows), columns)
     lattice = low + np.column_stack([(i + 0.5 * (j % 2)) * least, j * 0.866 * least])
-    lattice, chance = lattice, (PLASTIC[0] * i + PLASTIC[1] * j) % 1.0
+    chance = (PLASTIC[0] * i + PLASTIC[1] * j) % 1.0
     within = inside(polygon, lattice)
     lattice, chance = lattice[within], chance[within]
     lattice = lattice[chance < (least / size(lattice)) ** 2]

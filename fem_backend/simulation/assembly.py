@@ -172,7 +172,7 @@ class AssembledModel:
 
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
-    mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness, settings.zoning)
+    mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
     return of_meridian(settings, specimen, mesh, symmetric)
 
 
@@ -276,7 +276,6 @@ def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
         control=Control(),
         solver=settings.solver,
         fineness=settings.fineness,
-        zoning=settings.zoning,
     )
 
 

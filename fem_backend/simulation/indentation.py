@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fem_backend.contact import self_contact
 from fem_backend.laws import admissible
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly as modelling
@@ -17,8 +18,8 @@ from fem_backend.simulation.derivatives import Slopes
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
-from fem_backend.simulation.rezoning import Leg
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
+from fem_backend.simulation.rezoning import Leg
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
@@ -161,6 +162,27 @@ def unstable(result: Result) -> tuple[int, str] | None:
     if lost(max(points, key=lambda p: p.travel)) is None:
         return None
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
+
+
+def folded(result: Result) -> tuple[int, str] | None:
+    """The first point at which the surface of a meridian has met itself, and why that is no answer; None without one.
+
+    The wall of a crater may close over an indenter, or fold: its contact with itself is not modelled.
+    """
+    for k, (point, on) in enumerate(zip(result.points, result.on, strict=False)):
+        x = on.model.body.nodes + point.evaluation.u
+        if on.placement.meridian and self_contact.met_itself(x, on.model.facets):
+            return k, f"the surface meets itself at or before {point.travel:.4g} mm: that contact is not modelled"
+    return None
+
+
+def doubtful(result: Result) -> tuple[int, str, str] | None:
+    """The first point from which on a result is no answer, the class of its cause, and why; None where all are."""
+    found = [(*end, cause) for end, cause in ((unstable(result), "inadmissible"), (folded(result), "contact")) if end]
+    if not found:
+        return None
+    k, why, cause = min(found)
+    return k, cause, why
 
 
 def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:

@@ -13,8 +13,8 @@ from fem_backend.remeshing import location
 from fem_backend.remeshing.section import NoMesh, Section, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.derivatives import Slopes
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import load_steps
 from fem_backend.solver.load_steps import Guess, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged

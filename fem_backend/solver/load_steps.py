@@ -237,7 +237,7 @@ def travel(
     u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
     here: float = 0.0, worn: Wear | None = None,
 ) -> list[LoadPoint]:  # fmt: skip
-    """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel `here`.
+    """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at `here`.
 
     `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
     answer at an asked travel does not depend on the way there, and `guess(s)` may offer states to start from.

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
-from fem_backend.meshing import BadMesh, MeridianMesh, Size, Zoning
+from fem_backend.meshing import BadMesh, MeridianMesh, Size
 from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -187,6 +187,6 @@ class Cuboid(FlatTopped):
         """Middle and sides, base, interfaces and top."""
         return [0.0, 0.5 * self.lx], [0.0, 0.5 * self.ly], self.interfaces()
 
-    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float, zoning: Zoning | None = None) -> MeridianMesh:
+    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """None is made."""
         raise BadMesh("a block is not of revolution")

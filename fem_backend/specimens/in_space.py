@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from fem_backend.meshing import BadMesh, MeridianMesh, Size, Zoning
+from fem_backend.meshing import BadMesh, MeridianMesh, Size
 from fem_backend.specimens.specimen import LAYER
 
 
@@ -36,7 +36,7 @@ class InSpace:
         """It has no layers."""
         return frozenset(LAYER)
 
-    def meridian(self, actual: Any, spacing: Size, fineness: float, zoning: Zoning | None = None) -> MeridianMesh:
+    def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
         """None is made."""
         raise BadMesh(f"a specimen of shape {self.name!r} has no mesh of a meridian")
 

@@ -14,7 +14,7 @@ from skfem import MeshTet2
 
 from fem_backend import meshing
 from fem_backend.members import MemberTable, OpenSet, SettingsOption
-from fem_backend.meshing import MeridianMesh, Mesh, Size, Zoning
+from fem_backend.meshing import MeridianMesh, Mesh, Size
 from rso.contract import Drawn
 
 
@@ -175,10 +175,10 @@ class Specimen(Protocol):
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
 
-    def meridian(self, actual: Any, spacing: Size, fineness: float, zoning: Zoning | None = None) -> MeridianMesh:
+    def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
         """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
 
-        `spacing` is that of the indenter, `fineness` multiplies all sizes, `zoning` those along the top by place.
+        `spacing` is that of the indenter, `fineness` multiplies all sizes.
         """
 
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:

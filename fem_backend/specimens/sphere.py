@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from fem_backend import members
-from fem_backend.meshing import FINE, FINER, MeridianMesh, Size, Zoning, graded, halved, triangulated
+from fem_backend.meshing import MeridianMesh, Size, graded, halved, triangulated
 from fem_backend.specimens.ellipsoidal import Ellipsoidal
 from fem_backend.specimens.flat import GROWTH, LEVELS
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
@@ -93,20 +93,17 @@ class SolidSphere(Ellipsoidal):
         """Those of an ellipsoid in space; of its meridian the level gives the fineness."""
         return replace(super().meshing(length, mesher, level, n, slip), fineness=LEVELS.get(level, 1.0))
 
-    def meridian(self, actual: Ellipsoidal, spacing: Size, fineness: float, zoning: Zoning | None = None) -> MeridianMesh:
+    def meridian(self, actual: Ellipsoidal, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of the half square |z| ≤ r ≤ 1, mapped to the half disc; its rim z = 0 is a row of nodes."""
         R = self.a
         near = float(spacing(np.linspace(0.0, R, 2001)).min())
         largest = R / ACROSS
 
         def across(x: np.ndarray) -> np.ndarray:  # π/4 of the way along the arc
-            s = 0.25 * np.pi * x
-            size = fineness * np.minimum(spacing(s), largest) * 4.0 / np.pi
-            return size if zoning is None else size * zoning(s)
+            return fineness * np.minimum(spacing(0.25 * np.pi * x), largest) * 4.0 / np.pi
 
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (R - z), largest)
 
-        r = graded(across, (0.0, R), FINE if zoning is None else FINER)
-        z = graded(down, (-R, 0.0, R))
+        r, z = graded(across, (0.0, R)), graded(down, (-R, 0.0, R))
         return triangulated(r, z, lambda points: halved(points / R) * actual.a)
