@@ -25,11 +25,12 @@ from fem_backend.simulation import derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
-from fem_backend.solver.load_steps import Instant, Stopped
+from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
 from fem_backend.solver.newton import System
 from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
@@ -75,6 +76,10 @@ class Solved:
         """What was solved."""
         assert self.result.system is not None  # of a run that was solved here
         return self.result.system
+
+    def on(self, point: LoadPoint) -> InitialState:
+        """What a point was solved with: its mesh may have been made anew on the way."""
+        return next(on for p, on in zip(self.result.points, self.result.on, strict=True) if p is point)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -378,8 +383,8 @@ class FiniteElements:
             how = two_grid.checked if placement.meridian else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
-            if indentation.unstable(result) is not None:
-                failed = _inadmissible(result, model, settings, knobs)
+            if (lost := indentation.doubtful(result)) is not None:
+                failed = _ended(lost, result, model, settings, knobs)
             elif end is not None:
                 failed = SimulationFailed("inadmissible", end.why, _response(result, model, settings, knobs))
             else:
@@ -393,8 +398,8 @@ class FiniteElements:
                 partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
-            if stopped.points and indentation.unstable(reached) is not None:
-                failed = _inadmissible(reached, model, settings, knobs)
+            if stopped.points and (lost := indentation.doubtful(reached)) is not None:
+                failed = _ended(lost, reached, model, settings, knobs)
         raise failed  # not from the other: that holds states and factors, which cannot travel between processes
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
@@ -414,10 +419,12 @@ class FiniteElements:
 BACKEND = FiniteElements()
 
 
-def _inadmissible(result: Result, model: AssembledModel, settings: Settings, knobs: Knobs) -> SimulationFailed:
-    """The end of a run whose law softens over the stretches reached, with the curve before."""
-    k, why = indentation.unstable(result)  # type: ignore[misc]
-    return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
+def _ended(
+    end: tuple[int, str, str], result: Result, model: AssembledModel, settings: Settings, knobs: Knobs
+) -> SimulationFailed:
+    """The end of a run that went on into what is no answer, with the curve before."""
+    k, cause, why = end
+    return SimulationFailed(cause, why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
 def _before(

@@ -17,7 +17,7 @@ LAYERS = {
     "fem_backend": (
         "closed_forms geometry kinematics members",
         "contact laws meshing",
-        "indenters materials specimens supports",
+        "indenters materials remeshing specimens supports",
         "post solver",
         "simulation",
         "accuracy adapter",
@@ -41,7 +41,7 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.contact": (
-        "bonded pointwise",
+        "bonded pointwise self_contact",
         "tractions",
         "rings",
     ),
@@ -74,6 +74,10 @@ LAYERS = {
         "scans",
         "__init__",
     ),
+    "fem_backend.remeshing": (
+        "location triangulation",
+        "section",
+    ),
     "fem_backend.post": (
         "fields pictures pressure probes vtu",
         "__init__",
@@ -85,6 +89,7 @@ LAYERS = {
         "initial_state",
         "outputs",
         "derivatives",
+        "rezoning",
         "indentation",
     ),
     "fem_backend.solver": (
