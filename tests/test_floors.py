@@ -143,6 +143,7 @@ LAYERS = {
     ),
     "rso.contract": (
         "parameters plain_data",
+        "segments",
         "cases responses",
         "backend capabilities",
         "keys",
