@@ -28,7 +28,7 @@ from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
-from fem_backend.solver import controlled_steps, direct
+from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
 from fem_backend.specimens import SPECIMENS
@@ -400,7 +400,10 @@ class FiniteElements:
         settings = experiment.with_multipliers(settings)
         try:
             placement = modelling.place(settings, knobs)
-            drive = programmes.driven(case.programme, settings, knobs)
+            deepest, why = settings.specimen.deepest
+            end = admissible_depth.inadmissible(settings, knobs, deepest)
+            limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
+            drive = programmes.driven(case.programme, *limit)
             model = modelling.model_for(settings, knobs, placement, mesh)
             result = _begun(controlled.checked(settings, knobs, placement, model, drive), case.programme)
             if indentation.unstable(result) is None:
@@ -575,7 +578,7 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
     return Response(
         channels=result.channels,
         units=outputs.units(settings),
-        error=controlled.moved(stated(settings, knobs, result), result, controlled_steps.TIGHT),
+        error=controlled.moved(stated(settings, knobs, result), result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,
     )

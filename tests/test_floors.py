@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model model_hierarchy new_study priors sketch",
+        "command_line cost_model model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -85,6 +85,7 @@ LAYERS = {
         "outputs",
         "derivatives",
         "indentation",
+        "controlled",
     ),
     "fem_backend.solver": (
         "direct",
@@ -93,6 +94,7 @@ LAYERS = {
         "mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
+        "controlled_steps",
     ),
     "fem_backend.specimens": (
         "specimen",
@@ -316,6 +318,7 @@ SEAM = {
     "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.programmes",
     "adapter.sketch",
     "backend",
     "__main__",

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import itertools
 
-from fem_backend.accuracy import admissible_depth
 from fem_backend.meshing import LIMIT
 from fem_backend.simulation.experiment import Settings
-from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver.controlled_steps import Drive, Leg
 from rso.contract import Programme, Segment
 
@@ -36,12 +34,8 @@ def check(programme: Programme, settings: Settings, deepest: float) -> None:
         raise ValueError(f"programme: asked_mm = {list(programme.asked_mm)} mm: at most {deepest:g} mm")
 
 
-def driven(programme: Programme, settings: Settings, knobs: Knobs) -> Drive:
-    """What the solver follows: legs from first contact, to the deepest travel that the body or its law allows."""
-    deepest, why = settings.specimen.deepest
-    end = admissible_depth.inadmissible(settings, knobs, deepest)
-    if end is not None and end.depth < deepest:
-        deepest, why = end.depth, end.why
+def driven(programme: Programme, deepest: float, why: str) -> Drive:
+    """What the solver follows: legs from first contact, at most to the `deepest` travel (mm)."""
     legs = [_leg(s) for s in programme.segments] or _waypoints(programme)
     return Drive(_with_moments(tuple(legs), programme), programme.asked_mm, programme.asked_N, deepest, why)
 
@@ -54,9 +48,7 @@ def _waypoints(programme: Programme) -> list[Leg]:
     legs = []
     points = zip(programme.time_s, programme.travel_mm, strict=True)
     for (t0, s0), (t1, s1) in itertools.pairwise(points):
-        legs.append(
-            Leg(False, abs(s1 - s0) / (t1 - t0), to_mm=s1) if s1 != s0 else Leg(False, lasts=t1 - t0)
-        )
+        legs.append(Leg(False, abs(s1 - s0) / (t1 - t0), to_mm=s1) if s1 != s0 else Leg(False, lasts=t1 - t0))
     return legs
 
 

@@ -36,7 +36,8 @@ class Result:
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
     `coarser` are the channels of the same run with elements of twice the size, where that was made.  `given` (k,) says
-    at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds there; None without any.
+    at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left` the share of the
+    force that is not met there; None without any.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -52,6 +53,7 @@ class Result:
     coarser: Mapping[str, np.ndarray] | None = None
     given: np.ndarray | None = None
     slopes: np.ndarray | None = None
+    left: np.ndarray | None = None
 
     @property
     def travel(self) -> np.ndarray:
@@ -72,6 +74,7 @@ class Result:
             points=self.points[:k],
             given=None if self.given is None else self.given[:k],
             slopes=None if self.slopes is None else self.slopes[:k],
+            left=None if self.left is None else self.left[:k],
         )
 
     @property

@@ -11,8 +11,8 @@ travel.  R = 0 is solved within, from a state that du/ds predicts, so that the b
     [K  ∂R/∂s; (∂F/∂u)ᵀ  ∂F/∂s] [δu; δs] = −[R; F − F*]
 
 is condensed to δs = −(F − F*)/F′ with the known tangent F′ = dF/ds (Batoz & Dhatt 1979, Int. J. Numer. Methods Eng. 14,
-1262), after the first step with the secant of the last two.  The state is that with the multipliers of contact, as
-the answers are, at every step: what is found does not hang on which moments are asked for.
+1262), after the first step with the secant of the last two.  The force is that with the multipliers of contact, as in
+answers, at every step that a force decides: what is found does not hang on which moments are asked for.
 """
 
 from __future__ import annotations
@@ -38,6 +38,11 @@ SOONEST = 0.02  # of its shortest relaxation time
 SHORTEST = 1e-3  # of a step at which the way is given up
 POWER = 1.5  # of the force over the travel where contact begins
 OUT_OF_REACH = "not_supported"  # cause of a way that ends before its force is met: no other path meets it
+ON_THE_WAY = 1e-6  # relative residual of a step that is no answer
+ROUGH = 1e-5  # the same of a body so hardly touched that round-off leaves more than that, and
+HARDLY = 1e-4  # of its force, to which that can be met
+MET = 1e-6  # of a force: where the way is at it
+CLOSE = 0.02  # of a force that is met on the way: from there on contact is exact, which adds up to that
 ROUND = 1e-12  # of a travel or a time
 
 
@@ -69,45 +74,58 @@ class Drive:
 
 @dataclass(frozen=True)
 class Followed:
-    """Answers in order of time, for each whether its force was given and dF/ds (N/mm), and all instants of the way."""
+    """Answers in order of time, and all instants of the way.
+
+    Of each: whether its force was given, dF/ds (N/mm), and the share of the force that is left.
+    """
 
     points: list[LoadPoint]
     given: list[bool]
     slopes: list[float]
+    left: list[float]
     way: list[Instant]
 
 
 class Trial(NamedTuple):
-    """A state at the end of a step: what it was solved as, its force (N) and dF/ds (N/mm) by its tangent."""
+    """A state at the end of a step: what it was solved as, its force (N), dF/ds (N/mm) by its tangent, how tightly."""
 
     goal: Instant
     found: Equilibrium
     load: Load
-    point: LoadPoint
+    point: LoadPoint | None
     force: float
     slope: float
+    rough: bool
 
 
 class Wanted(NamedTuple):
-    """A scalar equation of a step: travel and time by the unknown p, the force there, and where p is looked for."""
+    """A force (N) to be met, where it is looked for first (mm), dF/ds (N/mm) as known, and when (s).
 
-    travel: Callable[[float], float]
-    time: Callable[[float], float]
-    force: Callable[[float], float]
+    With a `pace` (mm/s) the moment goes with the travel, `time` being that at `start` (mm).
+    """
+
+    force: float
     first: float
     slope: float
-    largest: float
+    time: float
+    pace: float = 0.0
+    start: float = 0.0
+
+    def moment(self, travel: float) -> float:
+        """When (s) the indenter is at a travel (mm)."""
+        return self.time + ((travel - self.start) / self.pace if self.pace else 0.0)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What every step needs: `measure` is the force (N) of the whole specimen along the way, `share` its multiple."""
+    """What every step needs: `measure` is the force (N) of the whole specimen along the way of that (3,) N of the
+    modelled part, `share` of which is the whole; `tau` (s) the shortest relaxation time, ∞ without any."""
 
     system: System
     start: Start
     control: Control
     counters: Counters
-    measure: Callable[[LoadPoint], float]
+    measure: Callable[[np.ndarray], float]
     share: float
     tau: float
 
@@ -142,9 +160,8 @@ class _Walk:
     def __init__(self, bench: Bench, drive: Drive, here: Reached, first: np.ndarray | None) -> None:
         self.bench, self.drive, self.here = bench, drive, here
         self.force, self.slope, self.pace = 0.0, 0.0, 0.0
-        self.out = Followed([], [], [], [])
-        self._first = first
-        self._passed: tuple[str, float] | None = None  # what was met last is not met again from there
+        self.out = Followed([], [], [], [], [])
+        self._first, self._aim, self._on_the_way = first, 0.0, False
 
     # ------------------------------------------------------------------------------------------------------- legs
 
@@ -165,10 +182,10 @@ class _Walk:
         end = s0 if leg.to_mm is None else leg.to_mm
         lasts = leg.lasts if leg.lasts is not None else abs(end - s0) / leg.rate
         at = lambda t: s0 + (end - s0) * min(t / lasts, 1.0)  # noqa: E731
-        moments = {t: (at(t), True) for t in leg.asked}
+        moments = {_of_end(t, lasts): (at(t), True) for t in leg.asked}
         for a in self.drive.asked_mm if end != s0 else ():
             if min(s0, end) < a < max(s0, end) or a == end:
-                moments[lasts * (a - s0) / (end - s0)] = (a, True)
+                moments[_of_end(lasts * (a - s0) / (end - s0), lasts)] = (a, True)
         moments.setdefault(lasts, (end, False))
         for t in sorted(moments):
             s, asked = moments[t]
@@ -180,38 +197,46 @@ class _Walk:
             dt, ds = time - self.here.time, travel - self.here.travel
             part = min(share, self.bench.control.path / max(abs(ds), 1e-300), self._longest(began) / dt)
             last = part >= 0.95
-            goal = Instant(time, travel, True) if last else Instant(self.here.time + part * dt, self.here.travel + part * ds, True)
+            here = self.here
+            goal = Instant(time, travel, asked)
+            if not last:
+                goal = Instant(here.time + part * dt, here.travel + part * ds, False)
             try:
-                trial = self._tried(goal)
+                trial = self._passing(goal, self.drive.asked_N)
             except NotConverged as error:
                 share = self._cut(part, error)
                 continue
             met = self._met(trial)
             if met is not None:
-                here = self.here
                 v = (goal.travel - here.travel) / (goal.time - here.time)
-                p = here.travel + (met - self.force) / (trial.force - self.force) * (goal.travel - here.travel)
                 slope = (trial.force - self.force) / (goal.travel - here.travel)
-                wanted = Wanted(lambda s: s, lambda s: here.time + (s - here.travel) / v, lambda s: met, p, slope,
-                                self.bench.control.path)  # fmt: skip
+                wanted = Wanted(met, here.travel + (met - self.force) / slope, slope, here.time, v, here.travel)
                 self._arrive(self._solved(wanted, TIGHT), True, True)
-                self._passed = ("N", met)
                 continue
             self._arrive(trial, asked and last, False)
             share = 1.0
+
+    def _passing(self, goal: Instant, forces: Sequence[float]) -> Trial:
+        """The end of a step of travel; contact is exact where one of the forces is near or passed."""
+        self._on_the_way = False
+        trial = self._tried(goal)
+        low, high = sorted((self.force, trial.force))
+        near = any(low * (1.0 - CLOSE) <= f <= high * (1.0 + CLOSE) for f in forces)
+        return trial if goal.asked or not near else self._tried(replace(goal, asked=True), trial)
 
     def _met(self, trial: Trial) -> float | None:
         """The first asked force that a step of travel passes."""
         between = [
             f
             for f in self.drive.asked_N
-            if (self.force - f) * (trial.force - f) < 0.0 and self._passed != ("N", f) and trial.force != self.force
+            if (self.force - f) * (trial.force - f) < 0.0 and abs(self.force - f) > MET * abs(f)
         ]
         return min(between, key=lambda f: abs(f - self.force), default=None)
 
     def _until(self, leg: Leg, began: float) -> None:
         """Travel until a force is met, at most to the deepest travel."""
         assert leg.to_N is not None
+        self._aim = leg.to_N
         back = leg.to_N < self.force
         v, step, share = (-leg.rate if back else leg.rate), self.bench.control.first, 1.0
         asked = list(leg.asked)
@@ -227,7 +252,7 @@ class _Walk:
             if due:
                 t, ds = due[0], (due[0] - here.time) * v
             try:
-                trial = self._tried(Instant(t, here.travel + ds, True))
+                trial = self._passing(Instant(t, here.travel + ds, bool(due)), (*self.drive.asked_N, leg.to_N))
             except NotConverged as error:
                 share = self._cut(share, error)
                 continue
@@ -237,13 +262,9 @@ class _Walk:
             if met is not None:
                 slope = (trial.force - self.force) / (trial.goal.travel - here.travel)
                 ratio = max(met / trial.force, 0.0) if self.force == 0.0 and trial.force > 0.0 else None
-                p = here.travel + (
-                    ratio ** (1.0 / POWER) * ds if ratio is not None else (met - self.force) / slope
-                )
-                wanted = Wanted(lambda s: s, lambda s, h=here: h.time + (s - h.travel) / v, lambda s, f=met: f, p, slope,
-                                self.bench.control.path)  # fmt: skip
+                p = here.travel + (ratio ** (1.0 / POWER) * ds if ratio is not None else (met - self.force) / slope)
+                wanted = Wanted(met, p, slope, here.time, v, here.travel)
                 self._arrive(self._solved(wanted, TIGHT), met in self.drive.asked_N, True)
-                self._passed = ("N", met)
                 if met == leg.to_N:
                     return
                 continue
@@ -253,13 +274,13 @@ class _Walk:
     def _by_force(self, leg: Leg, began: float) -> None:
         """Force to a force, or rest there: what is asked for and the end are met exactly, the rest is on the way."""
         F0 = self.force
-        end = F0 if leg.to_N is None else leg.to_N
+        end = self._aim = F0 if leg.to_N is None else leg.to_N
         lasts = leg.lasts if leg.lasts is not None else abs(end - F0) / leg.rate
         rate = (end - F0) / lasts if leg.to_N is not None else 0.0
-        moments = {t: (F0 + rate * t, True) for t in leg.asked}
+        moments = {_of_end(t, lasts): (F0 + rate * t, True) for t in leg.asked}
         for f in self.drive.asked_N if rate else ():
             if min(F0, end) < f < max(F0, end) or f == end:
-                moments[(f - F0) / rate] = (f, True)
+                moments[_of_end((f - F0) / rate, lasts)] = (f, True)
         moments[lasts] = (end, moments.get(lasts, (end, False))[1])
         for t in sorted(moments):
             f, asked = moments[t]
@@ -273,13 +294,15 @@ class _Walk:
             last = part >= 0.95
             t = time if last else here.time + part * dt
             f = force if last else self.force + rate * (t - here.time)
-            s = here.travel + ((f - self.force) / self.slope if self.slope > 0.0 and rate else self.pace * (t - here.time))
-            if self.slope <= 0.0:  # contact begins
-                s = here.travel + self.bench.control.first * (1.0 if f > self.force else -1.0)
-            wanted = Wanted(lambda p: p, lambda p, t=t: t, lambda p, f=f: f, s, self.slope, self.bench.control.largest)
-            exact = TIGHT if last and asked else BETWEEN if last or self.bench.path_dependent else ANY
+            s = here.travel + (
+                (f - self.force) / self.slope if self.slope > 0.0 and rate else self.pace * (t - here.time)
+            )
             try:
-                trial = self._solved(wanted, exact)
+                if self.slope <= 0.0:
+                    t, f, s = self._first_touch(time, force, rate, share)
+                    last = t == time
+                wanted = Wanted(f, s, self.slope, t)
+                trial = self._solved(wanted, TIGHT if last else BETWEEN if self.bench.path_dependent else ANY)
             except NotConverged as error:
                 share = self._cut(part, error)
                 continue
@@ -290,17 +313,28 @@ class _Walk:
             self._arrive(trial, asked and last, True)
             share = 1.0
 
+    def _first_touch(self, time: float, force: float, rate: float, share: float) -> tuple[float, float, float]:
+        """Moment (s), force (N) and travel (mm) to look for first, no further than a step of travel goes."""
+        s = self.here.travel + share * self.bench.control.first
+        tried = self._tried(Instant(time, s, False)).force
+        if tried >= force or tried <= 0.0 or rate <= 0.0:
+            share = (force / tried) ** (1.0 / POWER) if tried > force > 0.0 else 1.0
+            return time, force, self.here.travel + share * (s - self.here.travel)
+        return self.here.time + (tried - self.force) / rate, tried, s
+
     def _by_travel_at_most(self, force: float, dt: float) -> float:
         """Share of a step of force that moves the indenter by no more than a step of travel."""
         path = self.bench.control.path
         if self.slope <= 0.0:
             return 1.0
-        return min(path * self.slope / max(abs(force - self.force), 1e-300), path / max(abs(self.pace) * dt, 1e-300), 1.0)
+        return min(
+            path * self.slope / max(abs(force - self.force), 1e-300), path / max(abs(self.pace) * dt, 1e-300), 1.0
+        )
 
     def _met_travel(self, trial: Trial) -> float | None:
         """The first asked travel that a step of force passes."""
         a, b = self.here.travel, trial.goal.travel
-        between = [s for s in self.drive.asked_mm if (a - s) * (b - s) < 0.0 and self._passed != ("mm", s)]
+        between = [s for s in self.drive.asked_mm if (a - s) * (b - s) < 0.0 and abs(a - s) > MET * s]
         return min(between, key=lambda s: abs(s - a), default=None)
 
     def _at_travel(self, travel: float, trial: Trial, rate: float) -> None:
@@ -315,7 +349,6 @@ class _Walk:
             off = sign * (found.force - (F0 + rate * (t - here.time)))
             if abs(off) <= TIGHT * max(abs(found.force), 1e-300) or high - low <= 1e-9 * max(high, 1.0):
                 self._arrive(found, True, True)
-                self._passed = ("mm", travel)
                 return
             if off > 0.0:
                 low, at_low = t, off
@@ -338,47 +371,65 @@ class _Walk:
         """The state at an instant, from where the way is or from one nearby; raises NotConverged, Stopped."""
         b, here = self.bench, self.here
         if goal.travel > self.drive.deepest * (1.0 + ROUND):
-            raise self._out_of_reach(None)
+            raise self._out_of_reach(self._aim)
         u, rate, s = here.u, here.rate, here.travel
         if near is not None:
             u, rate, s = near.found.evaluation.u, near.found.rate, near.goal.travel
         guess = load_steps.ahead(b.system, u, (goal.travel - s) * rate)
         if self._first is not None and here.time == 0.0 and near is None:
             guess = self._first
-        found, load, point = history_steps.attempt(
-            b.system, b.start, here, goal, guess, b.control, b.counters, load_steps.PATIENT
-        )
-        assert point is not None  # of an instant that is asked for
-        return Trial(goal, found, load, point, b.measure(point), b.share * _slope(b.system, point))
+        (found, load, point), rough = self._attempted(goal, guess)
+        at, by = (found, load) if point is None else (point.stages[-1].equilibrium, point.stages[-1].load)
+        force, slope = b.measure(at.evaluation.contact.force), b.share * _slope(b.system, at, by)
+        return Trial(goal, found, load, point, force, slope, rough)
+
+    def _attempted(self, goal: Instant, guess: np.ndarray) -> tuple[tuple[Equilibrium, Load, LoadPoint | None], bool]:
+        """One step from a guess (n, 3), and whether round-off left it rough."""
+        b = self.bench
+        least = b.control.tight if goal.asked and not self._on_the_way else max(b.control.tight, ON_THE_WAY)
+        for tight in (least, ROUGH):
+            control = replace(b.control, tight=tight, medium=max(b.control.medium, tight))
+            limit = load_steps.BRISK if tight < ROUGH else load_steps.PATIENT
+            try:
+                return history_steps.attempt(
+                    b.system, b.start, self.here, goal, guess, control, b.counters, limit
+                ), tight == ROUGH
+            except NotConverged as error:
+                near = error.history and min(error.history) < ROUGH
+                if tight == ROUGH or error.cause == "time_limit" or not (near and goal.asked):
+                    raise
+        raise AssertionError("the last of the tolerances returns or raises")
 
     def _solved(self, wanted: Wanted, exact: float) -> Trial:
         """The state that obeys a scalar equation, to a share of its force; raises NotConverged, Stopped."""
+        self._on_the_way = exact > TIGHT
         here = self.here
-        p, slope, near = wanted.first, wanted.slope, None
+        p, slope, target, most = wanted.first, wanted.slope, wanted.force, self.bench.control.largest
+        near: Trial | None = None
         ends: dict[bool, tuple[float, float]] = {}  # whether F ≥ F*: (p, F − F*) nearest to the root
         for _ in range(TRIALS):
             p = min(p, self.drive.deepest) if p > self.drive.deepest and False not in ends else p
-            trial = self._tried(Instant(wanted.time(p), wanted.travel(p), True), near)
-            target = wanted.force(p)
+            trial = self._tried(Instant(wanted.moment(p), p, True), near)
             off = trial.force - target
-            if abs(off) <= exact * max(abs(target), 1e-300):
+            if abs(off) <= max(exact, HARDLY if trial.rough else 0.0) * max(abs(target), 1e-300):
                 return trial
             if off < 0.0 and p >= self.drive.deepest * (1.0 - ROUND):
-                raise self._out_of_reach(target, trial.force)
+                raise self._out_of_reach(self._aim, trial.force)
             ends[off >= 0.0] = (p, off)
-            slope = _steepness(trial, near, slope)
-            if not slope > 0.0:
-                raise NotConverged("instability", "the force does not rise with the travel", ())
-            near, new = trial, p - off / slope
-            if trial.force <= 0.0 < target:
-                new = p + self.bench.control.first  # not touched yet
-            elif self.force <= 0.0 and len(ends) == 1 and trial.force > 0.0 and p > here.travel:
+            slope, near = _steepness(trial, near, slope), trial
+            if trial.force <= 0.0 < target:  # not touched yet
+                new = p + self.bench.control.first
+            elif self.force <= 0.0 and off > 0.0 and p > here.travel:
                 new = here.travel + (p - here.travel) * (target / trial.force) ** (1.0 / POWER)
+            elif slope > 0.0:
+                new = p - off / slope
+            else:
+                raise NotConverged("instability", "the force does not rise with the travel", ())
             if len(ends) == 2:
                 low, high = sorted(v[0] for v in ends.values())
                 new = new if low < new < high else 0.5 * (low + high)
-            p = p + float(np.clip(new - p, -wanted.largest, wanted.largest))
-        raise NotConverged("contact", f"no travel at which the force is {wanted.force(p):.6g} N", ())
+            p = p + float(np.clip(new - p, -most, most))
+        raise NotConverged("contact", f"no travel at which the force is {target:.6g} N", ())
 
     def _arrive(self, trial: Trial, asked: bool, given: bool) -> None:
         """Go on from a state."""
@@ -389,12 +440,13 @@ class _Walk:
             self.pace = (goal.travel - here.travel) / (goal.time - here.time)
         self.here = history_steps.arrived(b.system, trial.load, trial.found, goal)
         self.force, self.slope = trial.force, trial.slope
-        self._passed = None
         self.out.way.append(replace(goal, asked=asked))
         if asked:
+            assert trial.point is not None  # of an instant that is asked for
             self.out.points.append(history_steps.light(trial.point))
             self.out.given.append(given)
             self.out.slopes.append(trial.slope)
+            self.out.left.append(HARDLY if trial.rough else TIGHT)
 
     def _cut(self, share: float, error: NotConverged) -> float:
         """The share of a step to try after one without equilibrium; raises it where that is too short."""
@@ -404,12 +456,19 @@ class _Walk:
         self.here = replace(self.here, rate=np.zeros_like(self.here.rate)) if share < 0.1 else self.here
         return 0.4 * share
 
-    def _out_of_reach(self, force: float | None, reached: float | None = None) -> Stopped:
+    def _out_of_reach(self, force: float, reached: float | None = None) -> Stopped:
         """The end of a way whose force is not met."""
         reached = self.force if reached is None else reached
-        what = "the programme goes on" if force is None else f"a force of {force:.4g} N is not met"
-        text = f"{what}: the way ends at {self.drive.deepest:.4g} mm ({self.drive.why}), with {reached:.4g} N"
+        text = (
+            f"a force of {force:.4g} N is not met: the way ends at {self.drive.deepest:.4g} mm ({self.drive.why}), "
+            f"with {reached:.4g} N"
+        )
         return Stopped(OUT_OF_REACH, text, self.out.points, (), self.bench.counters)
+
+
+def _of_end(t: float, lasts: float) -> float:
+    """A moment (s) of a leg, its end where round-off is between them."""
+    return lasts if abs(t - lasts) <= 1e-9 * lasts else t
 
 
 def _steepness(trial: Trial, near: Trial | None, slope: float) -> float:
@@ -421,9 +480,8 @@ def _steepness(trial: Trial, near: Trial | None, slope: float) -> float:
     return trial.slope if trial.slope > 0.0 else slope
 
 
-def _slope(system: System, point: LoadPoint) -> float:
+def _slope(system: System, at: Equilibrium, load: Load) -> float:
     """dF/ds (N/mm) of the modelled part along its way d at one moment, by the tangent: −(D − du/ds)·∂R/∂s, D = d at
     every node: contact hangs on x − s d alone, so that ∂F/∂s and ∂F/∂u are ∂R/∂s up to the sign."""
-    stage = point.stages[-1]
-    moving = newton.contact_tangent(system, stage.equilibrium.evaluation, stage.load)[1]
-    return -float((moving * (stage.load.pressing.direction - stage.equilibrium.rate)).sum())
+    moving = newton.contact_tangent(system, at.evaluation, load)[1]
+    return -float((moving * (load.pressing.direction - at.rate)).sum())

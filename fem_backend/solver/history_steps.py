@@ -60,7 +60,7 @@ def follow(
     points: list[LoadPoint] = []
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
-        share, begin = 1.0, here.time  # of what is left to this instant
+        share, began = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
@@ -74,7 +74,7 @@ def follow(
                 share *= 0.5
                 pace = 0.5 * abs(goal.travel - here.travel) or pace
                 least = 1 / 8 if system.loose else 1 / 64
-                lost = share * (instant.time - here.time) < least * (instant.time - begin)
+                lost = share * (instant.time - here.time) < least * (instant.time - began)
                 if lost or error.cause == "time_limit":
                     if not load_steps.may_go_on(system, limit, error):
                         raise load_steps.stopped(error, here.travel, points, counters) from error
