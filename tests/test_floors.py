@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model derived model_hierarchy new_study priors sketch",
+        "command_line cost_model derived model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -91,6 +91,7 @@ LAYERS = {
         "derivatives",
         "rezoning",
         "indentation",
+        "controlled",
     ),
     "fem_backend.solver": (
         "direct",
@@ -99,6 +100,7 @@ LAYERS = {
         "mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
+        "controlled_steps",
     ),
     "fem_backend.specimens": (
         "own_laws",
@@ -157,6 +159,7 @@ LAYERS = {
     ),
     "rso.contract": (
         "parameters plain_data",
+        "segments",
         "cases responses",
         "backend capabilities",
         "keys",
@@ -330,6 +333,7 @@ SEAM = {
     "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.programmes",
     "adapter.sketch",
     "backend",
     "__main__",

@@ -40,6 +40,8 @@ class Result:
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
     `coarser` are the channels of the same run with elements of twice the size, where that was made; `on` says with what
     each point was solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
+    `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
+    the share of the force that is not met there; None without any.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -55,6 +57,9 @@ class Result:
     coarser: Mapping[str, np.ndarray] | None = None
     on: tuple[InitialState, ...] = field(default=(), repr=False)
     legs: tuple[tuple[float, float], ...] = ()
+    given: np.ndarray | None = None
+    slopes: np.ndarray | None = None
+    left: np.ndarray | None = None
 
     @property
     def travel(self) -> np.ndarray:
@@ -74,6 +79,9 @@ class Result:
             residual=self.residual[:k],
             points=self.points[:k],
             on=self.on[:k],
+            given=None if self.given is None else self.given[:k],
+            slopes=None if self.slopes is None else self.slopes[:k],
+            left=None if self.left is None else self.left[:k],
         )
 
     @property
@@ -190,16 +198,8 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
 
 def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step."""
-    control, u = at.settings.control, at.seated
-    history = _earlier(at, counters)
-    touching = None
-    if at.system.loose and at.system.dead is None:
-        if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
-            touching = 0.02 * at.placement.indenter.length
-        else:
-            u = load_steps.seat(
-                history_steps.smooth(at.system), at.start(0.02 * at.placement.indenter.length), u, control, counters
-            )
+    u, history, touching = begun(at, counters)
+    control = at.settings.control
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
@@ -208,6 +208,18 @@ def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> 
         stopped.points = each(groups, stopped.points)
         raise
     return each(groups, points)
+
+
+def begun(at: InitialState, counters: Counters) -> tuple[np.ndarray, stress.History | None, float | None]:
+    """Displacement (n, 3) and history from which a programme is followed, and the travel (mm) at which a body that may
+    turn is sought at rest, None of another."""
+    u, history, first = at.seated, _earlier(at, counters), 0.02 * at.placement.indenter.length
+    if not at.system.loose or at.system.dead is not None:
+        return u, history, None
+    if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
+        return u, history, first
+    smooth = history_steps.smooth(at.system)
+    return load_steps.seat(smooth, at.start(first), u, at.settings.control, counters), history, None
 
 
 def elastic(

@@ -29,6 +29,7 @@ from rso.contract.capabilities import (
     Drawn,
     ErrorCalibration,
     Fingerprint,
+    ForceControl,
     ForceExponents,
     FormulaCurve,
     Formulas,
@@ -53,6 +54,7 @@ from rso.contract.capabilities import (
     Sketches,
     SurfaceMarks,
     Variants,
+    beyond_control,
     capability,
     lacking,
     unfit,
@@ -62,6 +64,7 @@ from rso.contract.keys import run_key
 from rso.contract.parameters import Parameter, Scope, drop_neutral, finite, knob, number, parameters_of
 from rso.contract.plain_data import by_contents, digest, object_path, plain
 from rso.contract.responses import CAUSES, Curve, NotFinite, Response, SimulationFailed
+from rso.contract.segments import Segment
 
 __all__ = [
     "CAPABILITIES",
@@ -80,6 +83,7 @@ __all__ = [
     "Drawn",
     "ErrorCalibration",
     "Fingerprint",
+    "ForceControl",
     "ForceExponents",
     "FormulaCurve",
     "Formulas",
@@ -105,11 +109,13 @@ __all__ = [
     "Resolution",
     "Response",
     "Scope",
+    "Segment",
     "SimulationFailed",
     "Sketch",
     "Sketches",
     "SurfaceMarks",
     "Variants",
+    "beyond_control",
     "by_contents",
     "capability",
     "digest",

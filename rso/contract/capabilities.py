@@ -93,6 +93,14 @@ class Relaxation(Protocol):
         ...
 
 
+class ForceControl(Protocol):
+    """Whether programmes may be controlled by force; without it travel alone is, and such a programme is refused."""
+
+    def controls_force(self, settings: Settings, /) -> bool:
+        """Whether segments at a force, or to one, and asked forces are understood with these settings."""
+        ...
+
+
 # --- closed forms: answers and starts without a simulation ----------------------------------------------------------
 
 
@@ -376,7 +384,7 @@ class Fingerprint(Protocol):
 
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
-    "alternatives": (Variants, ModelHierarchy, Relaxation),
+    "alternatives": (Variants, ModelHierarchy, Relaxation, ForceControl),
     "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
         CostModel,
@@ -402,6 +410,20 @@ def capability(backend: object, kind: Callable[..., C]) -> C | None:
     `kind` is typed as what makes C, not as ``type[C]``, for which mypy takes no protocol.
     """
     return None if lacking(backend, kind) else backend  # type: ignore[return-value]
+
+
+def beyond_control(backend: object, case: Case) -> str | None:
+    """Why a backend cannot follow the programme of a case: it asks for a force and travel alone is understood."""
+    if not case.programme.forced:
+        return None
+    found = capability(backend, ForceControl)
+    if found is not None and found.controls_force(case.settings):
+        return None
+    name = getattr(backend, "name", type(backend).__name__)
+    return (
+        f'programme: force controls it (control = "force", to_N or asked_N), which the backend {name!r} does not '
+        "understand: it has no controls_force (rso.contract.ForceControl); a programme of travel alone is followed"
+    )
 
 
 def lacking(backend: object, kind: Callable[..., Any]) -> list[str]:
