@@ -18,7 +18,7 @@ from fem_backend.remeshing.triangulation import NoTriangles, filled, size_field
 
 CORNER = 0.9  # cosine of the turn of an outline that is a corner, and stays
 ON_AXIS = 1e-12  # of the largest coordinate: a radius that is none
-THIN = 0.35  # of the height over the lowest point: no element is larger
+THIN, THINNEST = 0.35, 0.05  # of the height of the body above the lowest point: no element is larger; of the wanted
 BENT = 6.0  # times the volume before or after: a triangle of which the map of the old mesh is not nearly linear
 TRIES = 5  # with smaller triangles where the map is bent
 SMALLER = 0.6  # of the edge length there
@@ -188,21 +188,25 @@ def _sizes(
     section: Section, chains: list[Chain], wanted: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (k, 2) on chains and the edge lengths (k,) there: as they are where they stay, `wanted` on the outline."""
-    places, sizes = [], []
-    lowest = float(section.x[:, 1].min())
+    places, sizes, free = [], [], []
     outline = set(section.outline[:, 2].tolist())
     for chain in chains:
         for a, b, middle in chain.edges:
             length = float(np.linalg.norm(section.x[b] - section.x[a]))
             if chain.fixed:
                 places.append(section.x[[a, b, middle]])
-                sizes += [length] * 3
+                sizes.append(np.full(3, length))
             elif int(middle) in outline:
                 count = max(int(np.ceil(length / float(wanted(section.x[[middle]])[0]))), 1)
                 x = _quadratic(np.linspace(0.0, 1.0, 2 * count + 1)) @ section.x[[a, b, middle]]
-                places.append(x)
-                sizes += np.minimum(wanted(x), np.maximum(THIN * (x[:, 1] - lowest), 0.05 * wanted(x))).tolist()
-    return np.concatenate(places), np.array(sizes)
+                free.append(x)
+    if free:
+        x = np.concatenate(free)
+        h, lowest = wanted(x), float(section.x[:, 1].min())
+        above = np.where(np.abs(x[:, None, 0] - x[None, :, 0]) <= h[:, None], x[None, :, 1], -np.inf).max(1)
+        places.append(x)
+        sizes.append(np.minimum(h, np.maximum(THIN * (above - lowest), THINNEST * h)))
+    return np.concatenate(places), np.concatenate(sizes)
 
 
 def _quadratic(t: np.ndarray) -> np.ndarray:

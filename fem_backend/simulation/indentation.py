@@ -132,7 +132,7 @@ def _attempt(
     legs: list[Leg] = []
     try:
         if slopes is None:
-            points = along(at, instants, counters)
+            points = along(at, instants, counters, legs)
         else:
             points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
@@ -185,8 +185,10 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
     return k, cause, why
 
 
-def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
-    """Points of a body for which the way counts: the programme is followed step by step."""
+def along(
+    at: InitialState, instants: Sequence[Instant], counters: Counters, legs: list[Leg] | None = None
+) -> list[LoadPoint]:
+    """Points of a body for which the way counts: the programme is followed step by step; `legs` takes up the meshes."""
     control, u = at.settings.control, at.seated
     history = _earlier(at, counters)
     touching = None
@@ -200,7 +202,9 @@ def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> 
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
-        points = history_steps.follow(at.system, at.start, way, control, counters, u, history, touching)
+        legs = [] if legs is None else legs
+        legs.append(Leg(at, None))
+        points = rezoning.follow(legs, way, counters, u, history, touching)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise

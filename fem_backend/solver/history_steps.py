@@ -11,7 +11,7 @@ from fem_backend.contact import tractions
 from fem_backend.contact.tractions import Before
 from fem_backend.materials.stress import History
 from fem_backend.solver import load_steps, rigid_motions
-from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped, Wear, Worn
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
@@ -45,6 +45,8 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
+    begin: Reached | None = None,
+    worn: Wear | None = None,
 ) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
@@ -55,6 +57,8 @@ def follow(
     Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
     travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against a wall of its support;
     so it does where even that does not hold it.
+
+    It may go on from a state that was reached, to `begin` with, and raises Worn at one that is `worn`.
     """
     here, first = _rest(system, start(0.0), u, history), None
     if touching is not None:
@@ -67,9 +71,12 @@ def follow(
             here = _rest(system, start(0.0), u, history)
     points: list[LoadPoint] = []
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
+    here = here if begin is None else begin
     for instant in instants:
-        share, begin = 1.0, here.time  # of what is left to this instant
+        share, since = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
+            if worn is not None and worn(here.u, here.travel):
+                raise Worn(points, here.u, here.travel, here)
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)
@@ -89,7 +96,7 @@ def follow(
                 share *= 0.5
                 pace = 0.5 * abs(goal.travel - here.travel) or pace
                 least = 1 / 8 if system.loose else 1 / 64
-                lost = share * (instant.time - here.time) < least * (instant.time - begin)
+                lost = share * (instant.time - here.time) < least * (instant.time - since)
                 if lost or error.cause == "time_limit":
                     if not load_steps.may_go_on(system, limit, error):
                         raise load_steps.stopped(error, here.travel, points, counters) from error
