@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model model_hierarchy new_study priors sketch",
+        "command_line cost_model derived model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -63,7 +63,8 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.materials": (
-        "meridian_zones stress",
+        "meridian_zones regions",
+        "stress",
         "response zones",
     ),
     "fem_backend.meshing": (
@@ -87,9 +88,9 @@ LAYERS = {
         "assembly",
         "initial_state",
         "outputs",
-        "derivatives",
-        "rezoning",
+        "derivatives rezoning",
         "indentation",
+        "controlled",
     ),
     "fem_backend.solver": (
         "direct",
@@ -98,9 +99,11 @@ LAYERS = {
         "mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
+        "controlled_steps",
     ),
     "fem_backend.specimens": (
-        "specimen",
+        "own_laws",
+        "layers specimen",
         "flat in_space",
         "ellipsoidal",
         "*",
@@ -121,8 +124,15 @@ LAYERS = {
         "calibration",
         "discrepancy model_selection",
         "optimal_design report",
+        "api",
         "cli",
         "__main__",
+    ),
+    "rso.api": (
+        "executors models run_result",
+        "workspace",
+        "shortcuts",
+        "__init__",
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
@@ -148,6 +158,7 @@ LAYERS = {
     ),
     "rso.contract": (
         "parameters plain_data",
+        "segments",
         "cases responses",
         "backend capabilities",
         "keys",
@@ -239,7 +250,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "usual_errors",
+        "derived usual_errors",
         "__init__",
     ),
     "rso.model_selection": (
@@ -275,8 +286,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
-        "range_extension",
+        "background closed_forms derived displacements gap gauss_newton hold_panels influence maps",
+        "identification range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -315,11 +326,13 @@ LAYERS = {
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
     "members",
+    "adapter.derived",
     "simulation.knobs",
     "simulation.experiment",
     "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.programmes",
     "adapter.sketch",
     "backend",
     "__main__",

@@ -24,6 +24,7 @@ from fem_backend.kinematics import axisymmetric, bodies, tetrahedra
 from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
+from fem_backend.materials.regions import Regions, Substance
 from fem_backend.meshing import MeridianMesh, Mesh
 from fem_backend.simulation import symmetry
 from fem_backend.simulation.experiment import Settings, element_size
@@ -32,7 +33,7 @@ from fem_backend.solver import condensation, direct, krylov
 from fem_backend.solver.condensation import Condense
 from fem_backend.solver.load_steps import Control
 from fem_backend.solver.newton import Load, System
-from fem_backend.specimens import Specimen
+from fem_backend.specimens import Specimen, own_laws
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
@@ -91,7 +92,7 @@ class Placement:
 def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
     try:
-        specimen = settings.specimen.actual(knobs)
+        specimen = settings.support.actual(knobs).confines(settings.specimen.actual(knobs))
         indenter = settings.indenter.actual(knobs, specimen)
         on, normal = specimen.above(*settings.point)
         rotation = turned(knobs)
@@ -153,6 +154,35 @@ def material(settings: Settings, knobs: Knobs) -> Material:
         laws.Prony(tuple(g for g, _ in terms), tuple(t for _, t in terms)) if terms else None,
         mullins if knobs.mullins else None,
     )
+
+
+def of_layers(settings: Settings, knobs: Knobs) -> tuple[Material, ...]:
+    """The materials of layers with a law of their own, from the top down; others stand for that of the rest.
+
+    Fibres are as stiff beside the layer's μ as in the rest, softening begins at the same share of it.
+    Raises NotModelled where the rest is linear elastic.
+    """
+    rest, specimen, out = material(settings, knobs), settings.specimen, []
+    for prefix, own, ratio in zip(own_laws.PREFIXES, specimen.laws, specimen.ratios, strict=False):
+        if own is None:
+            out.append(rest)
+            continue
+        if rest.small_strain:
+            raise NotModelled("not_supported", f"law = {settings.law!r} below a layer of finite strain")
+        law = own_laws.made(own, prefix, knobs, ratio)
+        k = law.shear_modulus / rest.shear_modulus
+        fibre = rest.fibre and replace(rest.fibre, k1=k * rest.fibre.k1)
+        out.append(Material(law, fibre, rest.prony, rest.mullins and replace(rest.mullins, m=k * rest.mullins.m)))
+    return tuple(out)
+
+
+def substance(settings: Settings, knobs: Knobs, placement: Placement, body: Body) -> Substance:
+    """The material of a body, of several ones where layers have laws of their own; raises NotModelled."""
+    rest = material(settings, knobs)
+    if not any(settings.specimen.laws):
+        return rest
+    layer = placement.specimen.layer(body.nodes[body.cells].mean(1))
+    return Regions((rest, *of_layers(settings, knobs)), layer)
 
 
 @dataclass(frozen=True)
@@ -228,7 +258,8 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
             "(point, tilt or misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "
             f'"{LAWS.default}", which agrees to first order, or support = {holding}',
         )
-    ratio = stuff.bulk_modulus / stuff.shear_modulus
+    everything = (stuff, *of_layers(settings, knobs))
+    ratio = max(m.bulk_modulus / m.shear_modulus for m in everything)
     stiffest = STIFFEST_MERIDIAN if placement.meridian else STIFFEST
     if ratio > stiffest:
         raise NotModelled(
@@ -304,7 +335,7 @@ def system(
     """
     body = model.body
     settings = replace(settings, support=settings.support.actual(knobs))
-    stuff = material(settings, knobs)
+    stuff = substance(settings, knobs, placement, body)
     mu, length = stuff.shear_modulus, placement.indenter.length
     if like is None:
         surface, below = touching(settings, placement, model)

@@ -10,7 +10,7 @@ import functools
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -270,6 +270,13 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         meshed.fineness,
         remesh=mesh.remesh,
     )
+
+
+def with_multipliers(settings: Settings) -> Settings:
+    """The same with exact contact."""
+    if settings.multipliers:
+        return settings
+    return replace(settings, multipliers=True, control=Control().scaled(settings.indenter.length))
 
 
 def on_axis(settings: Settings) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fem_backend.contact import self_contact
 from fem_backend.laws import admissible
-from fem_backend.materials import stress
+from fem_backend.materials import regions, stress
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import rezoning
 from fem_backend.simulation.assembly import AssembledModel, Placement
@@ -19,7 +19,7 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
-from fem_backend.simulation.rezoning import Leg
+from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
@@ -40,6 +40,8 @@ class Result:
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
     `coarser` are the channels of the same run with elements of twice the size, where that was made; `on` says with what
     each point was solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
+    `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
+    the share of the force that is not met there; None without any.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -55,6 +57,9 @@ class Result:
     coarser: Mapping[str, np.ndarray] | None = None
     on: tuple[InitialState, ...] = field(default=(), repr=False)
     legs: tuple[tuple[float, float], ...] = ()
+    given: np.ndarray | None = None
+    slopes: np.ndarray | None = None
+    left: np.ndarray | None = None
 
     @property
     def travel(self) -> np.ndarray:
@@ -74,6 +79,9 @@ class Result:
             residual=self.residual[:k],
             points=self.points[:k],
             on=self.on[:k],
+            given=None if self.given is None else self.given[:k],
+            slopes=None if self.slopes is None else self.slopes[:k],
+            left=None if self.left is None else self.left[:k],
         )
 
     @property
@@ -129,7 +137,7 @@ def _attempt(
     counters = Counters(deadline=deadline)
     at = initial_state(settings, knobs, placement, model, counters)
     slopes = None if at.path_dependent else Slopes(at, gradients)
-    legs: list[Leg] = []
+    legs: list[MeshLeg] = []
     try:
         if slopes is None:
             points = along(at, instants, counters, legs)
@@ -148,16 +156,19 @@ def unstable(result: Result) -> tuple[int, str] | None:
     """
     if result.system is None or not result.points:
         return None
-    law, points = result.system.material.law, result.points
-    if law.unconditional:
+    parts, points = regions.parts(result.system.material), result.points
+    if all(material.law.unconditional for material, _ in parts):
         return None
 
     def lost(point: LoadPoint) -> str | None:
-        F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
-        squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
-        reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
-        why = admissible(law, reached)
-        return why and f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        for material, cells in parts:
+            F = point.evaluation.H[cells].reshape(-1, 3, 3) + np.eye(3)
+            squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
+            reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
+            why = None if material.law.unconditional else admissible(material.law, reached)
+            if why:
+                return f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        return None
 
     if lost(max(points, key=lambda p: p.travel)) is None:
         return None
@@ -186,29 +197,33 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
 
 
 def along(
-    at: InitialState, instants: Sequence[Instant], counters: Counters, legs: list[Leg] | None = None
+    at: InitialState, instants: Sequence[Instant], counters: Counters, legs: list[MeshLeg] | None = None
 ) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step; `legs` takes up the meshes."""
-    control, u = at.settings.control, at.seated
-    history = _earlier(at, counters)
-    touching = None
-    if at.system.loose and at.system.dead is None:
-        if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
-            touching = 0.02 * at.placement.indenter.length
-        else:
-            u = load_steps.seat(
-                history_steps.smooth(at.system), at.start(0.02 * at.placement.indenter.length), u, control, counters
-            )
+    u, history, touching = begun(at, counters)
+    control = at.settings.control
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
         legs = [] if legs is None else legs
-        legs.append(Leg(at, None))
+        legs.append(MeshLeg(at, None))
         points = rezoning.follow(legs, way, counters, u, history, touching)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
     return each(groups, points)
+
+
+def begun(at: InitialState, counters: Counters) -> tuple[np.ndarray, stress.History | None, float | None]:
+    """Displacement (n, 3) and history from which a programme is followed, and the travel (mm) at which a body that may
+    turn is sought at rest, None of another."""
+    u, history, first = at.seated, _earlier(at, counters), 0.02 * at.placement.indenter.length
+    if not at.system.loose or at.system.dead is not None:
+        return u, history, None
+    if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
+        return u, history, first
+    smooth = history_steps.smooth(at.system)
+    return load_steps.seat(smooth, at.start(first), u, at.settings.control, counters), history, None
 
 
 def elastic(
@@ -217,7 +232,7 @@ def elastic(
     counters: Counters,
     guess: Guess | None = None,
     watch: Watch | None = None,
-    legs: list[Leg] | None = None,
+    legs: list[MeshLeg] | None = None,
 ) -> list[LoadPoint]:
     """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched.
 
@@ -231,7 +246,7 @@ def elastic(
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         legs = [] if legs is None else legs
-        legs.append(Leg(at, watch))
+        legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
         found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in stopped.points}
@@ -252,7 +267,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     virgin = stress.virgin(at.system.material, *body.w.shape)
     if virgin is None or at.settings.earlier == 0.0 or at.system.material.mullins is None:
         return virgin
-    first = replace(at.system.material, prony=None)
+    first = regions.without(at.system.material, "prony")
     system = replace(history_steps.smooth(at.system), material=first)
     deepest = at.settings.earlier
     ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
@@ -269,7 +284,7 @@ def collect(
     counters: Counters,
     cpu_s: float,
     slopes: Slopes | None = None,
-    legs: Sequence[Leg] = (),
+    legs: Sequence[MeshLeg] = (),
 ) -> Result:
     """Result from the points reached, each on the mesh of its leg."""
     on = [legs[p.leg].at if legs else at for p in points]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,10 +13,9 @@ from fem_backend.kinematics import bodies
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.materials.stress import History
 from fem_backend.remeshing import location
-from fem_backend.remeshing.section import NoMesh, Section, rezoned
+from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.derivatives import Slopes
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
 from fem_backend.solver.history_steps import Reached
@@ -32,15 +31,17 @@ AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew a
 
 
 @dataclass(frozen=True)
-class Leg:
+class MeshLeg:
     """A part of the way on one mesh: what is solved there, who watches, where it began (mm), by which share the force
-    changed there with the mesh, and u (n, 3) there; None of the first."""
+    changed there with the mesh, and u (n, 3) there; None of the first.  `watches` says who
+    watches on the next mesh."""
 
     at: InitialState
     watch: Watch | None
     began: float = 0.0
     jump: float = 0.0
     u: np.ndarray | None = None
+    watches: Callable[[InitialState], Watch] | None = None
 
 
 def allowed(at: InitialState) -> bool:
@@ -50,7 +51,7 @@ def allowed(at: InitialState) -> bool:
 
 
 def travel(
-    legs: list[Leg],
+    legs: list[MeshLeg],
     asked: Sequence[float],
     counters: Counters,
     u: np.ndarray,
@@ -85,21 +86,21 @@ def travel(
             raise
 
 
-def _changed(leg: Leg, u: np.ndarray, here: float, counters: Counters) -> tuple[Leg, np.ndarray]:
+def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tuple[MeshLeg, np.ndarray]:
     """The next leg and its displacement; the force is found on both meshes.  Raises NoMesh and NotConverged."""
     at, control = leg.at, leg.at.settings.control
     old = load_steps.equilibrate(at.system, [u], at.start(here), here, control, counters)
     new, carried = renewed(at, old.stages[0].equilibrium.evaluation)
     found = load_steps.equilibrate(new.system, [carried], new.start(here), here, control, counters)
     before, after = (abs(float(p.force @ at.placement.direction)) for p in (old, found))
-    watch = leg.watch.on(new) if isinstance(leg.watch, Slopes) else leg.watch
+    watch = leg.watch if leg.watches is None else leg.watches(new)
     jump = abs(after - before) / max(before, 1e-300)
     u = found.stages[0].equilibrium.evaluation.u
-    return Leg(new, watch, here, jump, u), u
+    return MeshLeg(new, watch, here, jump, u, leg.watches), u
 
 
 def follow(
-    legs: list[Leg],
+    legs: list[MeshLeg],
     way: Sequence[Instant],
     counters: Counters,
     u: np.ndarray,
@@ -138,7 +139,7 @@ def follow(
             raise
 
 
-def _carried(leg: Leg, here: Reached, counters: Counters) -> tuple[Leg, Reached]:
+def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, Reached]:
     """The next leg and what its path goes on from; equilibrium is found again at once, in no time.
 
     Histories are carried by `location.at_points`: stresses and overstresses at the quadrature points of the new mesh
@@ -171,10 +172,10 @@ def _carried(leg: Leg, here: Reached, counters: Counters) -> tuple[Leg, Reached]
         here, u=found.u, rate=np.zeros_like(found.u), history=found.history, before=before,
         pressures=[c.pressure for c in found.contacts],
     )  # fmt: skip
-    return Leg(new, None, here.travel, jump, reached.u), reached
+    return MeshLeg(new, None, here.travel, jump, reached.u), reached
 
 
-def wear(leg: Leg, since: float = 0.0) -> Wear:
+def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
     An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (1.7 times of a
@@ -230,18 +231,18 @@ def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarr
     return replace(at, model=model, system=system, seated=seated, probes=probes), u
 
 
-def _section(at: InitialState, u: np.ndarray) -> Section:
+def _section(at: InitialState, u: np.ndarray) -> DeformedMeridian:
     body = at.model.body
     fixed = body.free.reshape(-1, 3) < 0
     middle = body.nodes[body.cells[:, 6]]
     ratio = at.placement.specimen.stiffness(middle)
     part = np.zeros(len(middle), int) if ratio is None else np.unique(ratio, return_inverse=True)[1]
-    return Section(
+    return DeformedMeridian(
         body.nodes[:, [0, 2]], u[:, [0, 2]], body.cells, at.model.facets, fixed[:, 0] + 2 * fixed[:, 2], part
     )
 
 
-def _near(at: InitialState, section: Section, state: Evaluation) -> np.ndarray:
+def _near(at: InitialState, section: DeformedMeridian, state: Evaluation) -> np.ndarray:
     """Cells (m,) around the way of the indenter."""
     touched = tractions.contact_points(at.system.pressing.surface, at.model.body.nodes + state.u)
     touched = touched[state.contact.pressure > 0.0]
