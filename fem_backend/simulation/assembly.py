@@ -25,7 +25,7 @@ from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.meshing import MeridianMesh, Mesh
-from fem_backend.simulation import symmetry
+from fem_backend.simulation import cohesive, symmetry
 from fem_backend.simulation.experiment import Settings, element_size
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
@@ -172,7 +172,9 @@ class AssembledModel:
 
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
-    mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
+    many = cohesive.samples(settings, max(specimen.half_width, float(specimen.top[2] - specimen.lowest[2])))
+    places = () if many is None else (many,)
+    mesh = settings.specimen.meridian(specimen, cohesive.spacing(settings), settings.fineness, *places)
     points, facets = mesh.points, mesh.outline()
     X = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
     carried = settings.support.held(specimen, X, np.unique(facets))
@@ -251,6 +253,7 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         control=Control(),
         solver=settings.solver,
         fineness=settings.fineness,
+        fine=settings.fine if placement.meridian else None,
     )
     try:
         if placement.meridian:

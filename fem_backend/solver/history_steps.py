@@ -10,7 +10,9 @@ import numpy as np
 from fem_backend.contact import tractions
 from fem_backend.contact.tractions import Before
 from fem_backend.materials.stress import History
+from fem_backend.solver import jumps as sudden
 from fem_backend.solver import load_steps, rigid_motions
+from fem_backend.solver.jumps import Jumps, OnBranch
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
@@ -24,7 +26,8 @@ STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everythi
 class Reached:
     """What a path goes on from: time (s), travel (mm), displacement and its rate per travel (n, 3), material history.
 
-    `before` is how each pair touched at the end of the step, `pressures` (MPa) are its pressures.
+    `before` is how each pair touched at the end of the step, `pressures` (MPa) are its pressures; `branch` is where an
+    attracted body is on its branch of equilibria, None before the first.
     """
 
     time: float
@@ -34,6 +37,7 @@ class Reached:
     history: History | None
     before: tuple[Before, ...]
     pressures: list[np.ndarray]
+    branch: OnBranch | None = None
 
 
 def follow(
@@ -45,6 +49,8 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
+    jumps: Jumps | None = None,
+    begin_at: float = 0.0,
 ) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
@@ -55,8 +61,11 @@ def follow(
     Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
     travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against a wall of its support;
     so it does where even that does not hold it.
+
+    The path begins at the travel `begin_at` (mm).  Of an attracted body `jumps` collects what it does at once.
     """
-    here, first = _rest(system, start(0.0), u, history), None
+    here, first = replace(_rest(system, start(begin_at), u, history), travel=begin_at), None
+    rest = u
     if touching is not None:
         try:
             first = _held(system, start(touching), here, touching, control, counters)
@@ -66,6 +75,8 @@ def follow(
             u = load_steps.seat(smooth(system), start(touching), u, control, counters)
             here = _rest(system, start(0.0), u, history)
     points: list[LoadPoint] = []
+    if jumps is not None:
+        here = _attracted(system, start(begin_at), here, jumps, control, counters)
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
         share, begin = 1.0, here.time  # of what is left to this instant
@@ -77,32 +88,82 @@ def follow(
             guess = guess if first is None or here.time > 0.0 else first
             load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
             try:
-                try:
-                    found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
-                except NotConverged as error:
-                    if system.loose or error.cause == "time_limit" or not any(p.friction for p in system.seat):
-                        raise
-                    guess = _let_go(system, load, guess, here, control, counters, limit)
-                    found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
+                found, load, point = _tried(system, load, guess, here, goal, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
+                ds = abs(goal.travel - here.travel)
                 share *= 0.5
-                pace = 0.5 * abs(goal.travel - here.travel) or pace
+                pace = 0.5 * ds or pace
                 least = 1 / 8 if system.loose else 1 / 64
                 lost = share * (instant.time - here.time) < least * (instant.time - begin)
-                if lost or error.cause == "time_limit":
+                lost = lost if jumps is None or ds == 0.0 else ds <= jumps.shortest
+                if (lost or error.cause == "time_limit") and not _lets_go(jumps, here, error):
                     if not load_steps.may_go_on(system, limit, error):
                         raise load_steps.stopped(error, here.travel, points, counters) from error
                     limit, share, pace = load_steps.PATIENT, 1.0, np.inf
                 if share < 0.3:
                     here = replace(here, rate=np.zeros_like(here.rate))
-                continue
+                if not lost or not _lets_go(jumps, here, error):
+                    continue
+                try:
+                    found, load, point = _step(system, load, rest, here, goal, control, counters, load_steps.PATIENT)
+                except NotConverged as worse:
+                    raise load_steps.stopped(worse, here.travel, points, counters) from worse
+            now = None if jumps is None else sudden.on_branch(system, found, load, goal.travel)
+            if now is not None and here.branch is not None and sudden.unexplained(jumps, here.branch, now):
+                if abs(goal.travel - here.travel) > jumps.shortest:
+                    counters.cutbacks += 1
+                    share, pace = 0.5 * share, 0.5 * abs(goal.travel - here.travel)
+                    continue
+                jumps.found.append(sudden.jump(here.time, here.branch, now))
             counters.steps += 1
             load_steps.proper(system, found, here.travel, goal.travel, points, counters)
             points += [] if point is None else [_light(point)]
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
-            here = _arrived(system, load, found, goal)
+            if now is not None:
+                pace = min(pace, sudden.longest(jumps, here.branch, now))
+            here = replace(_arrived(system, load, found, goal), branch=now)
     return points
+
+
+def _attracted(
+    system: System, load: Load, here: Reached, jumps: Jumps, control: Control, counters: Counters
+) -> Reached:
+    """Where a path begins beside the body: at rest under what attraction there is already."""
+    if here.travel >= 0.0:
+        return here
+    load = _rubbing(system, replace(load, history=here.history), here)
+    try:
+        found = load_steps.find(system, here.u, load, control.between, counters)
+    except NotConverged as error:
+        raise load_steps.stopped(error, here.travel, [], counters) from error
+    begun = replace(_arrived(system, load, found, Instant(0.0, here.travel, False)), history=here.history)
+    return replace(begun, branch=sudden.on_branch(system, found, load, here.travel))
+
+
+def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:
+    """Whether a step that fails may be the end of a branch of an attracted body."""
+    return jumps is not None and here.branch is not None and error.cause != "time_limit"
+
+
+def _tried(
+    system: System,
+    load: Load,
+    guess: np.ndarray,
+    here: Reached,
+    goal: Instant,
+    control: Control,
+    counters: Counters,
+    limit: int,
+) -> tuple[Equilibrium, Load, LoadPoint | None]:
+    """A step, and where that fails of a body that rubs on its support once more from everything stuck."""
+    try:
+        return _step(system, load, guess, here, goal, control, counters, limit)
+    except NotConverged as error:
+        if system.loose or error.cause == "time_limit" or not any(p.friction for p in system.seat):
+            raise
+        guess = _let_go(system, load, guess, here, control, counters, limit)
+        return _step(system, load, guess, here, goal, control, counters, limit)
 
 
 def smooth(system: System) -> System:

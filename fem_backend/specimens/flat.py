@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
+from fem_backend.meshing import FINE, MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 from rso.contract import Drawn
 
@@ -304,7 +304,9 @@ class FlatTopped:
         seen = [float(d) for d, a, b in zip(down, ratios, ratios[1:], strict=False) if a != b]
         return [0.0, *(self.height - d for d in seen[::-1]), self.height]
 
-    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(
+        self, actual: FlatTopped, spacing: Size, fineness: float, samples: int = FINE
+    ) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
         widest = self.half_width / WALL if self.walled else math.inf
         near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
@@ -317,7 +319,7 @@ class FlatTopped:
             return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)
 
         own, other = self.interfaces(), actual.interfaces()
-        r, z = graded(across, tuple(self.rings())), graded(down, tuple(own))
+        r, z = graded(across, tuple(self.rings()), samples), graded(down, tuple(own), samples)
 
         def moved(points: np.ndarray) -> np.ndarray:
             wide = np.interp(points[:, 0], self.rings(), actual.rings())

@@ -19,6 +19,8 @@ class Programme:
     """Indenter travel over time, piecewise linear through (`time_s`, `travel_mm`), and what is asked for.
 
     Channels are returned at each passage of an asked travel and at each asked moment (a hold), in order of time.
+    Travel counts from the first contact with the undeformed specimen; it is negative where the indenter is above that:
+    before a contact, and where it draws the specimen up behind it.
     """
 
     time_s: tuple[float, ...]
@@ -39,8 +41,11 @@ class Programme:
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
         if u.max() <= 0:
             raise ValueError(f"programme: travel_mm must go down, which counts as positive, got {list(self.travel_mm)}")
-        if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
-            raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
+        low, high = min(float(u.min()), 0.0), float(u.max())
+        above = len(a) > 0 and (a[0] >= low - 1e-12 if low < 0.0 else a[0] > 0.0)
+        if not above or np.any(np.diff(a) <= 0) or a[-1] > high + 1e-12:
+            within = f"{'[' if low < 0.0 else '('}{low:g}, {high:g}] mm"
+            raise ValueError(f"programme: asked_mm must increase within {within}, got {list(self.asked_mm)}")
         m = np.asarray(self.asked_s)
         outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
         if not np.all(np.isfinite(m)) or np.any(np.diff(m) <= 0) or outside:
