@@ -301,7 +301,7 @@ def system(
         raise NotModelled("bad_geometry", str(error)) from error
     if held is not None and knobs.weight:
         raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
-    follows = held is None and adhesion is None and knobs.friction == 0.0
+    follows = held is None and knobs.friction == 0.0
     epsilon = penalty(placement, body, surface, mu, not follows)
     if held is not None:  # a layer between two that hold it is as stiff as K
         epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))

@@ -17,10 +17,10 @@ from fem_backend import closed_forms
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
-PER_ZONE, PER_CONTACT = 2.0, 10.0  # elements along the annulus and along a₀, at unit fineness
+PER_ZONE, PER_CONTACT = 3.0, 10.0  # elements along the annulus and along a₀, at unit fineness
 BESIDE = 1.3  # of the deepest contact's radius: where elements begin to grow
 GROWS = 0.25  # of the distance from there
-MOST = 500  # elements along the contact, at unit fineness
+MOST = 600  # elements along the contact, at unit fineness
 SAMPLES = 40  # of a size, per finest element
 FEWEST_SAMPLES, MOST_SAMPLES = 400, 400_000
 

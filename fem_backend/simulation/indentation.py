@@ -168,7 +168,8 @@ def jumps_of(at: InitialState) -> Jumps | None:
     R = at.placement.indenter.effective_radius(0.0)
     stiff = 4.0 * at.system.material.shear_modulus
     pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
-    return Jumps(pull, SHORTEST * (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0))
+    length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
+    return Jumps(pull, length, SHORTEST * length)
 
 
 def _begin_at(instants: Sequence[Instant]) -> float:
@@ -256,8 +257,8 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     return replace(virgin, W_max=history.W_max)
 
 
-def of_jumps(at: InitialState, jumps: Jumps, points: Sequence[LoadPoint], Fz: np.ndarray) -> dict[str, float]:
-    """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way back.
+def of_jumps(at: InitialState, jumps: Jumps) -> dict[str, float]:
+    """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way.
 
     Forces (N) are along the way of the indenter and those of the whole specimen; energies N mm.
     """
@@ -276,9 +277,8 @@ def of_jumps(at: InitialState, jumps: Jumps, points: Sequence[LoadPoint], Fz: np
         for j in mine[-1:]:
             out |= {f"{name}_mm": j.travel, f"{name}_s": j.time, f"{name}_released": many * j.released}
             out |= {f"{name}_before_N": many * j.before, f"{name}_after_N": many * j.after}
-    deepest = int(np.argmax([p.travel for p in points])) if points else 0
-    pulls = [*Fz[deepest:], *(many * j.before for j in jumps.found if not j.pulled_in)]
-    return out | ({"pull_off_N": float(min(pulls))} if pulls else {})
+    force, travel = jumps.strongest
+    return out | {"pull_off_N": many * force, "pull_off_mm": travel}
 
 
 def collect(
@@ -301,7 +301,7 @@ def collect(
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
-    notes |= {} if jumps is None else of_jumps(at, jumps, points, out["Fz"])
+    notes |= {} if jumps is None else of_jumps(at, jumps)
     if at.system.loose and points:
         carried = [np.abs((at.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]

@@ -19,6 +19,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged,
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
 AGREE = 0.05  # of the force: limits that are near enough
 LETTING_GO = (1.0, 30.0, 15.0, 8.0, 5.0, 3.5, 2.5, 1.8, 1.4, 1.2, 1.0)  # times the friction that a pressure allows
+LONGER = (16.0, 8.0, 4.0, 2.0)  # times the range of an attraction, from which a body is drawn in
 STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
 
 
@@ -87,7 +88,10 @@ def follow(
             guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
             load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
+            worked = counters.iterations
             try:
+                if jumps is not None and here.branch is None:
+                    guess = _drawn_in(system, load, guess, control, counters)
                 found, load, point = _tried(system, load, guess, here, goal, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
@@ -105,23 +109,31 @@ def follow(
                     here = replace(here, rate=np.zeros_like(here.rate))
                 if not lost or not _lets_go(jumps, here, error):
                     continue
+                if not sudden.at_fold(jumps, here.branch):  # the branch goes on: no answer is no jump
+                    raise load_steps.stopped(error, here.travel, points, counters) from error
                 try:
-                    found, load, point = _step(system, load, rest, here, goal, control, counters, load_steps.PATIENT)
+                    found, load, point = _landed(system, load, rest, here, goal, control, counters)
                 except NotConverged as worse:
                     raise load_steps.stopped(worse, here.travel, points, counters) from worse
-            now = None if jumps is None else sudden.on_branch(system, found, load, goal.travel)
+            now, jumped = None, False
+            if jumps is not None:
+                now = sudden.on_branch(system, found, load, goal.travel).after(here.branch)
             if now is not None and here.branch is not None and sudden.unexplained(jumps, here.branch, now):
                 if abs(goal.travel - here.travel) > jumps.shortest:
                     counters.cutbacks += 1
                     share, pace = 0.5 * share, 0.5 * abs(goal.travel - here.travel)
                     continue
                 jumps.found.append(sudden.jump(here.time, here.branch, now))
+                jumped = True
             counters.steps += 1
             load_steps.proper(system, found, here.travel, goal.travel, points, counters)
             points += [] if point is None else [_light(point)]
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
-            if now is not None:
-                pace = min(pace, sudden.longest(jumps, here.branch, now))
+            if jumps is not None and now is not None:
+                jumps.passed(now)
+                worked = (counters.iterations - worked) / (1 + control.augmentations * goal.asked)
+                longer = sudden.longer(worked) * abs(goal.travel - here.travel)
+                pace = np.inf if jumped else min(pace, sudden.longest(jumps, here.branch, now), longer or np.inf)
             here = replace(_arrived(system, load, found, goal), branch=now)
     return points
 
@@ -139,6 +151,27 @@ def _attracted(
         raise load_steps.stopped(error, here.travel, [], counters) from error
     begun = replace(_arrived(system, load, found, Instant(0.0, here.travel, False)), history=here.history)
     return replace(begun, branch=sudden.on_branch(system, found, load, here.travel))
+
+
+def _drawn_in(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
+    """Displacement (n, 3) near that under the attraction, from a long range of it on down: a long one draws gently."""
+    for longer in LONGER:
+        wide = system.each(lambda p, k=longer: p if p.adhesion is None else replace(p, adhesion=p.adhesion.over(k)))
+        u = load_steps.find(wide, u, load, control.loose, counters).evaluation.u
+    return u
+
+
+def _landed(
+    system: System, load: Load, rest: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters
+) -> tuple[Equilibrium, Load, LoadPoint | None]:
+    """What a body comes to beyond the end of its branch: as it was at `rest` (n, 3), or drawn in; raises NotConverged."""
+    patient = load_steps.PATIENT
+    try:
+        return _step(system, load, rest, here, goal, control, counters, patient)
+    except NotConverged as error:
+        if error.cause == "time_limit":
+            raise
+        return _step(system, load, _drawn_in(system, load, here.u, control, counters), here, goal, control, counters, patient)
 
 
 def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:

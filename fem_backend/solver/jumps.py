@@ -13,7 +13,7 @@ branch: it is halved until it is, or is as short as `least`, and then it is a ju
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from fem_backend.solver.newton import Equilibrium, Load, System
 
 SMOOTH = 0.1  # of the pull that a step along a branch may be off by, with
 CURVED = 0.02  # of the force: what the curvature of a long step may do
-NEARER = 0.5  # of the way to the fold that a step goes at most
+PACES = ((4, 1.7), (6, 1.2), (9, 0.8))  # iterations of a step, and how much longer the next one is
+NEARER = 0.6  # of the way to the fold that a step goes at most,
+STEEP = 0.5  # once its slope is beyond this share of the pull over the length by which a ball is drawn up
 
 
 @dataclass(frozen=True)
@@ -38,29 +40,46 @@ class Jump:
     pulled_in: bool
 
 
-@dataclass
-class Jumps:
-    """What counts as one: pull (N) of the modelled part, the `least` step (mm); and those that were found."""
-
-    pull: float
-    least: float
-    found: list[Jump] = field(default_factory=list)
-
-    @property
-    def shortest(self) -> float:
-        """Steps up to this length (mm) are not parted again."""
-        return 1.5 * self.least
-
-
 @dataclass(frozen=True)
 class OnBranch:
-    """Force f (N), its slope κ (N/mm) and potential (N mm) at a travel (mm); whether anything touches."""
+    """Force f (N), its slope κ and the `trend` from the point before (N/mm), potential (N mm) at a travel (mm); whether
+    anything touches.  Points of contact come and go: κ goes up and down, its mean is the trend."""
 
     travel: float
     force: float
     slope: float
     energy: float
     touches: bool
+    trend: float = 0.0
+
+    def after(self, before: OnBranch | None) -> OnBranch:
+        """The same with its trend since a point before."""
+        if before is None or self.travel == before.travel:
+            return self
+        return replace(self, trend=(self.force - before.force) / (self.travel - before.travel))
+
+
+@dataclass
+class Jumps:
+    """What counts as one: pull (N) of the modelled part, the length (mm) by which that draws the body up, the `least`
+    step (mm); and those that were found."""
+
+    pull: float
+    length: float
+    least: float
+    found: list[Jump] = field(default_factory=list)
+    strongest: tuple[float, float] = (0.0, 0.0)
+    """Least force (N) of the modelled part on the way and the travel (mm) of it."""
+
+    def passed(self, at: OnBranch) -> None:
+        """Take note of a point of the branch."""
+        if at.force < self.strongest[0]:
+            self.strongest = at.force, at.travel
+
+    @property
+    def shortest(self) -> float:
+        """Steps up to this length (mm) are not parted again."""
+        return 1.5 * self.least
 
 
 def on_branch(system: System, found: Equilibrium, load: Load, travel: float) -> OnBranch:
@@ -80,12 +99,22 @@ def unexplained(jumps: Jumps, a: OnBranch, b: OnBranch) -> bool:
     return not off <= SMOOTH * jumps.pull + CURVED * max(abs(a.force), abs(b.force))
 
 
+def at_fold(jumps: Jumps, at: OnBranch | None) -> bool:
+    """Whether the slope is as steep as it gets near a fold."""
+    return at is not None and min(at.slope, at.trend) <= -STEEP * jumps.pull / jumps.length
+
+
 def longest(jumps: Jumps, a: OnBranch | None, b: OnBranch) -> float:
-    """The longest step (mm) on from b: half of the way to the fold that 1/κ² at a and b points to."""
-    if a is None or b.slope >= 0.0 or a.slope >= 0.0 or abs(b.slope) <= abs(a.slope):
+    """The longest step (mm) on from b: a share of the way to the fold that 1/κ² points to, κ the trend at a and b."""
+    if a is None or not at_fold(jumps, b) or not b.trend < a.trend < 0.0:
         return np.inf
-    q, before = 1.0 / b.slope**2, 1.0 / a.slope**2
+    q, before = 1.0 / b.trend**2, 1.0 / a.trend**2
     return max(NEARER * abs(b.travel - a.travel) * q / (before - q), jumps.least)
+
+
+def longer(iterations: float) -> float:
+    """How many times as long the next step may be: the annulus where a surface is drawn up moves by its width or so."""
+    return next((k for most, k in PACES if iterations <= most), 0.5)
 
 
 def jump(time: float, a: OnBranch, b: OnBranch) -> Jump:
