@@ -448,8 +448,8 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     """The last change since the first answers that counts here, 0 where none does.
 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
-    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a meridian,
-    elements did not resolve an attraction, and contact beside it acted per undeformed area.
+    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
+    meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))

@@ -4,7 +4,8 @@
 (Wriggers 2006, §6.3.4).  ε is a multiple of the shear modulus per length, so that similarity stays exact.
 
 On meridians the same potential is per current area, ∫ (p² − λ²)/(2ε) da: per reference area, a surface of modulus μ
-that is pressed by p buckles in waves shorter than p²/(με), and all its elements may be finer than that.  Attraction stays per reference area.
+that is pressed by p buckles in waves shorter than p²/(με), and all its elements may be finer than that.  Attraction is
+per reference area everywhere.
 
 Friction by return mapping over a step (Wriggers 2006, §9.2): t = P(t₀ − ε_T (Δx − Δc)) cut to |t| ≤ μ_f p, P = I − n⊗n;
 it has no potential and, where points slip, an unsymmetric tangent.  A point that is touched within the step sticks from

@@ -9,7 +9,7 @@ have graded grids in three dimensions, see `grids`.
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
-from fem_backend.meshing.meridian import FINE, MeridianMesh, Size, graded, halved, triangulated
+from fem_backend.meshing.meridian import MeridianMesh, Size, graded, halved, triangulated
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import (

@@ -30,11 +30,12 @@ class MeridianMesh:
         return single[~(self.points[single, 0] == 0.0).all(1)]
 
 
-def graded(size: Size, places: tuple[float, ...], samples: int = FINE) -> np.ndarray:
+def graded(size: Size, places: tuple[float, ...], samples: int | None = None) -> np.ndarray:
     """Coordinates from the first to the last of `places` (mm, increasing), with each of them among these.
 
     Between two places ∫ dx/size elements, rounded up, at equal shares of the integral over `samples` places.
     """
+    samples = samples or FINE
     out: list[np.ndarray] = [np.array([places[0]])]
     for a, b in itertools.pairwise(places):
         x = np.linspace(a, b, samples + 1)

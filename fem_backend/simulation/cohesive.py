@@ -17,10 +17,10 @@ from fem_backend import closed_forms
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
-PER_ZONE, PER_CONTACT = 3.0, 10.0  # elements along the annulus and along a₀, at unit fineness
+PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
 BESIDE = 1.3  # of the deepest contact's radius: where elements begin to grow
 GROWS = 0.25  # of the distance from there
-MOST = 600  # elements along the contact, at unit fineness
+MOST = 800  # elements along the contact, at unit fineness
 SAMPLES = 40  # of a size, per finest element
 FEWEST_SAMPLES, MOST_SAMPLES = 400, 400_000
 
@@ -55,9 +55,10 @@ def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
     if radius > MOST * h:
         # of the same contact: the range at which MOST elements are enough
         least = knobs.adhesion_range * math.sqrt(radius / (MOST * min(l / PER_ZONE, radius / MOST)))
+        number = closed_forms.tabor(R, knobs.adhesion, E, knobs.adhesion_range)
         raise Unresolved(
             f"adhesion_range = {knobs.adhesion_range:.3g} mm: attraction acts on {l:.3g} mm beside a contact of "
-            f"{radius / BESIDE:.3g} mm (Tabor parameter {closed_forms.tabor(R, knobs.adhesion, E, knobs.adhesion_range):.3g}), "
+            f"{radius / BESIDE:.3g} mm (Tabor parameter {number:.3g}), "
             f"for which {MOST} elements are not enough; from {least:.2g} mm on they are"
         )
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))

@@ -127,7 +127,9 @@ def _attempt(
     above = any(i.asked and i.travel <= 0.0 for i in instants)  # where nothing touches, nothing is differentiated
     slopes, jumps = None if at.path_dependent else Slopes(at, () if above else gradients), jumps_of(at)
     try:
-        points = along(at, instants, counters, jumps) if slopes is None else elastic(at, instants, counters, guess, slopes)
+        points = (
+            along(at, instants, counters, jumps) if slopes is None else elastic(at, instants, counters, guess, slopes)
+        )
     except Stopped as stopped:
         stopped.reached = collect(at, stopped.points, counters, time.process_time() - started, None, jumps)
         raise
@@ -194,7 +196,9 @@ def along(
     groups, begin_at = together(instants), _begin_at(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
     try:
-        points = history_steps.follow(at.system, at.start, way, control, counters, u, history, touching, jumps, begin_at)
+        points = history_steps.follow(
+            at.system, at.start, way, control, counters, u, history, touching, jumps, begin_at
+        )
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise

@@ -54,9 +54,7 @@ def merged(travels: Sequence[float]) -> dict[float, float]:
     return out
 
 
-def steps(
-    instants: Sequence[Instant], largest: float, relaxes: bool = False, begin_at: float = 0.0
-) -> list[Instant]:
+def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False, begin_at: float = 0.0) -> list[Instant]:
     """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel).
 
     The way begins at the travel `begin_at` (mm).

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fem_backend.contact import tractions
-from fem_backend.contact.tractions import Before
+from fem_backend.contact.tractions import Before, Pair
 from fem_backend.materials.stress import History
 from fem_backend.solver import jumps as sudden
 from fem_backend.solver import load_steps, rigid_motions
@@ -109,7 +110,7 @@ def follow(
                     here = replace(here, rate=np.zeros_like(here.rate))
                 if not lost or not _lets_go(jumps, here, error):
                     continue
-                if not sudden.at_fold(jumps, here.branch):  # the branch goes on: no answer is no jump
+                if jumps is None or not sudden.at_fold(jumps, here.branch):  # the branch goes on: no answer is no jump
                     raise load_steps.stopped(error, here.travel, points, counters) from error
                 try:
                     found, load, point = _landed(system, load, rest, here, goal, control, counters)
@@ -118,11 +119,12 @@ def follow(
             now, jumped = None, False
             if jumps is not None:
                 now = sudden.on_branch(system, found, load, goal.travel).after(here.branch)
-            if now is not None and here.branch is not None and sudden.unexplained(jumps, here.branch, now):
+            if jumps is not None and now is not None and sudden.unexplained(jumps, here.branch, now):
                 if abs(goal.travel - here.travel) > jumps.shortest:
                     counters.cutbacks += 1
                     share, pace = 0.5 * share, 0.5 * abs(goal.travel - here.travel)
                     continue
+                assert here.branch is not None
                 jumps.found.append(sudden.jump(here.time, here.branch, now))
                 jumped = True
             counters.steps += 1
@@ -131,8 +133,8 @@ def follow(
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
             if jumps is not None and now is not None:
                 jumps.passed(now)
-                worked = (counters.iterations - worked) / (1 + control.augmentations * goal.asked)
-                longer = sudden.longer(worked) * abs(goal.travel - here.travel)
+                each = (counters.iterations - worked) / (1 + control.augmentations * goal.asked)
+                longer = sudden.longer(each) * abs(goal.travel - here.travel)
                 pace = np.inf if jumped else min(pace, sudden.longest(jumps, here.branch, now), longer or np.inf)
             here = replace(_arrived(system, load, found, goal), branch=now)
     return points
@@ -156,22 +158,27 @@ def _attracted(
 def _drawn_in(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
     """Displacement (n, 3) near that under the attraction, from a long range of it on down: a long one draws gently."""
     for longer in LONGER:
-        wide = system.each(lambda p, k=longer: p if p.adhesion is None else replace(p, adhesion=p.adhesion.over(k)))
+        wide = system.each(functools.partial(_wider, longer))
         u = load_steps.find(wide, u, load, control.loose, counters).evaluation.u
     return u
+
+
+def _wider(longer: float, pair: Pair) -> Pair:
+    return pair if pair.adhesion is None else replace(pair, adhesion=pair.adhesion.over(longer))
 
 
 def _landed(
     system: System, load: Load, rest: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters
 ) -> tuple[Equilibrium, Load, LoadPoint | None]:
-    """What a body comes to beyond the end of its branch: as it was at `rest` (n, 3), or drawn in; raises NotConverged."""
+    """What a body comes to beyond the end of its branch: as at `rest` (n, 3), or drawn in; raises NotConverged."""
     patient = load_steps.PATIENT
     try:
         return _step(system, load, rest, here, goal, control, counters, patient)
     except NotConverged as error:
         if error.cause == "time_limit":
             raise
-        return _step(system, load, _drawn_in(system, load, here.u, control, counters), here, goal, control, counters, patient)
+        near = _drawn_in(system, load, here.u, control, counters)
+        return _step(system, load, near, here, goal, control, counters, patient)
 
 
 def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:

@@ -42,8 +42,9 @@ class Jump:
 
 @dataclass(frozen=True)
 class OnBranch:
-    """Force f (N), its slope κ and the `trend` from the point before (N/mm), potential (N mm) at a travel (mm); whether
-    anything touches.  Points of contact come and go: κ goes up and down, its mean is the trend."""
+    """Force f (N), its slope κ (N/mm), potential (N mm) at a travel (mm), and whether anything touches; its `trend`
+    (N/mm) since the point before, at the `middle` (mm) between.  Points of contact come and go: κ goes up and down, its
+    mean is the trend."""
 
     travel: float
     force: float
@@ -51,12 +52,14 @@ class OnBranch:
     energy: float
     touches: bool
     trend: float = 0.0
+    middle: float = 0.0
 
     def after(self, before: OnBranch | None) -> OnBranch:
         """The same with its trend since a point before."""
         if before is None or self.travel == before.travel:
             return self
-        return replace(self, trend=(self.force - before.force) / (self.travel - before.travel))
+        trend = (self.force - before.force) / (self.travel - before.travel)
+        return replace(self, trend=trend, middle=0.5 * (self.travel + before.travel))
 
 
 @dataclass
@@ -93,8 +96,10 @@ def on_branch(system: System, found: Equilibrium, load: Load, travel: float) -> 
     return OnBranch(travel, force, slope, at.energy, bool((at.contact.pressure > 0.0).any()))
 
 
-def unexplained(jumps: Jumps, a: OnBranch, b: OnBranch) -> bool:
+def unexplained(jumps: Jumps, a: OnBranch | None, b: OnBranch) -> bool:
     """Whether the change of force from a to b is more than ½(κ_a + κ_b)(s_b − s_a) explains."""
+    if a is None:
+        return False
     off = abs(b.force - a.force - 0.5 * (a.slope + b.slope) * (b.travel - a.travel))
     return not off <= SMOOTH * jumps.pull + CURVED * max(abs(a.force), abs(b.force))
 
@@ -109,7 +114,8 @@ def longest(jumps: Jumps, a: OnBranch | None, b: OnBranch) -> float:
     if a is None or not at_fold(jumps, b) or not b.trend < a.trend < 0.0:
         return np.inf
     q, before = 1.0 / b.trend**2, 1.0 / a.trend**2
-    return max(NEARER * abs(b.travel - a.travel) * q / (before - q), jumps.least)
+    left = abs(b.middle - a.middle) * q / (before - q) - abs(b.travel - b.middle)
+    return max(NEARER * left, jumps.least)
 
 
 def longer(iterations: float) -> float:

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import FINE, MeridianMesh, Mesh, Size, graded, grids, triangulated
+from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 from rso.contract import Drawn
 
@@ -304,9 +304,7 @@ class FlatTopped:
         seen = [float(d) for d, a, b in zip(down, ratios, ratios[1:], strict=False) if a != b]
         return [0.0, *(self.height - d for d in seen[::-1]), self.height]
 
-    def meridian(
-        self, actual: FlatTopped, spacing: Size, fineness: float, samples: int = FINE
-    ) -> MeridianMesh:
+    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float, samples: int | None = None) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
         widest = self.half_width / WALL if self.walled else math.inf
         near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())

@@ -176,7 +176,7 @@ class Specimen(Protocol):
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
 
-    def meridian(self, actual: Any, spacing: Size, fineness: float, samples: int = ...) -> MeridianMesh:
+    def meridian(self, actual: Any, spacing: Size, fineness: float, samples: int | None = ...) -> MeridianMesh:
         """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
 
         `spacing` is that of the indenter, `fineness` multiplies all sizes;

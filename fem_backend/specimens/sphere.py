@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from fem_backend import members
-from fem_backend.meshing import FINE, MeridianMesh, Size, graded, halved, triangulated
+from fem_backend.meshing import MeridianMesh, Size, graded, halved, triangulated
 from fem_backend.specimens.ellipsoidal import Ellipsoidal
 from fem_backend.specimens.flat import GROWTH, LEVELS
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
@@ -93,9 +93,7 @@ class SolidSphere(Ellipsoidal):
         """Those of an ellipsoid in space; of its meridian the level gives the fineness."""
         return replace(super().meshing(length, mesher, level, n, slip), fineness=LEVELS.get(level, 1.0))
 
-    def meridian(
-        self, actual: Ellipsoidal, spacing: Size, fineness: float, samples: int = FINE
-    ) -> MeridianMesh:
+    def meridian(self, actual: Ellipsoidal, spacing: Size, fineness: float, samples: int | None = None) -> MeridianMesh:
         """A graded grid of the half square |z| ≤ r ≤ 1, mapped to the half disc; its rim z = 0 is a row of nodes."""
         R = self.a
         near = float(spacing(np.linspace(0.0, R, 2001)).min())

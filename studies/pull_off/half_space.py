@@ -26,7 +26,7 @@ class Curve:
     force: np.ndarray
 
     def way_back(self) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (m,) mm and force (m,) N of the branch that a controlled travel follows on the way back, to its fold."""
+        """Depth (m,) mm and force (m,) N of the branch that a controlled travel follows back, from its fold on."""
         k = len(self.depth) - 1
         while k > 0 and self.depth[k - 1] < self.depth[k]:
             k -= 1
@@ -85,7 +85,7 @@ def curve(
         if len(out) > MOST:
             raise ArithmeticError(f"the curve does not come to {deepest:.4g} mm in {MOST} steps")
         x = at + step * tangent
-        for k in range(25):  # h − shape + δ − A p(h) = 0 with the length of the step
+        for k in range(25):  # noqa: B007  # h − shape + δ − A p(h) = 0 with the length of the step
             p, slope = law(x[:-1], w, reach)
             gap = x[:-1] - shape + x[-1] - A @ p
             along = float((weight**2 * (x[:-1] - at[:-1])) @ tangent[:-1] + (x[-1] - at[-1]) * tangent[-1]) - step
@@ -106,6 +106,6 @@ def curve(
         new /= np.sqrt(float((weight * new[:-1]) @ (weight * new[:-1]) + new[-1] ** 2))
         tangent, at = new, x
         out.append((float(x[-1]), float(law(x[:-1], w, reach)[0] @ area)))
-        step = min(step * (1.4 if k < 5 else 0.8), finest * length)
+        step = min(step * (1.4 if k < 8 else 0.8), finest * length)
     found = np.array(out)
     return Curve(found[:, 0], found[:, 1])
