@@ -19,6 +19,7 @@ from fem_backend.simulation.knobs import Knobs
 
 PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
 BESIDE = 1.3  # of the deepest contact's radius: where elements begin to grow
+FAR = 100.0  # lengths of the indenter: a smaller specimen is no half-space
 GROWS = 0.25  # of the distance from there
 MOST = 800  # elements along the contact, at unit fineness
 SAMPLES = 40  # of a size, per finest element
@@ -85,7 +86,7 @@ def _deepest_contact(settings: Settings, knobs: Knobs, R: float, E: float, depth
     a = math.sqrt(R * depth)
     for _ in range(60):
         a = math.sqrt(R * (depth + math.sqrt(2.0 * math.pi * knobs.adhesion * max(a, 1e-12 * R) / E)))
-    layer = math.isfinite(settings.specimen.deepest[0])
+    layer = settings.specimen.smallest < FAR * settings.indenter.length
     return a * (math.sqrt(2.0) if layer else 1.0)
 
 

@@ -66,41 +66,32 @@ def follow(
 
     The path begins at the travel `begin_at` (mm).  Of an attracted body `jumps` collects what it does at once.
     """
-    here, first = replace(_rest(system, start(begin_at), u, history), travel=begin_at), None
-    rest = u
-    if touching is not None:
-        try:
-            first = _held(system, start(touching), here, touching, control, counters)
-        except Stopped as error:
-            if error.cause == "time_limit":
-                raise
-            u = load_steps.seat(smooth(system), start(touching), u, control, counters)
-            here = _rest(system, start(0.0), u, history)
+    here, first = begin(system, start, control, counters, u, history, touching, begin_at)
+    rest = here.u
     points: list[LoadPoint] = []
     if jumps is not None:
         here = _attracted(system, start(begin_at), here, jumps, control, counters)
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
-        share, begin = 1.0, here.time  # of what is left to this instant
+        share, began = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)
             guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
-            load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
             worked = counters.iterations
             try:
                 if jumps is not None and here.branch is None:
-                    guess = _drawn_in(system, load, guess, control, counters)
-                found, load, point = _tried(system, load, guess, here, goal, control, counters, limit)
+                    guess = _drawn_in(system, start(goal.travel), guess, control, counters)
+                found, load, point = attempt(system, start, here, goal, guess, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
                 ds = abs(goal.travel - here.travel)
                 share *= 0.5
                 pace = 0.5 * ds or pace
                 least = 1 / 8 if system.loose else 1 / 64
-                lost = share * (instant.time - here.time) < least * (instant.time - begin)
+                lost = share * (instant.time - here.time) < least * (instant.time - began)
                 lost = lost if jumps is None or ds == 0.0 else ds <= jumps.shortest
                 if (lost or error.cause == "time_limit") and not _lets_go(jumps, here, error):
                     if not load_steps.may_go_on(system, limit, error):
@@ -113,7 +104,7 @@ def follow(
                 if jumps is None or not sudden.at_fold(jumps, here.branch):  # the branch goes on: no answer is no jump
                     raise load_steps.stopped(error, here.travel, points, counters) from error
                 try:
-                    found, load, point = _landed(system, load, rest, here, goal, control, counters)
+                    found, load, point = _landed(system, start, rest, here, goal, control, counters)
                 except NotConverged as worse:
                     raise load_steps.stopped(worse, here.travel, points, counters) from worse
             now, jumped = None, False
@@ -129,14 +120,14 @@ def follow(
                 jumped = True
             counters.steps += 1
             load_steps.proper(system, found, here.travel, goal.travel, points, counters)
-            points += [] if point is None else [_light(point)]
+            points += [] if point is None else [light(point)]
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
             if jumps is not None and now is not None:
                 jumps.passed(now)
                 each = (counters.iterations - worked) / (1 + control.augmentations * goal.asked)
                 longer = sudden.longer(each) * abs(goal.travel - here.travel)
                 pace = np.inf if jumped else min(pace, sudden.longest(jumps, here.branch, now), longer or np.inf)
-            here = replace(_arrived(system, load, found, goal), branch=now)
+            here = replace(arrived(system, load, found, goal), branch=now)
     return points
 
 
@@ -151,7 +142,7 @@ def _attracted(
         found = load_steps.find(system, here.u, load, control.between, counters)
     except NotConverged as error:
         raise load_steps.stopped(error, here.travel, [], counters) from error
-    begun = replace(_arrived(system, load, found, Instant(0.0, here.travel, False)), history=here.history)
+    begun = replace(arrived(system, load, found, Instant(0.0, here.travel, False)), history=here.history)
     return replace(begun, branch=sudden.on_branch(system, found, load, here.travel))
 
 
@@ -168,17 +159,17 @@ def _wider(longer: float, pair: Pair) -> Pair:
 
 
 def _landed(
-    system: System, load: Load, rest: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters
+    system: System, start: Start, rest: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters
 ) -> tuple[Equilibrium, Load, LoadPoint | None]:
     """What a body comes to beyond the end of its branch: as at `rest` (n, 3), or drawn in; raises NotConverged."""
     patient = load_steps.PATIENT
     try:
-        return _step(system, load, rest, here, goal, control, counters, patient)
+        return attempt(system, start, here, goal, rest, control, counters, patient)
     except NotConverged as error:
         if error.cause == "time_limit":
             raise
-        near = _drawn_in(system, load, here.u, control, counters)
-        return _step(system, load, near, here, goal, control, counters, patient)
+        near = _drawn_in(system, start(goal.travel), here.u, control, counters)
+        return attempt(system, start, here, goal, near, control, counters, patient)
 
 
 def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:
@@ -186,17 +177,47 @@ def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:
     return jumps is not None and here.branch is not None and error.cause != "time_limit"
 
 
-def _tried(
+def begin(
     system: System,
-    load: Load,
-    guess: np.ndarray,
+    start: Start,
+    control: Control,
+    counters: Counters,
+    u: np.ndarray,
+    history: History | None = None,
+    touching: float | None = None,
+    at: float = 0.0,
+) -> tuple[Reached, np.ndarray | None]:
+    """Where a path begins, and the displacement (n, 3) from which its first step does where that is another.
+
+    Raises Stopped; arguments as those of `follow`, `at` the travel (mm) at which it begins.
+    """
+    here = replace(_rest(system, start(at), u, history), travel=at)
+    if touching is None:
+        return here, None
+    try:
+        return here, _held(system, start(touching), here, touching, control, counters)
+    except Stopped as error:
+        if error.cause == "time_limit":
+            raise
+        u = load_steps.seat(smooth(system), start(touching), u, control, counters)
+        return _rest(system, start(0.0), u, history), None
+
+
+def attempt(
+    system: System,
+    start: Start,
     here: Reached,
     goal: Instant,
+    guess: np.ndarray,
     control: Control,
     counters: Counters,
     limit: int,
 ) -> tuple[Equilibrium, Load, LoadPoint | None]:
-    """A step, and where that fails of a body that rubs on its support once more from everything stuck."""
+    """One step to an instant from a displacement `guess` (n, 3): as `_step`, friction let go where need be.
+
+    Raises NotConverged.
+    """
+    load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
     try:
         return _step(system, load, guess, here, goal, control, counters, limit)
     except NotConverged as error:
@@ -267,7 +288,8 @@ def _step(
     return replace(found, linear=None, known=None), load, None
 
 
-def _arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> Reached:
+def arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> Reached:
+    """What the path goes on from after a step to an instant."""
     at = found.evaluation
     x = system.body.nodes + at.u
     before = tuple(
@@ -350,7 +372,7 @@ def _rested(
     return replace(found, rate=rate), load
 
 
-def _light(point: LoadPoint) -> LoadPoint:
+def light(point: LoadPoint) -> LoadPoint:
     """The point without what only the next step needs of its first stages: strains and history, megabytes each."""
     stages = []
     for stage in point.stages[:-1]:
