@@ -83,7 +83,7 @@ def follow(
             worked = counters.iterations
             try:
                 if jumps is not None and here.branch is None:
-                    guess = _drawn_in(system, start(goal.travel), guess, control, counters)
+                    guess = _drawn_in(system, _loaded(system, start, here, goal), guess, control, counters)
                 found, load, point = attempt(system, start, here, goal, guess, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
@@ -168,7 +168,7 @@ def _landed(
     except NotConverged as error:
         if error.cause == "time_limit":
             raise
-        near = _drawn_in(system, start(goal.travel), here.u, control, counters)
+        near = _drawn_in(system, _loaded(system, start, here, goal), here.u, control, counters)
         return attempt(system, start, here, goal, near, control, counters, patient)
 
 
@@ -217,7 +217,7 @@ def attempt(
 
     Raises NotConverged.
     """
-    load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
+    load = _loaded(system, start, here, goal)
     try:
         return _step(system, load, guess, here, goal, control, counters, limit)
     except NotConverged as error:
@@ -225,6 +225,11 @@ def attempt(
             raise
         guess = _let_go(system, load, guess, here, control, counters, limit)
         return _step(system, load, guess, here, goal, control, counters, limit)
+
+
+def _loaded(system: System, start: Start, here: Reached, goal: Instant) -> Load:
+    """Load of a step to an instant."""
+    return _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
 
 
 def smooth(system: System) -> System:
