@@ -20,7 +20,7 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
-from fem_backend.simulation.rezoning import Leg
+from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
 from fem_backend.solver.jumps import Jumps
@@ -141,7 +141,7 @@ def _attempt(
     at = initial_state(settings, knobs, placement, model, counters)
     above = any(i.asked and i.travel <= 0.0 for i in instants)  # where nothing touches, nothing is differentiated
     slopes, jumps = None if at.path_dependent else Slopes(at, () if above else gradients), jumps_of(at)
-    legs: list[Leg] = []
+    legs: list[MeshLeg] = []
     try:
         if slopes is None:
             points = along(at, instants, counters, jumps)
@@ -256,7 +256,7 @@ def elastic(
     counters: Counters,
     guess: Guess | None = None,
     watch: Watch | None = None,
-    legs: list[Leg] | None = None,
+    legs: list[MeshLeg] | None = None,
 ) -> list[LoadPoint]:
     """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched.
 
@@ -274,7 +274,7 @@ def elastic(
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         legs = [] if legs is None else legs
-        legs.append(Leg(at, watch))
+        legs.append(MeshLeg(at, watch))
         found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in [*stopped.points, *drawn]}
@@ -342,7 +342,7 @@ def collect(
     counters: Counters,
     cpu_s: float,
     slopes: Slopes | None = None,
-    legs: Sequence[Leg] = (),
+    legs: Sequence[MeshLeg] = (),
     jumps: Jumps | None = None,
 ) -> Result:
     """Result from the points reached, each on the mesh of its leg."""

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from fem_backend import meshing, post
 from fem_backend.contact import tractions
 from fem_backend.remeshing import location
-from fem_backend.remeshing.section import NoMesh, Section, rezoned
+from fem_backend.remeshing.section import DeformedSection, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.derivatives import Slopes
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import load_steps
 from fem_backend.solver.load_steps import Guess, LoadPoint, Stopped, Watch, Wear, Worn
@@ -26,8 +26,17 @@ AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is t
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
 
 
+@runtime_checkable
+class Moving(Protocol):
+    """What watches a run and can go on with another system of the same body, as derivatives do."""
+
+    def on(self, at: InitialState, /) -> Watch:
+        """The same watcher of a run that goes on with `at`."""
+        ...
+
+
 @dataclass(frozen=True)
-class Leg:
+class MeshLeg:
     """A part of the way on one mesh: what is solved there, who watches, where it began (mm), and by which share the
     force changed there with the mesh."""
 
@@ -44,7 +53,7 @@ def allowed(at: InitialState) -> bool:
 
 
 def travel(
-    legs: list[Leg],
+    legs: list[MeshLeg],
     asked: Sequence[float],
     counters: Counters,
     u: np.ndarray,
@@ -79,16 +88,16 @@ def travel(
             raise
 
 
-def _changed(leg: Leg, u: np.ndarray, here: float, counters: Counters) -> tuple[Leg, np.ndarray]:
+def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tuple[MeshLeg, np.ndarray]:
     """The next leg and its displacement; the force is found on both meshes.  Raises NoMesh and NotConverged."""
     at, control = leg.at, leg.at.settings.control
     old = load_steps.equilibrate(at.system, [u], at.start(here), here, control, counters)
     new, carried = renewed(at, old.stages[0].equilibrium.evaluation)
     found = load_steps.equilibrate(new.system, [carried], new.start(here), here, control, counters)
     before, after = (abs(float(p.force @ at.placement.direction)) for p in (old, found))
-    watch = leg.watch.on(new) if isinstance(leg.watch, Slopes) else leg.watch
+    watch = leg.watch.on(new) if isinstance(leg.watch, Moving) else leg.watch
     jump = abs(after - before) / max(before, 1e-300)
-    return Leg(new, watch, here, jump), found.stages[0].equilibrium.evaluation.u
+    return MeshLeg(new, watch, here, jump), found.stages[0].equilibrium.evaluation.u
 
 
 def wear(at: InitialState, since: float = 0.0) -> Wear:
@@ -144,18 +153,18 @@ def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarr
     return replace(at, model=model, system=system, seated=seated, probes=probes), u
 
 
-def _section(at: InitialState, u: np.ndarray) -> Section:
+def _section(at: InitialState, u: np.ndarray) -> DeformedSection:
     body = at.model.body
     fixed = body.free.reshape(-1, 3) < 0
     middle = body.nodes[body.cells[:, 6]]
     ratio = at.placement.specimen.stiffness(middle)
     part = np.zeros(len(middle), int) if ratio is None else np.unique(ratio, return_inverse=True)[1]
-    return Section(
+    return DeformedSection(
         body.nodes[:, [0, 2]], u[:, [0, 2]], body.cells, at.model.facets, fixed[:, 0] + 2 * fixed[:, 2], part
     )
 
 
-def _near(at: InitialState, section: Section, state: Evaluation) -> np.ndarray:
+def _near(at: InitialState, section: DeformedSection, state: Evaluation) -> np.ndarray:
     """Cells (m,) around the way of the indenter."""
     touched = tractions.contact_points(at.system.pressing.surface, at.model.body.nodes + state.u)
     touched = touched[state.contact.pressure > 0.0]
