@@ -35,7 +35,7 @@ LAYERS = {
         "formulas",
     ),
     "fem_backend.closed_forms": (
-        "half_space homogeneous layer",
+        "adhesion half_space homogeneous layer",
         "approximations",
         "formulas",
         "__init__",
@@ -84,7 +84,7 @@ LAYERS = {
     ),
     "fem_backend.simulation": (
         "experiment knobs schedule",
-        "symmetry",
+        "cohesive symmetry",
         "assembly",
         "initial_state",
         "outputs rezoning",
@@ -96,7 +96,7 @@ LAYERS = {
         "direct",
         "condensation krylov",
         "newton",
-        "mixed_newton modified_newton rigid_motions",
+        "jumps mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
         "controlled_steps",
