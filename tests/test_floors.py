@@ -228,11 +228,17 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard store",
+        "executor_loop fingerprints guard guarded_process store",
+        "decks",
         "adapters",
         "pool",
         "cluster",
         "dispatch",
+        "__init__",
+    ),
+    "rso.evaluation.decks": (
+        "readers templates",
+        "backend",
         "__init__",
     ),
     "rso.inference": (
@@ -305,7 +311,7 @@ LAYERS = {
     "rso.report.optimal_design": ("report",),
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",
-        "columns_table errors noise_table search_table",
+        "columns_table deck_table errors noise_table search_table",
         "analysis_tables laboratory_nominal toml_text",
         "schema",
         "keys loader resolve",

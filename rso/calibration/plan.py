@@ -133,7 +133,8 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
 
 def source_of(study: Study) -> Source:
     """Where the backend of a study comes from; nothing of it is loaded."""
-    return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
+    b = study.backend
+    return Source(b.use, b.command, str(study.folder), None, b.timeout, study.deck())
 
 
 def make_plan(

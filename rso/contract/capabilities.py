@@ -283,6 +283,14 @@ class Sketches(Protocol):
         ...
 
 
+class FilledInputs(Protocol):
+    """The input files of a program as they would be filled, for `rso check`; without it none is shown."""
+
+    def filled(self, values: Mapping[str, float], case: Case, /) -> Mapping[str, Sequence[tuple[int, str, bool]]]:
+        """File → its lines, each with its line in the template and whether something is filled in; nothing is run."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -364,7 +372,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches,),
+    "what is modelled": (Sketches, FilledInputs),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
