@@ -55,7 +55,8 @@ def included(radius: float, ball: float, h: float, growth: float) -> str:
     held = sorted({i for (p, q), i in ids.items() if p == n or q == 0})
     axis = sorted(i for (p, q), i in ids.items() if p == 0 and i not in held)
     angle = [math.radians(80) * k / 40 for k in range(41)]
-    shell = [[(r * math.sin(q), radius + ball - r * math.cos(q)) for r in (ball, 0.95 * ball, 0.9 * ball)] for q in angle]
+    radii = (ball, 0.95 * ball, 0.9 * ball)
+    shell = [[(r * math.sin(q), radius + ball - r * math.cos(q)) for r in radii] for q in angle]
     _, b_nodes, b_elements = mesh(shell, 1 + len(nodes), 1 + len(elements))
     lines = ["*NODE"]
     lines += [f"{i}, {r:.9g}, {z:.9g}, 0" for i, (r, z) in {**nodes, **b_nodes}.items()]

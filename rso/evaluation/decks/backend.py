@@ -20,7 +20,7 @@ from rso.core.units import in_base
 from rso.evaluation.decks.readers import DeckOutput, NotFound, at_passages, read_output
 from rso.evaluation.decks.templates import DELIMITERS, Template, read_template
 from rso.evaluation.fingerprints import fingerprint_of
-from rso.evaluation.guarded_process import end_of, run_guarded, tail, words_of
+from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
 
 OWN_WORDS = ("depth", "duration", "speed")  # of the programme: deepest travel mm, its last time s, first speed mm/s
 IN_BLOCKS = ("step", "time", "travel")  # of each asked passage or corner: its number from 1, s, mm
@@ -43,7 +43,8 @@ class Deck:
     """Everything that makes a backend of a program, in words that travel to another process.
 
     Names of files are relative to the study's folder: `templates` are filled for each run, `files` go along unchanged.
-    `ranges` are those of the parameters, within their hard bounds, over which it is tried whether all can be filled in.
+    `fingerprint` is that of all contents when the study was read: a backend that finds others is refused.  `ranges` are
+    those of the parameters, within their hard bounds, over which it is tried whether all can be filled in.
     """
 
     templates: tuple[str, ...]
@@ -54,6 +55,7 @@ class Deck:
     failure: Failure | None = None
     delimiters: tuple[str, str] = DELIMITERS
     settings: tuple[str, ...] = ()
+    fingerprint: str = ""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ class DeckBackend:
     command: tuple[str, ...]
     base: str
     fingerprint: str
+    hashes: Mapping[str, str]
     keep_folder: str | None = None
     timeout_s: float | None = None
     name: str = "deck"
@@ -148,7 +151,10 @@ class DeckBackend:
             data = "".join(text for _, text, _ in lines).encode("utf-8", "surrogateescape")
             _placed(folder, name).write_bytes(data)
         for name in self.deck.files:
-            shutil.copyfile(Path(self.base) / name, _placed(folder, name))
+            data = disk.read(Path(self.base) / name)
+            if digest(data.hex()) != self.hashes[name]:
+                raise RuntimeError(f"{name} has changed since the study was read: run it again")
+            _placed(folder, name).write_bytes(data)
         code = run_guarded(self.command, folder, self.timeout_s)
         response = self._read(folder, code, case.programme)
         shutil.rmtree(folder)
@@ -226,22 +232,20 @@ def load_deck(
 ) -> DeckBackend:
     """The backend of a deck whose files lie in `base`; nothing is run and no code of a study is loaded.
 
-    Raises ValueError for files that are not there, places that name nothing, and parameters that no placeholder uses.
+    Raises ValueError for a program or files that are not there, placeholders that name nothing, and parameters in none.
     """
     known = {*(p.name for p in deck.parameters), *deck.settings, *OWN_WORDS}
     if clash := sorted({p.name for p in deck.parameters} & {*OWN_WORDS, *IN_BLOCKS, *deck.settings}):
         raise ValueError(f"parameter {clash[0]!r} has the name of a setting or of a word of the programme; rename it")
+    if (why := no_program(tuple(command), base)) is not None:
+        raise ValueError(why)
     for name in (*deck.templates, *deck.files):
         if Path(name).is_absolute() or ".." in Path(name).parts:
             raise ValueError(f"{name}: files of a deck lie beside the study or in folders there")
-    hashes: list[Any] = []
-    templates = []
-    for name in deck.templates:
-        data = _contents(base, name)
-        text = data.decode("utf-8", "surrogateescape")
-        templates.append(read_template(name, text, known, IN_BLOCKS, deck.delimiters))
-        hashes.append([name, digest(data.hex())])
-    hashes += [[name, digest(_contents(base, name).hex())] for name in deck.files]
+    contents = {name: _contents(base, name) for name in (*deck.templates, *deck.files)}
+    hashes = {name: digest(data.hex()) for name, data in contents.items()}
+    texts = [(name, contents[name].decode("utf-8", "surrogateescape")) for name in deck.templates]
+    templates = [read_template(name, text, known, IN_BLOCKS, deck.delimiters) for name, text in texts]
     used = {name for t in templates for name in t.names}
     if idle := [p.name for p in deck.parameters if p.name not in used]:
         left, right = deck.delimiters
@@ -252,9 +256,12 @@ def load_deck(
     named = [fingerprint_of(w) if Path(w).is_absolute() and Path(w).is_file() else w for w in words]
     readers = [_fields(o, base) for o in deck.outputs]
     failure = None if deck.failure is None else dataclasses.asdict(deck.failure)
-    fingerprint = digest(plain([hashes, named, readers, failure, list(deck.delimiters)]))
+    order = [list(deck.templates), list(deck.files)]
+    fingerprint = digest(plain([hashes, order, named, readers, failure, list(deck.delimiters)]))
+    if deck.fingerprint not in ("", fingerprint):
+        raise ValueError(f"{', '.join(hashes)}: files of the deck have changed since the study was read: run it again")
     keep = None if keep_folder is None else str(Path(keep_folder).absolute())
-    return DeckBackend(deck, tuple(templates), words, str(base), fingerprint, keep, timeout_s)
+    return DeckBackend(deck, tuple(templates), words, str(base), fingerprint, hashes, keep, timeout_s)
 
 
 def _fields(output: DeckOutput, base: Path) -> list[Any]:
@@ -329,11 +336,6 @@ def _number(value: Any) -> tuple[Any, str]:
         return in_base(value)
     except ValueError:
         return value, ""
-
-
-def names_of_settings(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Dotted names of all settings."""
-    return tuple(_flat(settings))
 
 
 def _ends_and_middle(deck: Deck) -> Iterator[dict[str, float]]:

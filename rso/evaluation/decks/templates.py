@@ -1,8 +1,8 @@
 """Templates of input files: placeholders such as ``{mu:.6e}`` for numbers, and blocks that are repeated.
 
 A placeholder holds an expression of names (parameters, settings, the programme of travel), read as data and never
-executed, and behind a colon how the number is printed.  A line that holds nothing but ``{each asked}`` or ``{each corner}``
-begins a block, one with ``{end}`` ends it.  Programs that fill decks for Dakota (`dprepro`) write theirs alike.
+executed, and behind a colon how the number is printed.  A line that holds nothing but ``{each asked}`` or
+``{each corner}`` begins a block, one with ``{end}`` ends it.
 """
 
 from __future__ import annotations
