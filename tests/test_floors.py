@@ -20,7 +20,7 @@ LAYERS = {
         "indenters materials remeshing specimens supports",
         "post solver",
         "simulation",
-        "accuracy adapter",
+        "accuracy adapter export",
         "backend",
         "output",
         "__main__",
@@ -44,6 +44,13 @@ LAYERS = {
         "bonded pointwise self_contact",
         "tractions",
         "rings",
+    ),
+    "fem_backend.export": (
+        "__init__",
+        "material_cards",
+        "solid_model",
+        "abaqus febio",
+        "files",
     ),
     "fem_backend.indenters": (
         "indenter meridian spherical_patch",
@@ -130,6 +137,7 @@ LAYERS = {
     ),
     "rso.api": (
         "executors models run_result",
+        "exporting importing",
         "workspace",
         "shortcuts",
         "__init__",

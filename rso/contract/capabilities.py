@@ -324,6 +324,20 @@ class DerivedQuantities(Protocol):
         ...
 
 
+class Exports(Protocol):
+    """Files for other programs; without it `rso export` writes tables only."""
+
+    def exports(self) -> Mapping[str, str]:
+        """Format → what it is, in a few words."""
+        ...
+
+    def exported(
+        self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str], /
+    ) -> Mapping[str, str]:
+        """File → text of one of these formats, with `remarks` as comments; ValueError for what it cannot say."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -405,7 +419,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches, FilledInputs, DerivedQuantities),
+    "what is modelled": (Sketches, FilledInputs, DerivedQuantities, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
