@@ -18,6 +18,7 @@ from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
+from fem_backend.export import files as export_files
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
@@ -309,6 +310,23 @@ class FiniteElements:
     def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
+
+    def exports(self) -> Mapping[str, str]:
+        """Input files of other programs and material cards."""
+        return export_files.FORMATS
+
+    def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
+        """File → text; ValueError for what a format cannot say."""
+        self.check(case)
+        settings = experiment.read_settings(case.settings)
+        if programmes.controlled(case.programme):
+            raise ValueError("a programme that a force controls is not written for other programs")
+        path = case.artefact("mesh")
+        mesh = None if path is None else str(path)
+        try:
+            return export_files.exported(kind, settings, self.knobs(values, settings), case.programme, mesh, remarks)
+        except NotModelled as error:
+            raise ValueError(str(error)) from error
 
     def options(self) -> Sequence[Option]:
         """Options of `rso new`, those that members of the open sets declare."""
