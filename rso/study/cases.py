@@ -21,7 +21,7 @@ from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import TargetTable
 
 DEFAULT_SPEED = 0.5  # mm/s
-STEPS_BACK = 24  # travels at which a way back is computed, straight between them
+STEPS_BACK = 16  # travels at which a way back is computed, straight between them
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
