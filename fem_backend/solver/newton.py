@@ -342,8 +342,8 @@ def at_round_off(history: Sequence[float]) -> bool:
     """Whether a step with a new factor has gained nothing any more, after the last of the residuals `history`.
 
     Nearly incompressible bodies that are hardly touched end there: their volumetric stresses are 10³ times those under
-    the ball, and so is the round-off of their sums.  So do those that are hardly touched for their size, 1e-6 of the force
-    in a half-space pressed by a fiftieth of the radius: there it shows by steps of which none gains anything.
+    the ball, and so is the round-off of their sums.  So do those that are hardly touched for their size, at 1e-6 of the
+    force in a half-space pressed by a fiftieth of the radius: it shows by steps of which none gains anything.
     """
     if len(history) > 1 and history[-1] < ROUND and history[-1] > 0.5 * history[-2]:
         return True

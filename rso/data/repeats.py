@@ -326,8 +326,8 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
 def _adhering(repeat: Repeat, channel: str, rows: np.ndarray) -> np.ndarray:
     """(n,) whether a reading of the way back lies before the strongest pull, where contact is for certain.
 
-    Beyond that a record is steep, and where it lets go hangs on the stiffness of the machine.  The strongest pull is the
-    least of means over three readings; without one it is where contact ends.
+    Beyond that a record is steep, and where it lets go hangs on the stiffness of the machine.  The strongest pull is
+    the least of means over three readings; without one it is where contact ends.
     """
     at = np.nonzero(rows)[0]
     at = at[np.argsort(repeat.depth[at], kind="stable")]

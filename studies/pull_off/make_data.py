@@ -1,4 +1,4 @@
-"""A record of a ball that is drawn in by a gel and pulled off again, by the independent program beside: python make_data.py
+"""A record of a ball drawn in by a gel and pulled off again, by the program beside: python make_data.py
 
 The ball has R = 2 mm, the gel μ = 10 kPa and no compressibility; the attraction is 16 mJ/m² over 4 μm (Tabor parameter
 1.36).  Travel is controlled at 10 μm/s; the drive stops 44 μm deep and goes back to 40 μm above the gel.  Force is read

@@ -1,4 +1,4 @@
-"""A ball that sticks to a half-space, in the closed form of Johnson, Kendall and Roberts (1971): a backend of two knobs.
+"""A ball that sticks to a half-space by Johnson, Kendall and Roberts (1971): a backend of two knobs.
 
 a³ = (3R/4E*) (F + 3πwR + √(6πwRF + (3πwR)²)),  δ = a²/R − √(2πwa/E*),   E* = 4 mu;  no force beyond the jump-off.
 """
