@@ -168,7 +168,10 @@ class FiniteElements:
     def formulas(self, values: Mapping[str, float], case: Case) -> tuple[FormulaCurve, ...]:
         """Closed forms of the literature at the asked travels: :func:`fem_backend.adapter.formulas.formulas`."""
         settings = experiment.read_settings(case.settings)
-        asked = np.array(case.programme.asked_mm)
+        programme = case.programme
+        asked = np.array(programme.asked_mm)
+        if not programme.segments and programme.asked_s:  # moments of a way back
+            asked = np.unique([*asked, *np.interp(programme.asked_s, programme.time_s, programme.travel_mm)])
         return literature.formulas(settings, self.knobs(values, settings), asked)
 
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
@@ -253,7 +256,9 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
-            modelling.admit(settings, knobs, modelling.place(settings, knobs))
+            placement = modelling.place(settings, knobs)
+            settings = cohesive.resolved(settings, knobs, deepest) if placement.meridian else settings
+            modelling.admit(settings, knobs, placement)
             end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
             return str(error)

@@ -140,8 +140,11 @@ def _readings(row: Mapping[str, Any], keep: Callable[[float], bool]) -> dict[str
 def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarray:
     """A simulated curve (x, f) at depths `at` (n,) between contact and its end: the one that its metrics were taken of.
 
-    A curve is computed at a few travels only; straight lines between them lie above it by more than the noise.
+    A curve is computed at a few travels only; straight lines between them lie above it by more than the noise.  A way
+    back that goes above contact is computed at many, with straight lines between them.
     """
+    if len(x) and x[0] <= 0.0:
+        return np.interp(at, x, f)
     return loading(np.array(x), np.array(f))(at)
 
 

@@ -252,7 +252,7 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     x, f = best.curve(e["name"]) if best else ((), ())
     if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
-    reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
+    reached = [(a, b) for a, b in zip(u, y, strict=True) if min(x[0], 0) < a <= x[-1] * (1 + 1e-9) or a == x[0]]
     if not reached:
         return f"{name}: {len(u)} measured points; {best.label} ends before the first of them."
     predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
