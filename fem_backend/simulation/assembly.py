@@ -229,6 +229,8 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
         )
+    if knobs.permeability:
+        _admit_pore_flow(settings, knobs, placement)
     h0 = element_size(settings, placement.meridian)
     if knobs.adhesion and knobs.adhesion_range < h0 / FINEST_RANGE:
         raise NotModelled(
@@ -238,10 +240,24 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         )
 
 
+def _admit_pore_flow(settings: Settings, knobs: Knobs, placement: Placement) -> None:
+    """Raise NotModelled for a body with pore flow that is not of revolution, rubs, sticks or lies loose."""
+    asked = f"permeability = {knobs.permeability:g} mm^4/(N*s): pore flow is modelled"
+    if not placement.meridian:
+        raise NotModelled(
+            "not_supported",
+            f"{asked} for bodies of revolution only: specimen, indenter, support, place and all effects alike",
+        )
+    if knobs.friction or knobs.adhesion or settings.support.friction(vars(knobs)):
+        raise NotModelled("not_supported", f"{asked} without friction and adhesion; leave one of the two out")
+    if settings.support.loose:
+        raise NotModelled("not_supported", f"{asked} for specimens that their support holds")
+
+
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> AssembledModel:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
     admit(settings, knobs, placement)
-    symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+    symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs)) and knobs.permeability == 0.0
     shared = Settings(
         settings.specimen,
         settings.indenter,

@@ -30,6 +30,8 @@ from fem_backend.supports import SUPPORTS, Support
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
+SEALED, POROUS = DRAINAGE = "sealed", "porous"
+DRAINS = "indenter", "support"
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
@@ -43,7 +45,7 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian.
+    `fineness` multiplies all element sizes of a meridian; `drainage` are those under the indenter and at the support.
     """
 
     specimen: Specimen
@@ -66,6 +68,7 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    drainage: tuple[str, str] = (SEALED, SEALED)
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -138,6 +141,15 @@ class MeshTable(members.MemberTable):
         return value
 
 
+class DrainageTable(members.MemberTable):
+    """drainage: where liquid leaves a body with pore flow; all of its surface that nothing touches is open."""
+
+    indenter: Annotated[str, BeforeValidator(members.one_of(DRAINAGE))] = SEALED
+    """sealed: no liquid passes where the indenter touches; porous: as where nothing does."""
+    support: Annotated[str, BeforeValidator(members.one_of(DRAINAGE))] = SEALED
+    """sealed | porous, of all that the support holds or may touch."""
+
+
 class SettingsTable(members.MemberTable):
     """The settings of one experiment beside the tables of the open sets."""
 
@@ -157,6 +169,8 @@ class SettingsTable(members.MemberTable):
     """Deepest travel at this place before the test (softening), mm."""
     mesh: MeshTable = MeshTable()
     """The mesh."""
+    drainage: DrainageTable = DrainageTable()
+    """Where liquid leaves a body with pore flow."""
     solver: Annotated[str, BeforeValidator(members.one_of(("auto", "pardiso", "superlu")))] = "auto"
     """auto | pardiso | superlu."""
     derivatives: members.Flag = True
@@ -206,6 +220,7 @@ def _read_again(model: Any, text: str, stamps: tuple[tuple[str, int, int], ...])
 
 def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     known = {(): [*SETS, *SettingsTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
+    known["drainage",] = [*DrainageTable.model_fields]
     try:
         read = _validator(model).validate_python(dict(settings))
     except ValidationError as error:
@@ -263,6 +278,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.derivatives,
         read.multipliers,
         meshed.fineness,
+        (read.drainage.indenter, read.drainage.support),
     )
 
 
@@ -294,6 +310,7 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "profile": [list(p) for p in settings.profile],
         "earlier": settings.earlier,
         "mesh": dict(settings.mesh),
+        **({} if settings.drainage == (SEALED, SEALED) else {"drainage": dict(zip(DRAINS, settings.drainage))}),
         **({} if settings.multipliers else {"multipliers": False}),
     }
 
