@@ -64,10 +64,11 @@ class Pores:
 
 @dataclass(frozen=True)
 class TimeStep:
-    """v̄ (m, q) and Δ (s) of the step to solve for."""
+    """v̄ (m, q) and Δ (s) of the step to solve for, and its end (s)."""
 
     volume: np.ndarray
     length: float
+    end: float
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ def _step(
     corner = abs(slope - here.slope) > 1e-9 * max(abs(slope), abs(here.slope))
     omega = 0.0 if corner or here.step == 0.0 else dt / here.step
     bar = ((1.0 + omega) ** 2 * here.v - omega**2 * here.before) / (1.0 + 2.0 * omega)
-    step = TimeStep(bar, (1.0 + omega) / (1.0 + 2.0 * omega) * dt)
+    step = TimeStep(bar, (1.0 + omega) / (1.0 + 2.0 * omega) * dt, goal.time)
     load = replace(start(goal.travel), history=here.history, dt=dt)
     ahead = 0.0 if corner else dt
     guess = here.u + ahead * here.du, here.p + ahead * here.dp
@@ -239,7 +240,7 @@ def evaluate(
     v = pore_pressure.volume_change(at.H, small(system))
     flow = step.length * pores.permeability
     missing = pore_pressure.mass(space, F, v - step.volume, p, flow)
-    for edges, through in _leaks(system, pores, flow, sealed):
+    for edges, through in _leaks(system, pores, step, sealed):
         np.add.at(missing, edges.ends, np.einsum("eij,ej->ei", through, p[edges.ends]))
     return State(replace(at, residual=at.residual + force), p, v, missing, sealed)
 
@@ -255,22 +256,23 @@ def _sealed(system: System, contacts: Sequence[ContactState]) -> np.ndarray:
 
 
 def _leaks(
-    system: System, pores: Pores, flow: float, sealed: np.ndarray
+    system: System, pores: Pores, step: TimeStep, sealed: np.ndarray
 ) -> list[tuple[OpenEdges, np.ndarray]]:
     """∫ Δ λ φ_i φ_j dA (e, 2, 2) of all edges that may leak, `flow` = Δ k:
 
-        λ = LEAK (k/h) min(1, k M Δ/h²),   M = K + 4 μ/3,
+        λ = LEAK (k/h) min(1, k M t/h²),   M = K + 4 μ/3,
 
-    of an edge of length h.  An element's pressure falls over all of its depth: where what drains in a step is thinner
-    than h, pressures held at zero would drain too much, and an undrained body would yield by a layer of elements.
+    of an edge of length h, t (s) since the body was at rest.  An element's pressure falls over all of its depth: as
+    long as what has drained is thinner than h, pressures held at zero would drain too much, and an undrained body
+    would yield by a layer of elements.
     """
     stuff = system.material
     modulus = stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus
-    found = []
+    flow, found = step.length * pores.permeability, []
     for edges, open_ in ((pores.open, None), (pores.may_close, sealed)):
         if edges is not None:
             h = edges.length
-            through = LEAK * flow / h * np.minimum(1.0, flow * modulus / h**2)
+            through = LEAK * flow / h * np.minimum(1.0, pores.permeability * modulus * step.end / h**2)
             share = edges.products if open_ is None else edges.products * ~open_[..., None, None]
             found.append((edges, through[:, None, None] * share.sum(1)))
     return found
@@ -300,7 +302,7 @@ def _factorise(
     bulk = response.stiffness(body, linearised, turning, system.scale)
     flow, F = step.length * pores.permeability, _deformation(system, at.H)
     coupled = pore_pressure.coupling(space, F, here.p, flow, pores.unit, small(system))
-    for edges, through in _leaks(system, pores, flow, here.sealed):
+    for edges, through in _leaks(system, pores, step, here.sealed):
         np.subtract.at(coupled, edges.place, pores.unit**2 * through)
     contacts = tuple(
         c if p is None else replace(c, multiplier=p) for c, p in zip(at.contacts, touching, strict=True)
