@@ -52,7 +52,8 @@ NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
 ULPS = 8  # of a moment: what interpolating it may lose
 RESOLVING = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
-ROUNDED = 1e-12  # of the deepest travel: 0.3 · 18 is a little less than 5.4
+ROUNDED = 1e-12  # of the thickness: sums of layers and sizes are a little off
+DOWN = np.array([0.0, 0.0, -1.0])
 
 DEEP = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
 GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
@@ -174,10 +175,14 @@ class FiniteElements:
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
         settings = experiment.read_settings(case.settings)
-        deepest, words = settings.specimen.deepest
+        way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else DOWN
+        through = settings.specimen.thickness_along(way)
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
-            if far > deepest * (1.0 + ROUNDED):
-                raise ValueError(f"{name}: travel {far:g} mm: at most {deepest:g} mm ({words})")
+            if far >= through * (1.0 - ROUNDED):
+                raise ValueError(
+                    f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
+                    "reaches along the way of the indenter"
+                )
         if case.programme.travel_mm[0] != 0.0 or min(case.programme.travel_mm) < 0.0:
             raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
 

@@ -116,8 +116,15 @@ LAYERS = {
         "calibration",
         "discrepancy model_selection",
         "optimal_design report",
+        "api",
         "cli",
         "__main__",
+    ),
+    "rso.api": (
+        "executors models run_result",
+        "workspace",
+        "shortcuts",
+        "__init__",
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",

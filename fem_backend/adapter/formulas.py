@@ -65,7 +65,7 @@ def of_pair(settings: Settings, E: float, nu: float) -> tuple[Formula, ...]:
 def thickness(settings: Settings) -> float | None:
     """Thickness (mm) of the layer that the specimen is taken for; None for a half-space."""
     specimen = settings.specimen
-    flat = "base" in specimen.parts and np.isfinite(specimen.deepest[0])
+    flat = "base" in specimen.parts and np.isfinite(specimen.thickness_along(np.array([0.0, 0.0, -1.0])))
     return float(specimen.top[2] - specimen.lowest[2]) if flat else None
 
 

@@ -21,7 +21,6 @@ FIRST = 1.5  # height of the first elements over the least width
 ACROSS = 5.0  # elements through the height at least, at unit fineness
 WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
 BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
-DEEPEST = 0.75  # of the height
 USUAL_LAYER = 0.5  # thickness (mm) that the declared range of its error is meant for
 ON = 1e-9  # of the height: what lies this near a plane lies in it
 
@@ -266,10 +265,9 @@ class FlatTopped:
             return None
         return f"profile: the mark ({x:g}, {y:g}) mm lies {self.over_edge(x, y):.4g} mm beside the flat top"
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """Three quarters of the height (mm)."""
-        return DEEPEST * self.height, f"{DEEPEST:g} of the {self.smallest_words}"
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """The height (mm): its top is touched from above."""
+        return self.height
 
     def off_top(self, x: float, y: float) -> float:
         """All places of the top are alike for elements."""

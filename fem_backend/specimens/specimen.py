@@ -161,9 +161,8 @@ class Specimen(Protocol):
     def beside(self, x: float, y: float) -> str | None:
         """Why there is no mark at (x, y) to be followed: it lies beside the specimen; None where it is on top."""
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """The deepest travel that is modelled (mm), and what it is a share of, in words."""
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """Its extent (mm) along a unit vector (3,), which no travel that way reaches; ∞ where it has no end."""
 
     def off_top(self, x: float, y: float) -> float:
         """Squared distance of (x, y) from the top over the size: elements are stretched on the way."""

@@ -86,7 +86,6 @@ class Block:
     skin_limit = property(lambda self: 0.5 * self.height)
     top = property(lambda self: np.array([0.0, 0.0, self.height]))
     lowest = property(lambda self: np.zeros(3))
-    deepest = property(lambda self: (0.3 * self.height, "0.3 of the height"))
     ratio = property(lambda self: self.height / 15.0)
 
     def plain(self):
@@ -148,6 +147,9 @@ class Block:
 
     def beside(self, x, y):
         return None if max(abs(x), abs(y)) <= self.half else f"profile: the mark ({x:g}, {y:g}) mm lies beside it"
+
+    def thickness_along(self, direction):
+        return self.height
 
     def off_top(self, x, y):
         return 0.0
