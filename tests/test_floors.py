@@ -54,7 +54,7 @@ LAYERS = {
     "fem_backend.kinematics": (
         "numbering voigt",
         "axisymmetric tetrahedra",
-        "bodies",
+        "bodies pore_pressure",
     ),
     "fem_backend.laws": (
         "fibre law mullins prony",
@@ -82,7 +82,7 @@ LAYERS = {
         "symmetry",
         "assembly",
         "initial_state",
-        "outputs",
+        "outputs pore_flow",
         "derivatives",
         "indentation",
     ),
@@ -92,7 +92,7 @@ LAYERS = {
         "newton",
         "mixed_newton modified_newton rigid_motions",
         "load_steps",
-        "history_steps",
+        "biphasic history_steps",
     ),
     "fem_backend.specimens": (
         "specimen",

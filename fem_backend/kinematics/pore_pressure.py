@@ -30,9 +30,10 @@ SLOPES = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # ∂φ/∂ξ of the 
 class PorousMeridian:
     """A meridian with pressures at its corners.
 
-    `vertices` (v,) are the nodes with a pressure, `corners` (m, 3) the vertices of each cell, gradients ∇φ (m, q, 3, 2)
-    in 1/mm.  `number` (v,) numbers the pressures in the coupled matrix, `moved` (f,) the free displacements.  `pattern` is that of the coupled matrix, `kept` (nnz,) the places
-    of the body's own matrix in it, `place` (m, 17, 17) those of a cell: its 14 displacements, then its 3 pressures.
+    `vertices` (v,) are the nodes with a pressure, `corners` (m, 3) the vertices of each cell, `slopes` their gradients
+    ∇φ (m, q, 3, 2) in 1/mm.  `number` (v,) numbers the pressures in the coupled matrix, `moved` (f,) the free
+    displacements.  `pattern` is that of the coupled matrix, `kept` (nnz,) the places of the body's own matrix in it,
+    `place` (m, 17, 17) those of a cell: its 14 displacements, then its 3 pressures.
     """
 
     body: MeridianBody
@@ -83,9 +84,7 @@ def porous(body: MeridianBody) -> PorousMeridian:
     )
 
 
-def _numbers(
-    body: MeridianBody, vertices: np.ndarray, corners: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _numbers(body: MeridianBody, vertices: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of displacements (f,) and pressures (v,) in one matrix: a pressure comes after its node's displacements.
 
     The numbers of the displacements are such that little fills in; a node that is held takes the last of its cells.

@@ -339,8 +339,8 @@ def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float
 
     Pressed by p on a foundation of ε per undeformed area, a surface of modulus μ buckles in waves shorter than p²/(με):
     no element may be that short up to p = √FIRM μ where it is `firm`, with friction or adhesion.  Without them contact
-    acts per area now, and multipliers make it exact.  With pore flow it is firm, too: what multipliers move comes within
-    one step, in which little drains.
+    acts per area now, and multipliers make it exact.  With pore flow it is firm, too: what multipliers move comes
+    within one step, in which little drains.
     """
     if not placement.meridian:
         return np.full(surface.weights.shape, PENALTY * mu / placement.indenter.length)

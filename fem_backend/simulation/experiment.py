@@ -31,7 +31,6 @@ from fem_backend.supports import SUPPORTS, Support
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 SEALED, POROUS = DRAINAGE = "sealed", "porous"
-DRAINS = "indenter", "support"
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
@@ -310,9 +309,13 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "profile": [list(p) for p in settings.profile],
         "earlier": settings.earlier,
         "mesh": dict(settings.mesh),
-        **({} if settings.drainage == (SEALED, SEALED) else {"drainage": dict(zip(DRAINS, settings.drainage))}),
+        **({} if settings.drainage == (SEALED, SEALED) else _drainage(*settings.drainage)),
         **({} if settings.multipliers else {"multipliers": False}),
     }
+
+
+def _drainage(indenter: str, support: str) -> dict[str, Any]:
+    return {"drainage": {"indenter": indenter, "support": support}}
 
 
 def _distinct(places: Sequence[tuple[float, float]]) -> list[str]:

@@ -185,9 +185,7 @@ def _draining(
     settings, system = at.settings, at.system
     way = flowing([one(group) for group in groups], settings.control.path, settings.fineness)
     try:
-        points = biphasic.follow(
-            system, pores_of(at), at.start, way, settings.control, counters, at.seated, history
-        )
+        points = biphasic.follow(system, pores_of(at), at.start, way, settings.control, counters, at.seated, history)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise

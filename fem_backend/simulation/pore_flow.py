@@ -32,9 +32,7 @@ def pores_of(at: InitialState) -> Pores:
         may_close.products[~_among(pressed, facets[covered])] = 0.0
     unit = at.system.material.shear_modulus / at.placement.indenter.length
     factor = direct.precise(space.pattern, at.settings.solver)
-    return Pores(
-        space, at.knobs.permeability, unit, factor, pore_pressure.open_edges(space, open_), may_close
-    )
+    return Pores(space, at.knobs.permeability, unit, factor, pore_pressure.open_edges(space, open_), may_close)
 
 
 def _supported(at: InitialState, facets: np.ndarray) -> np.ndarray:

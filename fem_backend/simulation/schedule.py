@@ -12,7 +12,7 @@ from fem_backend.solver.load_steps import Instant, LoadPoint
 
 SLOWER = 3.0  # times as long as the step before it is a step of a rest
 FIRST = 0.02  # of the time between two corners of a programme: the first step of a body that drains
-GROWING = 0.3  # of the time since a corner: each step of one
+GROWING = 0.2  # of the time since a corner: each step of one
 SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
 
 

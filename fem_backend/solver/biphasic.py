@@ -2,9 +2,9 @@
 
     div(σ − p 1) = 0,   J̇ + Div(−k J C⁻¹ ∇p) = 0,
 
-σ the stress of the drained solid by its own law, p the pore pressure, k the permeability (mm⁴/(N s), constant); solid and
-liquid are incompressible by themselves (Biot 1941; Mow, Kuei, Lai and Armstrong 1980, J. Biomech. Eng. 102, 73).  For
-k → ∞ it is the drained solid at every moment, for k → 0 an incompressible one.
+σ the stress of the drained solid by its own law, p the pore pressure, k the permeability (mm⁴/(N s), constant); solid
+and liquid are incompressible by themselves (Biot 1941; Mow, Kuei, Lai and Armstrong 1980, J. Biomech. Eng. 102, 73).
+For k → ∞ it is the drained solid at every moment, for k → 0 an incompressible one.
 
 In time by the second-order backward difference with steps of any length, a step back of first order at every corner
 of the programme:
@@ -36,6 +36,8 @@ from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Stage, St
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
 
 LEAK = 100.0  # k over the length of an edge, times this: what leaves through it does so as through a hundredth of it
+FILM = 1e-3  # of the length of an edge: a gap that lets nothing pass
+EDGE_LEAK = 1.0  # the same through the part of an edge that a sealed indenter leaves open
 SETTLED = 4  # iterations after which the points that are sealed stay as they are
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 AFAR = 1e4  # relative residual that grows beyond this will not come back
@@ -72,7 +74,7 @@ class TimeStep:
 
 
 @dataclass(frozen=True)
-class State:
+class CoupledState:
     """An evaluation whose residual holds the pore pressure p (v,) MPa; v (m, q) = J − 1, missing volume (v,) mm³.
 
     `sealed` (f, q) are the points under the indenter that let nothing pass.
@@ -86,7 +88,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Reached:
+class DrainagePoint:
     """What a path goes on from: moment, state, the volume change and the length (s) of the step before, rates per s."""
 
     time: float
@@ -119,7 +121,7 @@ def follow(
     """
     v = pore_pressure.volume_change(axisymmetric.displacement_gradients(pores.space.body, u), small(system))
     none = np.zeros(len(pores.space.vertices))
-    here = Reached(0.0, 0.0, u, none, v, v, 0.0, np.zeros_like(u), none, 0.0, history)
+    here = DrainagePoint(0.0, 0.0, u, none, v, v, 0.0, np.zeros_like(u), none, 0.0, history)
     points: list[LoadPoint] = []
     for instant in instants:
         share, begin = 1.0, here.time
@@ -146,14 +148,14 @@ def small(system: System) -> bool:
     return bool(system.material.small_strain)
 
 
-def _between(here: Reached, instant: Instant, share: float) -> Instant:
+def _between(here: DrainagePoint, instant: Instant, share: float) -> Instant:
     moment, way = instant.time - here.time, instant.travel - here.travel
     return Instant(here.time + share * moment, here.travel + share * way, False)
 
 
 def _step(
-    system: System, pores: Pores, start: Start, here: Reached, goal: Instant, control: Control, counters: Counters
-) -> tuple[Reached, LoadPoint | None]:
+    system: System, pores: Pores, start: Start, here: DrainagePoint, goal: Instant, control: Control, counters: Counters
+) -> tuple[DrainagePoint, LoadPoint | None]:
     """The state at the end of a step, without multipliers, and the answer where one is asked for."""
     dt = goal.time - here.time
     slope = (goal.travel - here.travel) / dt
@@ -167,9 +169,11 @@ def _step(
     first, residuals = solve(system, pores, *guess, load, step, control.medium, counters)
     point = None
     if goal.asked:
-        point = LoadPoint(goal.time, goal.travel, _stages(system, pores, first, residuals, load, step, control, counters))
+        point = LoadPoint(
+            goal.time, goal.travel, _stages(system, pores, first, residuals, load, step, control, counters)
+        )
     u = first.at.u
-    reached = Reached(
+    reached = DrainagePoint(
         goal.time, goal.travel, u, first.p, first.v, here.v, dt, (u - here.u) / dt, (first.p - here.p) / dt, slope,
         first.at.history,
     )  # fmt: skip
@@ -178,7 +182,7 @@ def _step(
 
 
 def _stages(
-    system: System, pores: Pores, first: State, residuals: tuple[float, ...], load: Load, step: TimeStep,
+    system: System, pores: Pores, first: CoupledState, residuals: tuple[float, ...], load: Load, step: TimeStep,
     control: Control, counters: Counters,
 ) -> tuple[Stage, ...]:  # fmt: skip
     """The solution of a step and those with its multipliers."""
@@ -190,15 +194,15 @@ def _stages(
     return tuple(stages)
 
 
-def _found(state: State, residuals: tuple[float, ...]) -> Equilibrium:
+def _found(state: CoupledState, residuals: tuple[float, ...]) -> Equilibrium:
     return Equilibrium(state.at, np.zeros_like(state.at.u), residuals)
 
 
 def solve(
     system: System, pores: Pores, u: np.ndarray, p: np.ndarray, load: Load, step: TimeStep, tolerance: float,
     counters: Counters,
-) -> tuple[State, tuple[float, ...]]:  # fmt: skip
-    """State at the end of a step from u (n, 3) mm and p (v,) MPa, and the history of relative residuals.
+) -> tuple[CoupledState, tuple[float, ...]]:  # fmt: skip
+    """CoupledState at the end of a step from u (n, 3) mm and p (v,) MPa, and the history of relative residuals.
 
     Forces out of balance and missing volumes, these times `Pores.unit`, together are `tolerance` of the outer forces.
     Raises NotConverged.
@@ -228,13 +232,13 @@ def solve(
 def evaluate(
     system: System, pores: Pores, u: np.ndarray, p: np.ndarray, load: Load, step: TimeStep,
     sealed: np.ndarray | None = None,
-) -> State:  # fmt: skip
-    """Forces and volumes out of balance, with the points `sealed` (f, q) bool under the indenter, else those that touch.
+) -> CoupledState:  # fmt: skip
+    """Forces and volumes out of balance, with the points `sealed` (f, q) bool under the indenter, else the closed ones.
 
     Raises stress.Inverted when an element is inside out.
     """
     at, space = newton.evaluate(system, u, load), pores.space
-    sealed = _sealed(system, at.contacts) if sealed is None else sealed
+    sealed = _sealed(system, pores, at.contacts) if sealed is None else sealed
     F = _deformation(system, at.H)
     force = axisymmetric.internal_force(space.body, F, np.zeros((*space.body.w.shape, 6)), -p[space.corners])
     v = pore_pressure.volume_change(at.H, small(system))
@@ -242,22 +246,25 @@ def evaluate(
     missing = pore_pressure.mass(space, F, v - step.volume, p, flow)
     for edges, through in _leaks(system, pores, step, sealed):
         np.add.at(missing, edges.ends, np.einsum("eij,ej->ei", through, p[edges.ends]))
-    return State(replace(at, residual=at.residual + force), p, v, missing, sealed)
+    return CoupledState(replace(at, residual=at.residual + force), p, v, missing, sealed)
 
 
 def _deformation(system: System, H: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.eye(3), H.shape).copy() if small(system) else H + np.eye(3)
 
 
-def _sealed(system: System, contacts: Sequence[ContactState]) -> np.ndarray:
-    """Points (f, q) of the surface under the indenter through which nothing passes: it touches or is glued there."""
-    held, sealed = system.pressing.held, contacts[0].pressure > 0.0
+def _sealed(system: System, pores: Pores, contacts: Sequence[ContactState]) -> np.ndarray:
+    """Points (f, q) of the surface under the indenter through which nothing passes: it is closed or glued there.
+
+    A gap of `FILM` of an edge is closed: between points that press, curved edges leave gaps of less.
+    """
+    if pores.may_close is None:
+        return np.zeros(contacts[0].gap.shape, bool)
+    held, sealed = system.pressing.held, contacts[0].gap < FILM * pores.may_close.length[:, None]
     return sealed if held is None else sealed | glued(held)
 
 
-def _leaks(
-    system: System, pores: Pores, step: TimeStep, sealed: np.ndarray
-) -> list[tuple[OpenEdges, np.ndarray]]:
+def _leaks(system: System, pores: Pores, step: TimeStep, sealed: np.ndarray) -> list[tuple[OpenEdges, np.ndarray]]:
     """∫ Δ λ φ_i φ_j dA (e, 2, 2) of all edges that may leak, `flow` = Δ k:
 
         λ = LEAK (k/h) min(1, k M t/h²),   M = K + 4 μ/3,
@@ -269,16 +276,19 @@ def _leaks(
     stuff = system.material
     modulus = stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus
     flow, found = step.length * pores.permeability, []
-    for edges, open_ in ((pores.open, None), (pores.may_close, sealed)):
+    for edges, factor, open_ in (
+        (pores.open, LEAK, np.ones((1, 1))),
+        (pores.may_close, EDGE_LEAK, ~sealed),
+    ):
         if edges is not None:
             h = edges.length
-            through = LEAK * flow / h * np.minimum(1.0, pores.permeability * modulus * step.end / h**2)
-            share = edges.products if open_ is None else edges.products * ~open_[..., None, None]
-            found.append((edges, through[:, None, None] * share.sum(1)))
+            through = factor * flow / h * np.minimum(1.0, pores.permeability * modulus * step.end / h**2)
+            share = (edges.products * open_[..., None, None]).sum(1)
+            found.append((edges, through[:, None, None] * share))
     return found
 
 
-def _relative(pores: Pores, here: State) -> float:
+def _relative(pores: Pores, here: CoupledState) -> float:
     norm = float(np.linalg.norm(_reduced(pores, here.at.residual, here.missing)))
     return norm / here.at.scale if here.at.scale > 0 else float(norm > 0)
 
@@ -293,7 +303,13 @@ def _reduced(pores: Pores, residual: np.ndarray, missing: np.ndarray) -> np.ndar
 
 
 def _factorise(
-    system: System, pores: Pores, here: State, load: Load, step: TimeStep, touching: Pressures, counters: Counters
+    system: System,
+    pores: Pores,
+    here: CoupledState,
+    load: Load,
+    step: TimeStep,
+    touching: Pressures,
+    counters: Counters,
 ) -> Solve:
     """Factor of the tangent; where that is singular, without the turning of the contact."""
     body, space, at = pores.space.body, pores.space, here.at
@@ -304,9 +320,7 @@ def _factorise(
     coupled = pore_pressure.coupling(space, F, here.p, flow, pores.unit, small(system))
     for edges, through in _leaks(system, pores, step, here.sealed):
         np.subtract.at(coupled, edges.place, pores.unit**2 * through)
-    contacts = tuple(
-        c if p is None else replace(c, multiplier=p) for c, p in zip(at.contacts, touching, strict=True)
-    )
+    contacts = tuple(c if p is None else replace(c, multiplier=p) for c, p in zip(at.contacts, touching, strict=True))
     for geometric in (True, False):
         data = coupled.copy()
         data[space.kept] += bulk + newton.contact_tangent(system, replace(at, contacts=contacts), load, geometric)[0]
@@ -336,10 +350,10 @@ def _held(system: System, at: Evaluation, load: Load, touching: Pressures) -> np
 
 
 def _stepped(
-    system: System, pores: Pores, here: State, load: Load, step: TimeStep, touching: Pressures, change: np.ndarray,
+    system: System, pores: Pores, here: CoupledState, load: Load, step: TimeStep, touching: Pressures, change: np.ndarray,
     counters: Counters, history: list[float],
-) -> tuple[State, Pressures]:  # fmt: skip
-    """The state after a change of all unknowns, shortened where elements would turn over, and pressures to first order."""
+) -> tuple[CoupledState, Pressures]:  # fmt: skip
+    """The state after a change of all unknowns, less of it where elements would turn over, and linear pressures."""
     space, alpha = pores.space, 1.0
     du = newton.full(space.body, change[space.moved])
     dp = pores.unit * change[space.number]
