@@ -37,7 +37,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, N
 
 LEAK = 100.0  # k over the length of an edge, times this: what leaves through it does so as through a hundredth of it
 FILM = 1e-3  # of the length of an edge: a gap that lets nothing pass
-EDGE_LEAK = 1.0  # the same through the part of an edge that a sealed indenter leaves open
+EDGE_LEAK = 1.4  # the same through the part of an edge that a sealed indenter leaves open
 SETTLED = 4  # iterations after which the points that are sealed stay as they are
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 AFAR = 1e4  # relative residual that grows beyond this will not come back
@@ -350,8 +350,8 @@ def _held(system: System, at: Evaluation, load: Load, touching: Pressures) -> np
 
 
 def _stepped(
-    system: System, pores: Pores, here: CoupledState, load: Load, step: TimeStep, touching: Pressures, change: np.ndarray,
-    counters: Counters, history: list[float],
+    system: System, pores: Pores, here: CoupledState, load: Load, step: TimeStep, touching: Pressures,
+    change: np.ndarray, counters: Counters, history: list[float],
 ) -> tuple[CoupledState, Pressures]:  # fmt: skip
     """The state after a change of all unknowns, less of it where elements would turn over, and linear pressures."""
     space, alpha = pores.space, 1.0
