@@ -37,7 +37,8 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, N
 
 LEAK = 100.0  # k over the length of an edge, times this: what leaves through it does so as through a hundredth of it
 FILM = 1e-3  # of the length of an edge: a gap that lets nothing pass
-EDGE_LEAK = 1.4  # the same through the part of an edge that a sealed indenter leaves open
+EDGE_LEAK = 1.4  # the same beside a sealed contact: what elements there let out too early at the edge, of first order
+BESIDE = 2  # edges from it
 SETTLED = 4  # iterations after which the points that are sealed stay as they are
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 AFAR = 1e4  # relative residual that grows beyond this will not come back
@@ -267,25 +268,33 @@ def _sealed(system: System, pores: Pores, contacts: Sequence[ContactState]) -> n
 def _leaks(system: System, pores: Pores, step: TimeStep, sealed: np.ndarray) -> list[tuple[OpenEdges, np.ndarray]]:
     """∫ Δ λ φ_i φ_j dA (e, 2, 2) of all edges that may leak, `flow` = Δ k:
 
-        λ = LEAK (k/h) min(1, k M t/h²),   M = K + 4 μ/3,
+        λ = c (k/h) min(1, k M t/h²),   M = K + 4 μ/3,
 
-    of an edge of length h, t (s) since the body was at rest.  An element's pressure falls over all of its depth: as
-    long as what has drained is thinner than h, pressures held at zero would drain too much, and an undrained body
-    would yield by a layer of elements.
+    of an edge of length h, t (s) since the body was at rest; c = LEAK, or EDGE_LEAK `beside` what is sealed.  An
+    element's pressure falls over all of its depth: as long as what has drained is thinner than h, pressures held at
+    zero would drain too much, and an undrained body would yield by a layer of elements.
     """
     stuff = system.material
     modulus = stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus
     flow, found = step.length * pores.permeability, []
-    for edges, factor, open_ in (
-        (pores.open, LEAK, np.ones((1, 1))),
-        (pores.may_close, EDGE_LEAK, ~sealed),
-    ):
+    none = np.zeros((1, 1), bool)
+    for edges, closed in ((pores.open, none), (pores.may_close, sealed)):
         if edges is not None:
             h = edges.length
+            factor = np.where(_beside(edges, closed, len(pores.space.vertices)), EDGE_LEAK, LEAK)
             through = factor * flow / h * np.minimum(1.0, pores.permeability * modulus * step.end / h**2)
-            share = (edges.products * open_[..., None, None]).sum(1)
-            found.append((edges, through[:, None, None] * share))
+            found.append((edges, through[:, None, None] * (edges.products * ~closed[..., None, None]).sum(1)))
     return found
+
+
+def _beside(edges: OpenEdges, closed: np.ndarray, vertices: int) -> np.ndarray:
+    """Whether edges (e,) have closed points or lie within BESIDE edges of one that has."""
+    near = np.broadcast_to(closed.any(1), edges.length.shape)
+    for _ in range(BESIDE):
+        at = np.zeros(vertices, bool)
+        at[edges.ends[near]] = True
+        near = at[edges.ends].any(1)
+    return near
 
 
 def _relative(pores: Pores, here: CoupledState) -> float:

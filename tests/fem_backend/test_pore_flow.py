@@ -1,5 +1,7 @@
 """Pore flow beside theories that share nothing with it: consolidation in one dimension, both limits, similarity."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -73,6 +75,47 @@ class TestConsolidation:
         tau, F, _ = self.run({})
         rest = F[tau >= 0.2]
         assert rest.min() > 50.0 and np.ptp(rest) < 1e-3 * rest.max()
+
+
+def unconfined(tau: np.ndarray, ramp: float, n: int = 100, steps: int = 600) -> np.ndarray:
+    """σ/(e E) of a cylinder between sealed, smooth plates, its side open; τ = D t/a² (Armstrong, Lai and Mow 1984).
+
+    Finite differences in r of H (r⁻¹ (r u)′)′ = (u̇ + r ė/2)/k, H u′ + λ (u + e) = 0 at the side, e the axial strain.
+    """
+    lame, young = K - 2.0 / 3.0 * MU, 2.0 * MU * (1.0 + NU)
+    r, h = np.linspace(0.0, 1.0, n + 1), 1.0 / n
+    i = np.arange(1, n)
+    A = np.zeros((n + 1, n + 1))
+    A[i, i + 1], A[i, i - 1] = r[i + 1] / (r[i] + h / 2) / h**2, r[i - 1] / (r[i] - h / 2) / h**2
+    A[i, i] = -r[i] * (1.0 / (r[i] + h / 2) + 1.0 / (r[i] - h / 2)) / h**2
+    late = ramp + np.linspace(0.0, 1.0, steps)[1:] ** 3 * (tau.max() - ramp)
+    times = np.concatenate([np.linspace(0.0, ramp, steps // 3 + 1), late])
+    u, found, middle = np.zeros(n + 1), [0.0], 0.5 * (r[1:] + r[:-1])
+    for before, now in pairwise(times):
+        strain, old = -min(now / ramp, 1.0), -min(before / ramp, 1.0)
+        M, b = np.eye(n + 1) - (now - before) * A, u - 0.5 * r * (strain - old)
+        M[[0, n]], b[0], b[n] = 0.0, 0.0, -lame * strain
+        M[0, 0], M[n, n - 2 :] = 1.0, np.array([0.5, -2.0, 1.5]) * AGGREGATE / h
+        M[n, n] += lame
+        u = np.linalg.solve(M, b)
+        dilated, outside = np.diff(r * u) / h / middle, (1.5 * u[n] - 2.0 * u[n - 1] + 0.5 * u[n - 2]) / h + u[n]
+        axial = AGGREGATE * strain + lame * dilated - AGGREGATE * (dilated - outside)  # p = H (div u − that outside)
+        found.append(-2.0 * h * float(axial @ middle) / young)
+    return np.interp(tau, times, found)
+
+
+def test_unconfined_compression():
+    """Radial flow out of a puck between sealed plates: 0.5 % at every moment, and within what is stated."""
+    tau, ramp, depth = np.array([0.05, 0.1, 0.15, 0.25, 0.5, 1.0]), 0.1, 1e-3 * HEIGHT
+    unit, k = RADIUS**2, 1.0 / AGGREGATE
+    settings = {**PUCK, "support": {"kind": "plate", "friction": 0.0}}
+    programme = Programme((0.0, ramp * unit, unit), (0.0, depth, depth), (depth,), tuple(tau * unit))
+    response = BACKEND({"mu": MU, "D1": D1, "permeability": k}, Case("a", programme, settings))
+    F = response.channels["Fz"] * HEIGHT / (np.pi * RADIUS**2 * depth * 2.0 * MU * (1.0 + NU))
+    exact = unconfined(response.channels["time"] / unit, ramp)
+    missed = np.abs(F / exact - 1.0)
+    assert missed.max() < 0.005
+    assert np.all(missed <= response.error["Fz"] / response.channels["Fz"] + 1e-3)
 
 
 class TestLimits:
