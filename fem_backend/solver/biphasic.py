@@ -324,7 +324,7 @@ def _factorise(
     body, space, at = pores.space.body, pores.space, here.at
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
     turning = response.Turning(linearised.state.S_geometric, linearised.volume.p - here.p[space.corners])
-    bulk = response.stiffness(body, linearised, turning, system.scale)
+    bulk = response.stiffness(body, linearised, turning)
     flow, F = step.length * pores.permeability, _deformation(system, at.H)
     coupled = pore_pressure.coupling(space, F, here.p, flow, pores.unit, small(system))
     for edges, through in _leaks(system, pores, step, here.sealed):

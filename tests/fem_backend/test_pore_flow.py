@@ -7,7 +7,7 @@ import pytest
 
 from fem_backend.backend import BACKEND
 from fem_backend.kinematics import axisymmetric, pore_pressure
-from rso.contract import Case, Programme, SimulationFailed
+from rso.contract import Case, Programme, Segment, SimulationFailed
 
 MU, NU = 0.01, 0.2
 K = 2.0 * MU * (1.0 + NU) / (3.0 * (1.0 - 2.0 * NU))
@@ -188,6 +188,11 @@ class TestWhatIsRefused:
         with pytest.raises(SimulationFailed, match=words):
             forces({"permeability": 1.0, **values}, settings)
         assert words in BACKEND.refused({"mu": MU, "D1": D1, "permeability": 1.0, **values}, Case("a", HOLD, settings))
+
+    def test_a_force(self):
+        segments = (Segment("force", rate=0.02, to_N=0.02),)
+        with pytest.raises(SimulationFailed, match="travel over time"):
+            forces({"permeability": 1.0}, SLAB, Programme(segments=segments, asked_N=(0.01,)))
 
     def test_a_wrong_word(self):
         with pytest.raises(ValueError, match=r"drainage\.indenter"):
