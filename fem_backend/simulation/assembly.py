@@ -278,7 +278,7 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
 
 def _admit_pore_flow(settings: Settings, knobs: Knobs, placement: Placement) -> None:
     """Raise NotModelled for a body with pore flow that is not of revolution, rubs, sticks or lies loose."""
-    asked = f"permeability = {knobs.permeability:g} mm^4/(N*s): pore flow is modelled"
+    asked = f"permeability = {knobs.permeability:g} mm^4/N/s: pore flow is modelled"
     if not placement.meridian:
         raise NotModelled(
             "not_supported",

@@ -126,7 +126,7 @@ class Common:
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
     permeability: float = knob(
         "permeability of the body for the liquid in its pores; 0: no pore flow, the drained solid alone",
-        "mm^4/(N*s)",
+        "mm^4/N/s",
         0.0,
         1e12,
         default=0.0,
