@@ -61,7 +61,7 @@ LAYERS = {
     "fem_backend.kinematics": (
         "numbering voigt",
         "axisymmetric tetrahedra",
-        "bodies",
+        "bodies pore_pressure",
     ),
     "fem_backend.laws": (
         "fibre law mullins prony",
@@ -94,7 +94,7 @@ LAYERS = {
         "cohesive symmetry",
         "assembly",
         "initial_state",
-        "outputs rezoning",
+        "outputs pore_flow rezoning",
         "derivatives",
         "indentation",
         "controlled",
@@ -105,7 +105,7 @@ LAYERS = {
         "newton",
         "jumps mixed_newton modified_newton rigid_motions",
         "load_steps",
-        "history_steps",
+        "biphasic history_steps",
         "controlled_steps",
     ),
     "fem_backend.specimens": (

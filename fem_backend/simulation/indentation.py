@@ -20,9 +20,10 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
+from fem_backend.simulation.pore_flow import pores_of
 from fem_backend.simulation.rezoning import MeshLeg
-from fem_backend.simulation.schedule import each, merged, one, steps, together
-from fem_backend.solver import history_steps, load_steps, rigid_motions
+from fem_backend.simulation.schedule import each, flowing, merged, one, steps, together
+from fem_backend.solver import biphasic, history_steps, load_steps, rigid_motions
 from fem_backend.solver.jumps import Jumps
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
@@ -234,11 +235,27 @@ def along(
     u, history, touching = begun(at, counters)
     control = at.settings.control
     groups, begin_at = together(instants), _begin_at(instants)
+    if at.knobs.permeability:
+        return _draining(at, groups, counters, history)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
     try:
         legs = [] if legs is None else legs
         legs.append(MeshLeg(at, None))
         points = rezoning.follow(legs, way, counters, u, history, touching, jumps, begin_at)
+    except Stopped as stopped:
+        stopped.points = each(groups, stopped.points)
+        raise
+    return each(groups, points)
+
+
+def _draining(
+    at: InitialState, groups: Sequence[Sequence[Instant]], counters: Counters, history: stress.History | None
+) -> list[LoadPoint]:
+    """Points of a body with liquid in its pores, at rest and without pore pressure before the test."""
+    settings, system = at.settings, at.system
+    way = flowing([one(group) for group in groups], settings.control.path, settings.fineness)
+    try:
+        points = biphasic.follow(system, pores_of(at), at.start, way, settings.control, counters, at.seated, history)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
