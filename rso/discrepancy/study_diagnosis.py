@@ -81,7 +81,8 @@ def ask(study: Study) -> Asked:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
     base = _base(study, backend, resolved)
-    base = _relaxing(base, study, backend, resolved)
+    settings = _settings(study, backend, experiments)
+    base = _relaxing(base, settings, resolved)
     try:
         framed(base, plan)
     except ValueError as error:
@@ -91,7 +92,7 @@ def ask(study: Study) -> Asked:
         text = 'diagnosis needs a force curve with role "fit" or "select"'
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
-    every = discrepancy.catalogue(backend, study.backend.settings, resolved.fixed, opened)
+    every = discrepancy.catalogue(backend, settings, resolved.fixed, opened)
     own = {*base.held, *(base.relaxing.names if base.relaxing else ())}
     every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
     measured = {c for t in plan.seen().tests for c in t.channels}
@@ -238,14 +239,28 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
 
 
-def _relaxing(base: Base, study: Study, backend: Backend, resolved: Resolved) -> Base:
+def _settings(study: Study, backend: Backend, experiments: Sequence[Experiment]) -> Mapping[str, Any]:
+    """Settings of which the catalogue is asked: those that all experiments share, where they describe an experiment.
+
+    Where each experiment says by itself what is pressed, they do not: then those of the first that is fitted.
+    """
+    shared = study.backend.settings
+    try:
+        backend.check(Case("shared", Programme.ramp((0.0,)), dict(shared)))
+    except MISREAD:
+        fitted = [e for e in experiments if e.role != "validate"] or list(experiments)
+        return dict(fitted[0].settings)
+    return shared
+
+
+def _relaxing(base: Base, settings: Mapping[str, Any], resolved: Resolved) -> Base:
     """The base model with its share and its time that relax, if it has one of each, taken as an effect in all it says.
 
     So every rate and every hold is followed, and no simulation of the base rests.
     """
     opened = {a.name: a for a in resolved.axes}
-    values = {p.name: resolved.fixed.get(p.name, p.default) for p in backend.parameters}
-    for e in filter(relaxes, discrepancy.catalogue(backend, study.backend.settings, {}, ())):
+    values = {p.name: resolved.fixed.get(p.name, p.default) for p in base.backend.parameters}
+    for e in filter(relaxes, discrepancy.catalogue(base.backend, settings, {}, ())):
         share, time = e.size.name, e.shape[0].name
         (_, most), (short, long) = (
             (opened[k].low, opened[k].high) if k in opened else (values[k] or 0.0,) * 2 for k in (share, time)
