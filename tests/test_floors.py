@@ -230,7 +230,7 @@ LAYERS = {
     ),
     "rso.inference": (
         "error_surface likelihood",
-        "autocorrelated_residuals least_squares models posterior_grid tangents",
+        "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
