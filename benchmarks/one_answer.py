@@ -35,7 +35,7 @@ def of_ladder(folder: Path, name: str) -> dict:
         "sd": {p["parameter"]: p.get("sd_log") for p in level["parameters"]},
         "chi2": level["fitted"]["chi2"],
         "p": level["fitted"]["p_value"],
-        "errors": {d["curve"]: d.get("errors") for d in level["errors"]},
+        "errors": {d["curve"]: d.get("parts") for d in level["errors"]},
     }
 
 

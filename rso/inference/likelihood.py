@@ -137,14 +137,17 @@ class Model:
             return np.asarray(self.derivative(np.asarray(x, float)), float)
         return self.jacobians(np.asarray(x, float)[None])[0]
 
-    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None) -> np.ndarray:
-        """∂f/∂x (k, n, f) at many points by differences, along the `free` axes only; one call of `predict`."""
+    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None, step: float | np.ndarray = STEP) -> np.ndarray:
+        """∂f/∂x (k, n, f) at many points by differences, along the `free` axes only; one call of `predict`.
+
+        `step` is that of all axes, or of each of the free ones (f,).
+        """
         k, d = X.shape
         axes = np.arange(d) if free is None else np.flatnonzero(free)
         up, down = (np.repeat(X[:, None], len(axes), axis=1) for _ in range(2))
         rows = np.arange(len(axes))
-        up[:, rows, axes] = np.minimum(up[:, rows, axes] + STEP, 1.0)
-        down[:, rows, axes] = np.maximum(down[:, rows, axes] - STEP, 0.0)
+        up[:, rows, axes] = np.minimum(up[:, rows, axes] + step, 1.0)
+        down[:, rows, axes] = np.maximum(down[:, rows, axes] - step, 0.0)
         both = np.concatenate([up.reshape(-1, d), down.reshape(-1, d)])
         high, low = self.predict(both).reshape(2, k, len(axes), -1)
         width = up[:, rows, axes] - down[:, rows, axes]

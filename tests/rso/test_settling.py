@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.calibration import confirmed_optimum, readings, identification_stage
+from rso.calibration import confirmed_optimum, identification_stage, readings
 from rso.calibration.confirmed_optimum import ConfirmedOptimum
 from rso.core.similarity import Group
 from rso.doe import Box
