@@ -15,6 +15,7 @@ from skfem import MeshTet2
 from fem_backend import meshing
 from fem_backend.members import MemberTable, OpenSet, SettingsOption
 from fem_backend.meshing import MeridianMesh, Mesh, Size
+from fem_backend.specimens.own_laws import OwnLaw
 from rso.contract import Drawn
 
 
@@ -161,9 +162,8 @@ class Specimen(Protocol):
     def beside(self, x: float, y: float) -> str | None:
         """Why there is no mark at (x, y) to be followed: it lies beside the specimen; None where it is on top."""
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """The deepest travel that is modelled (mm), and what it is a share of, in words."""
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """Its extent (mm) along a unit vector (3,), which no travel that way reaches; ∞ where it has no end."""
 
     def off_top(self, x: float, y: float) -> float:
         """Squared distance of (x, y) from the top over the size: elements are stretched on the way."""
@@ -184,6 +184,17 @@ class Specimen(Protocol):
 
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:
         """Factor (…) of its layers on all moduli at points X (…, 3); None where it has none."""
+
+    @property
+    def laws(self) -> tuple[OwnLaw | None, ...]:
+        """Laws of its layers from the top down, None for that of the body; nothing where none has its own."""
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Stiffness of each layer over the rest, from the top down."""
+
+    def layer(self, X: np.ndarray) -> np.ndarray:
+        """Number (…) of the layer that points X (…, 3) lie in: 1, 2, … from the top, 0 is the rest."""
 
     # ------------------------------------------------------------------------------------------------- proposals
 

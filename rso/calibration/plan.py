@@ -136,15 +136,20 @@ def source_of(study: Study) -> Source:
     return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
 
 
-def make_plan(study: Study, beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]] = ()) -> Plan:
+def make_plan(
+    study: Study,
+    beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]] = (),
+    backend: Backend | None = None,
+) -> Plan:
     """Plan of a loaded study; StudyError for whatever its backend or its data do not allow.
 
+    A `backend` stands in for the one that the study names.
     Holds are compared where the model of the study relaxes, or one of those `beside` it: values and settings that
     replace its own.
     """
     source = source_of(study)
     try:
-        backend = source.load()
+        backend = source.load() if backend is None else backend
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)

@@ -2,6 +2,7 @@
 
 from rso.inference.autocorrelated_residuals import with_autocorrelation
 from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, minimise
+from rso.inference.derived import DerivedInterval, derived_interval
 from rso.inference.error_model import ModelErrors, correlated_along, covariance, with_model_errors
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.inference.expected_information import ExpectedInformation, PossibleExperiment, expected_information, on_valley
@@ -30,6 +31,7 @@ __all__ = [
     "WEIGHTINGS",
     "CurvePlace",
     "Data",
+    "DerivedInterval",
     "Determination",
     "Direction",
     "Draws",
@@ -59,6 +61,7 @@ __all__ = [
     "correlated_along",
     "covariance",
     "curve_score",
+    "derived_interval",
     "descend",
     "determine",
     "directions",
