@@ -189,7 +189,7 @@ LAYERS = {
         "library parameters",
         "detectors",
         "evidence",
-        "diagnosis proposals wording",
+        "base_model diagnosis proposals wording",
         "next_test rerun",
         "diagnosis_results",
         "__init__",

@@ -35,10 +35,12 @@ from rso.core.similarity import group, stress_exponent
 from rso.core.units import quantity
 from rso.data import recorded_speed
 from rso.discrepancy import Base, BaseAxis, Effect, Experiment, Library
+from rso.discrepancy.base_model import as_plain, base_model, in_words
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import relaxes
 from rso.discrepancy.library.simulations import BaseRelaxation
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test
+from rso.doe import Box
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, sketches, stated_speed
@@ -63,6 +65,7 @@ class Asked:
     plan: discrepancy.TestPlan
     effects: tuple[Effect, ...]
     unseen: tuple[str, ...] = ()  # what of the catalogue cannot be seen in such a body, in words
+    box: Box | None = None  # ranges of the open parameters
 
 
 def ask(study: Study) -> Asked:
@@ -121,7 +124,7 @@ def ask(study: Study) -> Asked:
     if not any(e.family != "scatter" for e in effects):
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
-    return Asked(study, base, plan, effects, tuple(unseen))
+    return Asked(study, base, plan, effects, tuple(unseen), resolved.box)
 
 
 def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -320,13 +323,17 @@ def run_diagnosis(
     library = discrepancy.build(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started
 
+    alone = plain(as_plain(base_model(asked.study, library, asked.box)))
+
     def keep(found: dict[str, Any]) -> None:
+        found["words"] = [*found["words"], *in_words(alone)]
         found["timings"] = {
             "library_wall": built,
             "library_cpu": library.cpu_s,
             "library_runs": library.runs,
             "judging_cpu": time.process_time() - cpu,
         }
+        found["base_model"] = alone
         found["command"] = command
         found["settings"] = plain(asked.study.written(asked.study.backend.settings))
         found["sketches"] = plain(sketches(asked.study, asked.base.backend))
