@@ -28,13 +28,13 @@ def of_run(folder: Path) -> dict:
 
 
 def of_ladder(folder: Path, name: str) -> dict:
-    """The same of a level of `rso ladder`; its p is that of χ² alone, by simulated data sets."""
+    """The same of a level of `rso ladder`; its p is that of χ² by its distribution, not by simulated data sets."""
     level = next(v for v in json.loads((folder / "ladder.json").read_text("utf-8"))["levels"] if v["name"] == name)
     return {
         "intervals": {p["parameter"]: p["interval"] for p in level["parameters"]},
         "sd": {p["parameter"]: p.get("sd_log") for p in level["parameters"]},
         "chi2": level["fitted"]["chi2"],
-        "p": level["fitted"]["p_value"],
+        "p": level["fitted"]["p_analytic"],
         "errors": {d["curve"]: d.get("parts") for d in level["errors"]},
     }
 

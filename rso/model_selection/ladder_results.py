@@ -168,7 +168,7 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
         "parameters": rows,
         "values": d.axes.physical(d.values),
         "verdict": _verdict(g),
-        "fitted": _test(g.checks[0]),
+        "fitted": _test(g.checks[0]) | {"p_analytic": d.determination.p_value},
         "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
         "validated": [_validated(u) for u in elsewhere],
         "errors": errors,
