@@ -197,7 +197,7 @@ LAYERS = {
         "library parameters",
         "detectors",
         "evidence",
-        "diagnosis proposals wording",
+        "base_model diagnosis proposals wording",
         "next_test rerun",
         "diagnosis_results",
         "__init__",
@@ -260,7 +260,7 @@ LAYERS = {
     ),
     "rso.inference": (
         "error_surface likelihood",
-        "autocorrelated_residuals least_squares models posterior_grid tangents",
+        "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
