@@ -13,7 +13,7 @@ import numpy as np
 
 from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
-from fem_backend.accuracy.calibration import uncalibrated
+from fem_backend.accuracy.calibration import inflation, uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
 from fem_backend.adapter import formulas as literature
@@ -296,7 +296,7 @@ class FiniteElements:
 
     def first_settings(self, given: Given, depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
-        lines = new_study.geometry(given)
+        lines = new_study.geometry(given, depths)
         coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}
         return {**lines, "mesh": new_study.mesh(depths, lambda d: self.resolution(coarse, d))}
 
@@ -548,6 +548,10 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
         "machine": platform.machine(),
         "reaction_Fz": result.reaction[:, 2].tolist(),
     }
+    if result.unchecked:
+        info["errors"] = (
+            f"{result.unchecked}; stated are {inflation(settings):g} times those of a pair that is calibrated"
+        )
     return Response(
         channels=result.channels,
         units=outputs.units(settings),

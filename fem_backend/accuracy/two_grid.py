@@ -141,15 +141,16 @@ def checked(
 ) -> Result:
     """Result of a meridian beside the channels of one with elements of twice the size, which tell its error.
 
-    Raises NotModelled and Stopped, as the run itself does; without the other where that does not reach as far.
+    Raises NotModelled and Stopped, as the run itself does; without the other, and saying so, where that does not reach
+    as far.
     """
     result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
     crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.solve(crude, knobs, placement, other, instants)
-    except (NotModelled, Stopped):
-        return result
+    except (NotModelled, Stopped) as error:
+        return replace(result, unchecked=f"the run with elements of twice the size, which tells errors, ended: {error}")
     return replace(result, coarser=first.channels, cpu_s=result.cpu_s + first.cpu_s)
 
 
