@@ -28,7 +28,7 @@ TIGHT = 1e-8  # relative residual at an asked travel
 CHORD = 0.3  # of the residual may be left by a step with an old factor
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 NEW = 1e-300  # pressure of points that have come to touch: they count as active
-NEAR = 0.3  # relative residual below which an old factor is tried
+NEAR = 0.1  # relative residual below which an old factor is tried
 OLD = 8  # steps with one factor
 AFAR = 1e4  # relative residual that grows beyond this will not come back
 
