@@ -13,28 +13,30 @@ import numpy as np
 
 from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
-from fem_backend.accuracy.calibration import inflation, uncalibrated
+from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
+from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation import derivatives, experiment, indentation, outputs
+from fem_backend.simulation import controlled, derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
-from fem_backend.solver.load_steps import Instant, Stopped
+from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
 from fem_backend.solver.newton import System
 from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DerivedQuantity,
     FormulaCurve,
     Given,
     Line,
@@ -74,6 +76,10 @@ class Solved:
         """What was solved."""
         assert self.result.system is not None  # of a run that was solved here
         return self.result.system
+
+    def on(self, point: LoadPoint) -> InitialState:
+        """What a point was solved with: its mesh may have been made anew on the way."""
+        return next(on for p, on in zip(self.result.points, self.result.on, strict=True) if p is point)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +129,10 @@ class FiniteElements:
     def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
         return priors.marks(experiment.read_settings(settings))
+
+    def derived(self, settings: Mapping[str, Any], given: Collection[str]) -> Sequence[DerivedQuantity]:
+        """E, ν, K and long-term moduli; see :mod:`fem_backend.adapter.derived`."""
+        return derived.derived(given)
 
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
@@ -175,8 +185,11 @@ class FiniteElements:
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
         settings = experiment.read_settings(case.settings)
-        way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else DOWN
-        through = settings.specimen.thickness_along(way)
+        through = _through(settings)
+        if programmes.controlled(case.programme):
+            programmes.check(case.programme, settings, through)
+        if case.programme.segments:
+            return
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
@@ -210,19 +223,22 @@ class FiniteElements:
             plain["direction"] = "vertical"
         if "mullins" not in kept:
             plain["earlier"] = 0.0
-        programme = case.programme
+        programme, by_force = case.programme, programmes.controlled(case.programme)
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
         if any(kept.get(name) for name in MISALIGNED):
             plain["mesh"]["follows"] = experiment.MARKS["follows"]
-        some = settings.multipliers and not path_dependent(settings, kept) and not kept.get("weight")
+        if by_force:  # contact is exact there, and no derivative is made
+            plain.pop("multipliers", None)
+            plain["derivatives"] = False
+        some = not by_force and settings.multipliers and not path_dependent(settings, kept) and not kept.get("weight")
         if some and not settings.derivatives:
             plain["derivatives"] = False
-        if programme.time_s[0] != 0.0:  # one test has one key, whenever it began
+        if programme.time_s and programme.time_s[0] != 0.0:  # one test has one key, whenever it began
             programme = _from_zero(programme)
-        if revision := mended(settings, kept, programme):
+        if not by_force and (revision := mended(settings, kept, programme)):
             plain["specimen"]["mended"] = revision
-        if not path_dependent(settings, kept):
+        if not by_force and not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
@@ -231,7 +247,7 @@ class FiniteElements:
         """Why a simulation with these values has no answer to its depth; None where nothing speaks against it."""
         settings = experiment.read_settings(case.settings)
         try:
-            knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm)
+            knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
             modelling.admit(settings, knobs, modelling.place(settings, knobs))
             end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
@@ -327,7 +343,8 @@ class FiniteElements:
         out = {"mesh": settings.recipe}
         # an anchor's state lies beside a ball that is off its nominal place: it would cost more than it saves
         moved = any(getattr(knobs, name) for name in MISALIGNED)
-        if not moved and not path_dependent(settings, dataclasses.asdict(knobs)):
+        by_force = programmes.controlled(case.programme)
+        if not moved and not by_force and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
                 out["anchor"] = warm_starts.recipe(settings, knobs, case.programme.asked_mm)
             except NotModelled:
@@ -355,6 +372,8 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         knobs = self.knobs(values, settings)
         path, anchor = case.artefact("mesh"), case.artefact("anchor")
+        if programmes.controlled(case.programme):
+            return self._by_force(case, settings, knobs, None if path is None else str(path))
         try:
             placement = modelling.place(settings, knobs)
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
@@ -373,8 +392,8 @@ class FiniteElements:
             how = two_grid.checked if placement.meridian else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
-            if indentation.unstable(result) is not None:
-                failed = _inadmissible(result, model, settings, knobs)
+            if (lost := indentation.doubtful(result)) is not None:
+                failed = _ended(lost, result, model, settings, knobs)
             elif end is not None:
                 failed = SimulationFailed("inadmissible", end.why, _response(result, model, settings, knobs))
             else:
@@ -388,9 +407,37 @@ class FiniteElements:
                 partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
-            if stopped.points and indentation.unstable(reached) is not None:
-                failed = _inadmissible(reached, model, settings, knobs)
+            if stopped.points and (lost := indentation.doubtful(reached)) is not None:
+                failed = _ended(lost, reached, model, settings, knobs)
         raise failed  # not from the other: that holds states and factors, which cannot travel between processes
+
+    def _by_force(self, case: Case, settings: Settings, knobs: Knobs, mesh: str | None) -> Solved:
+        """As `solve`, of a programme that a force controls."""
+        settings = experiment.with_multipliers(settings)
+        try:
+            placement = modelling.place(settings, knobs)
+            deepest = _through(settings) * (1.0 - ROUNDED)
+            why = f"{settings.specimen.described} reaches no farther along the way of the indenter"
+            end = admissible_depth.inadmissible(settings, knobs, deepest)
+            limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
+            drive = programmes.driven(case.programme, *limit)
+            model = modelling.model_for(settings, knobs, placement, mesh)
+            result = _begun(controlled.checked(settings, knobs, placement, model, drive), case.programme)
+            if (lost := indentation.doubtful(result)) is None:
+                return Solved(settings, knobs, placement, model, result)
+            failed = _ended(lost, result, model, settings, knobs)
+        except NotModelled as error:
+            failed = SimulationFailed(error.cause, str(error))
+        except Stopped as stopped:
+            reached = _begun(stopped.reached, case.programme) if stopped.points else None
+            partial = None if reached is None else _response(reached, model, settings, knobs)
+            history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
+            failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
+        raise failed  # not from the other, as in `solve`
+
+    def controls_force(self, settings: Mapping[str, Any]) -> bool:
+        """Force controls programmes with any settings."""
+        return True
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
         """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
@@ -409,10 +456,12 @@ class FiniteElements:
 BACKEND = FiniteElements()
 
 
-def _inadmissible(result: Result, model: AssembledModel, settings: Settings, knobs: Knobs) -> SimulationFailed:
-    """The end of a run whose law softens over the stretches reached, with the curve before."""
-    k, why = indentation.unstable(result)  # type: ignore[misc]
-    return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
+def _ended(
+    end: tuple[int, str, str], result: Result, model: AssembledModel, settings: Settings, knobs: Knobs
+) -> SimulationFailed:
+    """The end of a run that went on into what is no answer, with the curve before."""
+    k, cause, why = end
+    return SimulationFailed(cause, why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
 def _before(
@@ -476,10 +525,16 @@ def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
         return False  # the run itself will say why
 
 
+def _through(settings: Settings) -> float:
+    """How far (mm) the specimen reaches along the way of the indenter, where no travel can go."""
+    way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else DOWN
+    return settings.specimen.thickness_along(way)
+
+
 def _begun(result: Result, programme: Programme) -> Result:
     """The result of a programme that began with its first moment, not at 0 s."""
-    channels = dict(result.channels)
-    return dataclasses.replace(result, channels=channels | {"time": channels["time"] + programme.time_s[0]})
+    channels, began = dict(result.channels), programme.time_s[0] if programme.time_s else 0.0
+    return dataclasses.replace(result, channels=channels | {"time": channels["time"] + began})
 
 
 def passages(programme: Programme) -> list[Instant]:
@@ -549,13 +604,11 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
         "reaction_Fz": result.reaction[:, 2].tolist(),
     }
     if result.unchecked:
-        info["errors"] = (
-            f"{result.unchecked}; stated are {inflation(settings):g} times those of a pair that is calibrated"
-        )
+        info["errors"] = result.unchecked
     return Response(
         channels=result.channels,
         units=outputs.units(settings),
-        error=stated(settings, knobs, result),
+        error=controlled.moved(stated(settings, knobs, result), result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,
     )

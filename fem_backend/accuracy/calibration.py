@@ -73,11 +73,6 @@ def calibration(settings: Settings) -> Calibration:
     return table[pair] if pair in table else replace(next(iter(table.values())), inflated=UNKNOWN)
 
 
-def inflation(settings: Settings) -> float:
-    """What errors of a calibrated pair are multiplied with for this one; 1 for itself."""
-    return calibration(settings).inflated
-
-
 def uncalibrated(settings: Settings) -> str | None:
     """What a reader must know of the errors that runs with these settings state; None where the pair is calibrated."""
     c = calibration(settings)

@@ -203,6 +203,11 @@ class AssembledModel:
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
     mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
+    return of_meridian(settings, specimen, mesh, symmetric)
+
+
+def of_meridian(settings: Settings, specimen: Specimen, mesh: MeridianMesh, symmetric: bool = True) -> AssembledModel:
+    """Model of a specimen of revolution by a mesh of its meridian; raises meshing.BadMesh."""
     points, facets = mesh.points, mesh.outline()
     X = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
     carried = settings.support.held(specimen, X, np.unique(facets))
@@ -272,8 +277,28 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> AssembledModel:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
     admit(settings, knobs, placement)
-    symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
-    shared = Settings(
+    symmetric, shared = _symmetric(settings, knobs), _shared(settings, knobs, placement)
+    try:
+        if placement.meridian:
+            return _meridian(replace(shared, point=(0.0, 0.0)), placement.specimen, symmetric)
+        return _model(shared, placement.specimen, placement.planes, symmetric, mesh)
+    except meshing.BadMesh as error:
+        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
+
+
+def remeshed(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeridianMesh) -> AssembledModel:
+    """The specimen of an experiment by another mesh of its meridian; raises meshing.BadMesh."""
+    shared = replace(_shared(settings, knobs, placement), point=(0.0, 0.0))
+    return of_meridian(shared, placement.specimen, mesh, _symmetric(settings, knobs))
+
+
+def _symmetric(settings: Settings, knobs: Knobs) -> bool:
+    return knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+
+
+def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
+    """The settings as far as a model hangs on them, so that runs share it."""
+    return Settings(
         settings.specimen,
         settings.indenter,
         support=settings.support.actual(knobs).holding(),
@@ -283,12 +308,6 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         solver=settings.solver,
         fineness=settings.fineness,
     )
-    try:
-        if placement.meridian:
-            return _meridian(replace(shared, point=(0.0, 0.0)), placement.specimen, symmetric)
-        return _model(shared, placement.specimen, placement.planes, symmetric, mesh)
-    except meshing.BadMesh as error:
-        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
 
 
 @functools.lru_cache(maxsize=2)

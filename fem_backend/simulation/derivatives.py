@@ -109,6 +109,12 @@ class Slopes:
                 self.rows[name][travel_of(self.at, stage.load)] = rows[name]
         self.cpu_s += time.process_time() - started
 
+    def on(self, at: InitialState) -> Slopes:
+        """The same on another mesh, with the rows so far."""
+        other = Slopes(at, self.names)
+        other.rows = self.rows
+        return other
+
     def field(self, name: str) -> np.ndarray:
         """du/dθ (n, 3) mm per unit of the knob at the stage differentiated last."""
         return self._known[name][0]

@@ -10,7 +10,7 @@ import functools
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -31,6 +31,7 @@ from fem_backend.supports import SUPPORTS, Support
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
+REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
@@ -43,7 +44,8 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian.
+    `fineness` multiplies all element sizes of a meridian; `remesh` says whether its mesh is made anew
+    where it is outworn.
     """
 
     specimen: Specimen
@@ -66,6 +68,7 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    remesh: str = "never"
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -117,6 +120,8 @@ class MeshTable(members.MemberTable):
     """Subdivisions of the mapped mesh."""
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
+    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "never"
+    """when_needed | never: whether the mesh of a body of revolution is made anew where it is outworn on the way."""
 
     @model_validator(mode="before")
     @classmethod
@@ -254,7 +259,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.profile,
         read.earlier,
         meshed.recipe,
-        meshed.used,
+        meshed.used if mesh.remesh == MeshTable().remesh else (*meshed.used, ("remesh", mesh.remesh)),
         meshed.h0,
         meshed.level,
         control if read.multipliers else control.soft(),
@@ -263,7 +268,15 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.derivatives,
         read.multipliers,
         meshed.fineness,
+        remesh=mesh.remesh,
     )
+
+
+def with_multipliers(settings: Settings) -> Settings:
+    """The same with exact contact."""
+    if settings.multipliers:
+        return settings
+    return replace(settings, multipliers=True, control=Control().scaled(settings.indenter.length))
 
 
 def on_axis(settings: Settings) -> bool:

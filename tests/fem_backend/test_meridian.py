@@ -238,5 +238,5 @@ def test_a_response_says_where_no_second_run_tells_its_errors(monkeypatch):
     )
     alone = pressed()
     assert alone.channels["Fz"] == pytest.approx(plain.channels["Fz"], rel=1e-12)
-    assert "no equilibrium beyond 0.3 mm" in alone.info["errors"] and "3 times" in alone.info["errors"]
+    assert "no equilibrium beyond 0.3 mm" in alone.info["errors"]
     assert np.all(alone.error["Fz"] > plain.error["Fz"])
