@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -85,7 +86,9 @@ def solve(
         history.append(_relative(body, at))
         if not history[-1] < AFAR * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
-        found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
+        found = history[-1] <= tolerance or (
+            fresh and newton.at_round_off(history, partial(newton.round_off, system, at))
+        )
         lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
         lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
         if found and frame is not None:
