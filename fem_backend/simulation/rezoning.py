@@ -19,6 +19,7 @@ from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
 from fem_backend.solver.history_steps import Reached
+from fem_backend.solver.jumps import Jumps
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
@@ -106,6 +107,8 @@ def follow(
     u: np.ndarray,
     history: History | None,
     touching: float | None,
+    jumps: Jumps | None = None,
+    begin_at: float = 0.0,
 ) -> list[LoadPoint]:
     """As `history_steps.follow` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped.
 
@@ -119,7 +122,7 @@ def follow(
         left = [i for i in way if begin is None or i.time > begin.time]
         try:
             found = history_steps.follow(
-                at.system, at.start, left, control, counters, u, history, touching, begin,
+                at.system, at.start, left, control, counters, u, history, touching, jumps, begin_at, begin,
                 wear(legs[-1], since) if plain else None,
             )  # fmt: skip
             return points + [replace(p, leg=known) for p in found]

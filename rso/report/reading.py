@@ -203,7 +203,7 @@ def lettered(results: Results, text: object) -> str:
     for p in parameters(results):
         said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
     said = re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", said)
-    said = said.replace("K/mu", "K/μ").replace(" <= ", " ≤ ").replace(" >= ", " ≥ ")
+    said = said.replace(" <= ", " ≤ ").replace(" >= ", " ≥ ")
     return re.sub(r"(?<=\w) \* (?=[^\W\d])", " ", said)
 
 
