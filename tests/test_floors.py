@@ -349,6 +349,8 @@ SEAM = {
     "adapter.programmes",
     "adapter.sketch",
     "backend",
+    "export.files",
+    "export.solid_model",
     "__main__",
 }
 OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract
