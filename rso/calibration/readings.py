@@ -8,10 +8,11 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import ahead, between, rests
+from rso.core.curves import CREEP, ahead, between, resting
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Output
 from rso.inference import CurvePlace, Data, resample, together
+from rso.study.creep import loading_of
 
 
 def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
@@ -63,7 +64,8 @@ def curve_data(plan: Plan, place: CurvePlace) -> Data:
     keep = curve.depth > 0
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
-    return as_data(label, place.experiment, curve, keep)
+    test = loading_of(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
+    return as_data(label, test, curve, keep)  # one contact and one gain of loading and creep
 
 
 def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray) -> Data:
@@ -97,6 +99,8 @@ def curve_outputs(plan: Plan) -> list[Output]:
 def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data: Data) -> np.ndarray:
     """Estimated numerical error (n,) at the measured depths, in proportion to the size of the measured curve."""
     response = answer[plan.case_of[place.experiment]]
+    if place.channel == CREEP:  # of a depth that is found: no share of another
+        return error_at(response, place)
     error = error_at(response, place)
     largest = float(np.abs(resample(response, place, "")).max())
     return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
@@ -105,6 +109,8 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data:
 def of_interpolation(place: CurvePlace, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
     off by; it belongs together between two of these."""
+    if place.held.all():
+        return np.zeros((len(place.depth), len(place.depth)))
     off = np.where(place.held, 0.0, between(travel, value, place.depth))
     spacing = float(np.median(np.diff(np.append(0.0, travel))))
     return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
@@ -124,11 +130,14 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     It is no share of the value: a lateral force may vanish on its way, and its error does not.
     """
     curve = response.curve(place.channel)
+    if place.channel == CREEP and place.since is not None:
+        return curve.error[resting(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
     used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]
     found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
     if (held := place.held).any():
         assert place.since is not None
-        at = rests(response.channels["time"], curve.travel_mm, float(place.depth[held][0]), place.since[held])
+        time, depth = response.channels["time"], float(place.depth[held][0])
+        at = resting(place.channel, time, curve.travel_mm, depth, place.since[held])
         found[held] = curve.error[at]
     return found

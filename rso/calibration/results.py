@@ -24,7 +24,7 @@ from rso.calibration.stages import Design, FittedSurrogates, Run, why
 from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
-from rso.core.curves import ahead, rests
+from rso.core.curves import CREEP, ahead, resting
 from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
@@ -480,7 +480,7 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
     found = {}
     for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
-        loading = ahead(curve.travel_mm)
+        loading = ahead(curve.travel_mm) & (curve.channel != CREEP)
         found[name] = {
             "experiment": experiment,
             "channel": curve.channel,
@@ -492,7 +492,7 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
             outcome = outcomes[plan.case_of[experiment]]
             assert isinstance(outcome, Done)
             since, depth = record.since[record.held], float(record.depth[record.held][0])
-            at = rests(outcome.response.channels["time"], curve.travel_mm, depth, since)
+            at = resting(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
             found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
     return found
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from rso import emulation
 from rso.contract import Response
-from rso.core.curves import rests
+from rso.core.curves import resting
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import (
@@ -65,7 +65,7 @@ class Output:
         """Index of this reading in a response that was asked for it; KeyError if it was not."""
         if self.since_s:
             time, travel = response.channels["time"], response.channels["travel"]
-            return int(rests(time, travel, self.depth_mm, np.array([self.since_s]))[0])
+            return int(resting(self.channel, time, travel, self.depth_mm, np.array([self.since_s]))[0])
         travel = response.curve(self.channel).travel_mm
         at = np.nonzero(np.abs(travel - self.depth_mm) < 1e-9)[0]
         if not len(at):
