@@ -25,7 +25,7 @@ import numpy as np
 
 from fem_backend.materials.stress import History
 from fem_backend.solver import history_steps, load_steps, newton
-from fem_backend.solver.history_steps import Reached
+from fem_backend.solver.history_steps import ROUGH, Reached
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
@@ -39,8 +39,7 @@ SHORTEST = 1e-3  # of a step at which the way is given up
 POWER = 1.5  # of the force over the travel where contact begins
 OUT_OF_REACH = "not_supported"  # cause of a way that ends before its force is met: no other path meets it
 ON_THE_WAY = 1e-6  # relative residual of a step that is no answer
-ROUGH = 1e-5  # the same, at most, of a body so hardly touched that round-off leaves more than that, and
-HARDLY = 10.0  # times that is the share to which its force can be met
+HARDLY = 10.0  # times what round-off leaves of a body that is hardly touched is the share to which a force is met
 MET = 1e-6  # of a force: where the way is at it
 CLOSE = 0.02  # of a force that is met on the way: from there on contact is exact, which adds up to that
 ROUND = 1e-12  # of a travel or a time
@@ -245,7 +244,7 @@ class _Walk:
         while True:
             here = self.here
             left = (stops - here.travel) / v * abs(v)
-            if abs(left) <= ROUND * max(abs(stops), 1.0):
+            if abs(left) <= ROUND * max(abs(here.travel), 1.0):
                 raise self._out_of_reach(leg.to_N)
             ds = float(np.clip(share * step, 0.0, abs(left))) * np.sign(v)
             t = here.time + ds / v

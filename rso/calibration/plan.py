@@ -28,9 +28,10 @@ from rso.study.cases import (
     merge,
     profile_case,
     refuse_what_is_not_modelled,
+    remarks,
     travels,
 )
-from rso.study.creep import Creeps, creep_case, said_of, with_creep
+from rso.study.creep import Creeps, creep_case, loading_of, said_of, with_creep
 from rso.study.errors import Problem, study_error
 from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
 from rso.study.resolve import Axis, Resolved, Search, resolve
@@ -93,6 +94,12 @@ class Plan:
         if isinstance(hold, str):
             return [*([f"Its hold is not used: {hold}."] if hold else []), *creep]
         return [*(of_used(hold) if name in self.holds else of_unused(self.backend, hold, inline)), *creep]
+
+    def remarks(self, name: str, inline: bool = False) -> list[str]:
+        """What there is to say of the data of an experiment, of its holds in lines or `inline`."""
+        if (hold := self.creeps.followed.get(name)) is not None:
+            return [f"Depth over time while {hold.force:.3g} N are held, behind the loading of {loading_of(name)!r}."]
+        return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
         """What there is to say of relaxation times that no record can tell."""

@@ -32,7 +32,7 @@ from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
 from rso.optimise.targets import Checked, Target
-from rso.study.cases import remarks, sketches
+from rso.study.cases import sketches
 from rso.study.schema import Study
 
 SCHEMA = 1
@@ -297,13 +297,15 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
 
 
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
-    e, said = plan.study.experiment(name), remarks(plan.study, name, plan.of_hold(name, inline=True))
+    e, said = plan.study.experiment(name), plan.remarks(name, inline=True)
     curve = measured(plan, name, plan.curves[name].channel)
     others = [measured(plan, name, c) for c in e.compared[1:]]
+    creep = plan.creeps.followed.get(name)
     return {
         "name": name,
         "role": e.role,
         "kind": e.kind,
+        **({} if creep is None else {"creep": {"held_N": creep.force, "rise_s": creep.rise, "grows_mm": creep.grows}}),
         "channel": curve.channel,
         "unit": curve.unit,
         "settings": plan.study.written(plan.study.settings_of(name)),

@@ -90,11 +90,12 @@ def creep_of(measurement: Measurement, speed: float) -> CreepHold | str:
 def creep_curve(measurement: Measurement, noise: Noise, hold: CreepHold) -> MeasuredCurve:
     """Depth (m,) mm at the moments of a hold at a force, the mean of the repeats, as a curve of the channel `travel`.
 
-        C = κ w² / r + d²/m + o² 1 1ᵀ + (g² + k²) y' y'ᵀ,   y' = F du/dF = y/p
+        C = κ w² / r + d²/m + o² 1 1ᵀ + (g² + k² + f²/F²) y' y'ᵀ,   y' = F du/dF = y/p
 
     White noise w of readings about a smooth curve, stated noise d of a depth over the m readings of each moment,
     a contact found late (o) and a force that is off by a share, of one test (gain g) and of all (calibration k): the
-    depth is then what another force makes of it, with the power p of the force over the depth at the end of loading.
+    depth is then what another force makes of it, with the power p of the force over the depth at the end of loading;
+    f is what the mean of the force readings is off by.
     Signs are those of :func:`~rso.data.repeats.combine`: a contact or a gain is one error of loading and hold.
     What nobody states is of the usual size, as there; repeats show what they differ by from each other.
     """
@@ -122,6 +123,9 @@ def creep_curve(measurement: Measurement, noise: Noise, hold: CreepHold) -> Meas
             if name in noise.unstated:
                 usual[name] = shared[name][:, None]
     C = np.diag(seen.variance + said) + sum((np.outer(s, s) for s in shared.values()), np.zeros((n, n)))
+    level = np.mean([_level_error(_held(q), noise) ** 2 for q in measurement.repeats]) ** 0.5 / math.sqrt(r)
+    shared["force level"] = level / hold.force * shapes["gain"]
+    C = C + np.outer(shared["force level"], shared["force level"])
     untold = r == 1 and not noise.correlation
     return MeasuredCurve(
         "travel",
@@ -137,6 +141,12 @@ def creep_curve(measurement: Measurement, noise: Noise, hold: CreepHold) -> Meas
         usual=usual,
         since=hold.since,
     )
+
+
+def _level_error(held: HeldForce, noise: Noise) -> float:
+    """Standard error (N) of the mean force of a hold: of white noise as stated, or as readings show if that is more."""
+    seen = float(np.std(np.diff(held.force))) / math.sqrt(2.0) if len(held.force) > 2 else 0.0
+    return max(noise.Fz, seen) / math.sqrt(len(held.force))
 
 
 def _held(r: Repeat) -> HeldForce:

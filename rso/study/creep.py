@@ -62,7 +62,7 @@ def with_creep(
         followed[own] = hold
         curves[own] = creep_curve(study.measurement(name), study.noise_of(name), hold)
         tables.append(study.experiment(name).model_copy(update={"name": own, "channels": (TRAVEL,)}))
-        measurements[own] = study.measurement(name)
+        measurements[own] = dataclasses.replace(study.measurement(name), doubts=(), notes=())
     if tables:
         study = study.beside(tables, measurements)
     return study, Creeps(found, followed, curves)
@@ -122,8 +122,8 @@ def _too_short(hold: CreepHold, taus: Mapping[str, tuple[float, float]]) -> list
     for name, (low, high) in taus.items():
         if high > REACH * hold.lasts:
             said.append(
-                f"A hold of {hold.lasts:.3g} s cannot tell a time {name} beyond about {REACH * hold.lasts:.2g} s, and its "
-                f"range goes to {high:.3g} s: creep is then a straight line, which tells share/{name} alone."
+                f"A hold of {hold.lasts:.3g} s cannot tell a time {name} beyond about {REACH * hold.lasts:.2g} s, and "
+                f"its range goes to {high:.3g} s: creep is then a straight line, which tells share/{name} alone."
             )
         if low < SOONEST * float(hold.since[0]):
             said.append(

@@ -1,4 +1,4 @@
-"""A backend for tests: a ball on a half-space of a standard solid in closed form (Lee & Radok 1960), by travel or force.
+"""A backend for tests: a ball on a half-space of a standard solid (Lee & Radok 1960), pressed by travel or by force.
 
 x = (16/3) √R δ^{3/2} obeys F + τ F′ = μ (1 − g) x + τ μ x′ while the contact grows.
 """
