@@ -41,6 +41,7 @@ from rso.study.search_table import TargetTable
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
+STRESS = "not applied: a force that is held sets a scale of stress"
 PROOFS = 2  # direct runs that prove similarity on the study itself
 
 
@@ -428,9 +429,7 @@ def _group(study: Study, backend: Backend, resolved: Resolved, box: Box, creeps:
     if found.reference is None:
         return found
     if creeps.followed:  # F = μ f(s) at a force that is held is no longer the same s
-        return dataclasses.replace(
-            found, reference=None, why="not applied: a force that is held sets a scale of stress"
-        )
+        return dataclasses.replace(found, reference=None, why=STRESS)
     if not study.doe.reduce:
         return dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
     reduced = reduced_box(box, found)

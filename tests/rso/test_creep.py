@@ -14,7 +14,11 @@ from rso.contract import Segment
 from rso.data import creep_curve, creep_of
 from rso.data import read as read_file
 from rso.data.repeats import Noise
+from rso.discrepancy.library.test_plan import _usable
 from rso.evaluation.store import RunStore
+from rso.model_selection.candidate_models import axes_of, levels_of
+from rso.model_selection.study_ladder import ladder_plan
+from rso.optimal_design.experiments import done
 from rso.study.loader import load
 
 STUDY = """
@@ -157,3 +161,27 @@ def test_a_hold_shorter_than_the_time_cannot_tell_it_and_says_so(tmp_path):
     assert any("cannot tell a time tau beyond about 4.5 s" in line for line in plan.of_hold("press"))
     p = known(ran(file))
     assert p["tau"]["verdict"] != "determined" and p["g"]["verdict"] == "not" and p["mu"]["verdict"] == "determined"
+
+
+def test_a_ladder_offers_what_creep_asks_for(tmp_path):
+    """The study's model does not relax: the ladder has it with a first relaxation too, and compares both with creep."""
+    plan = ladder_plan(load(written(tmp_path, opened="")))
+    assert plan.creeps.followed
+    levels = levels_of(plan)
+    assert [level.name for rung in levels for level in rung] == ["study", "study+relaxation"]
+    opened = levels[1][0].open
+    assert opened["tau"][0] < 6.0 < opened["tau"][1]
+    axes = axes_of(plan, levels[1][0], {})
+    assert axes.group.reference is None and "a force that is held" in axes.group.why
+
+
+def test_the_next_experiment_knows_what_creep_has_told(tmp_path):
+    plan = make_plan(load(written(tmp_path)))
+    item = next(i for i in done(plan) if i.name == "press creep")
+    assert item.case.programme.forced and item.blocks[0].places[0].channel == "travel"
+
+
+def test_a_diagnosis_leaves_creep_out_and_says_so(tmp_path):
+    (tmp_path / "a.csv").write_text(toy.record())
+    said = _usable(read_file(tmp_path / "a.csv").repeats[0])[1]
+    assert said == ["300 readings of creep at a held force, which rso run compares"]
