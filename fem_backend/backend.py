@@ -15,26 +15,29 @@ from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors, programmes
+from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
+from fem_backend.export import files as export_files
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation import controlled, derivatives, experiment, indentation, outputs
+from fem_backend.simulation import cohesive, controlled, derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
-from fem_backend.solver.load_steps import Instant, Stopped
+from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
 from fem_backend.solver.newton import System
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DerivedQuantity,
     FormulaCurve,
     Given,
     Line,
@@ -52,7 +55,8 @@ NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
 ULPS = 8  # of a moment: what interpolating it may lose
 RESOLVING = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
-ROUNDED = 1e-12  # of the deepest travel: 0.3 · 18 is a little less than 5.4
+ROUNDED = 1e-12  # of the thickness: sums of layers and sizes are a little off
+DOWN = np.array([0.0, 0.0, -1.0])
 
 DEEP = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
 GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
@@ -73,6 +77,10 @@ class Solved:
         """What was solved."""
         assert self.result.system is not None  # of a run that was solved here
         return self.result.system
+
+    def on(self, point: LoadPoint) -> InitialState:
+        """What a point was solved with: its mesh may have been made anew on the way."""
+        return next(on for p, on in zip(self.result.points, self.result.on, strict=True) if p is point)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +131,10 @@ class FiniteElements:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
         return priors.marks(experiment.read_settings(settings))
 
+    def derived(self, settings: Mapping[str, Any], given: Collection[str]) -> Sequence[DerivedQuantity]:
+        """E, ν, K and long-term moduli; see :mod:`fem_backend.adapter.derived`."""
+        return derived.derived(given)
+
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
         return priors.PREVENTED
@@ -156,7 +168,10 @@ class FiniteElements:
     def formulas(self, values: Mapping[str, float], case: Case) -> tuple[FormulaCurve, ...]:
         """Closed forms of the literature at the asked travels: :func:`fem_backend.adapter.formulas.formulas`."""
         settings = experiment.read_settings(case.settings)
-        asked = np.array(case.programme.asked_mm)
+        programme = case.programme
+        asked = np.array(programme.asked_mm)
+        if not programme.segments and programme.asked_s:  # moments of a way back
+            asked = np.unique([*asked, *np.interp(programme.asked_s, programme.time_s, programme.travel_mm)])
         return literature.formulas(settings, self.knobs(values, settings), asked)
 
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
@@ -174,28 +189,35 @@ class FiniteElements:
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
         settings = experiment.read_settings(case.settings)
-        deepest, words = settings.specimen.deepest
+        through = _through(settings)
         if programmes.controlled(case.programme):
-            programmes.check(case.programme, settings, deepest)
+            programmes.check(case.programme, settings, through)
         if case.programme.segments:
             return
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
-            if far > deepest * (1.0 + ROUNDED):
-                raise ValueError(f"{name}: travel {far:g} mm: at most {deepest:g} mm ({words})")
-        if case.programme.travel_mm[0] != 0.0 or min(case.programme.travel_mm) < 0.0:
-            raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
+            if far >= through * (1.0 - ROUNDED):
+                raise ValueError(
+                    f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
+                    "reaches along the way of the indenter"
+                )
+        if case.programme.travel_mm[0] > 0.0:
+            raise ValueError(
+                f"programme: travel_mm starts at 0 (first contact) or above the specimen, where it is negative, not at "
+                f"{case.programme.travel_mm[0]:g} mm"
+            )
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
+        absent_here = settings.specimen.absent() | settings.support.absent(settings.specimen)
         for kind, present in (
             (SPECIMENS, settings.specimen),
             (INDENTERS, settings.indenter),
             (SUPPORTS, settings.support),
         ):
-            absent = kind.of_others(present.name) | settings.specimen.absent()
+            absent = kind.of_others(present.name) | absent_here
             kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
@@ -225,7 +247,8 @@ class FiniteElements:
             plain["specimen"]["mended"] = revision
         if not by_force and not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
-            programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
+            asked = sorted(v for v in {*programme.asked_mm, *(float(v) for v in held)} if v > 0.0)
+            programme = Programme.ramp(tuple(asked or [max(programme.travel_mm)]), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def refused(self, values: Mapping[str, float], case: Case) -> str | None:
@@ -233,7 +256,9 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
-            modelling.admit(settings, knobs, modelling.place(settings, knobs))
+            placement = modelling.place(settings, knobs)
+            settings = cohesive.resolved(settings, knobs, deepest) if placement.meridian else settings
+            modelling.admit(settings, knobs, placement)
             end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
             return str(error)
@@ -291,6 +316,23 @@ class FiniteElements:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
 
+    def exports(self) -> Mapping[str, str]:
+        """Input files of other programs and material cards."""
+        return export_files.FORMATS
+
+    def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
+        """File → text; ValueError for what a format cannot say."""
+        self.check(case)
+        settings = experiment.read_settings(case.settings)
+        if programmes.controlled(case.programme):
+            raise ValueError("a programme that a force controls is not written for other programs")
+        path = case.artefact("mesh")
+        mesh = None if path is None else str(path)
+        try:
+            return export_files.exported(kind, settings, self.knobs(values, settings), case.programme, mesh, remarks)
+        except NotModelled as error:
+            raise ValueError(str(error)) from error
+
     def options(self) -> Sequence[Option]:
         """Options of `rso new`, those that members of the open sets declare."""
         return new_study.options()
@@ -313,7 +355,8 @@ class FiniteElements:
             found = literature.shear_modulus(own, u, F)
             return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
 
-        return new_study.parameters(depth, force, layer, self._jkr(settings), name)
+        walled = literature.wall_nearby(own) is not None
+        return new_study.parameters(depth, force, layer, self._jkr(settings), name, walled)
 
     def _jkr(self, settings: Mapping[str, Any]) -> new_study.Limit:
         return lambda u, F: self.jkr(settings, u, F)
@@ -360,6 +403,8 @@ class FiniteElements:
             return self._by_force(case, settings, knobs, None if path is None else str(path))
         try:
             placement = modelling.place(settings, knobs)
+            if placement.meridian:
+                settings = cohesive.resolved(settings, knobs, max(case.programme.travel_mm))
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
             instants, end = _before(
                 instants, admissible_depth.inadmissible(settings, knobs, max(case.programme.travel_mm))
@@ -376,14 +421,16 @@ class FiniteElements:
             how = two_grid.checked if placement.meridian else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
-            if indentation.unstable(result) is not None:
-                failed = _inadmissible(result, model, settings, knobs)
+            if (lost := indentation.doubtful(result)) is not None:
+                failed = _ended(lost, result, model, settings, knobs)
             elif end is not None:
                 failed = SimulationFailed("inadmissible", end.why, _response(result, model, settings, knobs))
             else:
                 return Solved(settings, knobs, placement, model, result)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
+        except cohesive.Unresolved as error:
+            failed = SimulationFailed("not_supported", str(error))
         except Stopped as stopped:
             partial, reached = None, stopped.reached
             if stopped.points:
@@ -391,8 +438,8 @@ class FiniteElements:
                 partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
-            if stopped.points and indentation.unstable(reached) is not None:
-                failed = _inadmissible(reached, model, settings, knobs)
+            if stopped.points and (lost := indentation.doubtful(reached)) is not None:
+                failed = _ended(lost, reached, model, settings, knobs)
         raise failed  # not from the other: that holds states and factors, which cannot travel between processes
 
     def _by_force(self, case: Case, settings: Settings, knobs: Knobs, mesh: str | None) -> Solved:
@@ -400,15 +447,16 @@ class FiniteElements:
         settings = experiment.with_multipliers(settings)
         try:
             placement = modelling.place(settings, knobs)
-            deepest, why = settings.specimen.deepest
+            deepest = _through(settings) * (1.0 - ROUNDED)
+            why = f"{settings.specimen.described} reaches no farther along the way of the indenter"
             end = admissible_depth.inadmissible(settings, knobs, deepest)
             limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
             drive = programmes.driven(case.programme, *limit)
             model = modelling.model_for(settings, knobs, placement, mesh)
             result = _begun(controlled.checked(settings, knobs, placement, model, drive), case.programme)
-            if indentation.unstable(result) is None:
+            if (lost := indentation.doubtful(result)) is None:
                 return Solved(settings, knobs, placement, model, result)
-            failed = _inadmissible(result, model, settings, knobs)
+            failed = _ended(lost, result, model, settings, knobs)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
         except Stopped as stopped:
@@ -439,10 +487,12 @@ class FiniteElements:
 BACKEND = FiniteElements()
 
 
-def _inadmissible(result: Result, model: AssembledModel, settings: Settings, knobs: Knobs) -> SimulationFailed:
-    """The end of a run whose law softens over the stretches reached, with the curve before."""
-    k, why = indentation.unstable(result)  # type: ignore[misc]
-    return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
+def _ended(
+    end: tuple[int, str, str], result: Result, model: AssembledModel, settings: Settings, knobs: Knobs
+) -> SimulationFailed:
+    """The end of a run that went on into what is no answer, with the curve before."""
+    k, cause, why = end
+    return SimulationFailed(cause, why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
 def _before(
@@ -477,12 +527,15 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     """The last change since the first answers that counts here, 0 where none does.
 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
-    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.
+    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
+    meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
     other = settings.support.revised(settings.specimen)
+    if kept.get("adhesion") and on_axis(settings):
+        return 3
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
@@ -506,6 +559,12 @@ def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
         return False  # the run itself will say why
 
 
+def _through(settings: Settings) -> float:
+    """How far (mm) the specimen reaches along the way of the indenter, where no travel can go."""
+    way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else DOWN
+    return settings.specimen.thickness_along(way)
+
+
 def _begun(result: Result, programme: Programme) -> Result:
     """The result of a programme that began with its first moment, not at 0 s."""
     channels, began = dict(result.channels), programme.time_s[0] if programme.time_s else 0.0
@@ -516,23 +575,24 @@ def passages(programme: Programme) -> list[Instant]:
     """Every asked moment and every corner of a programme after its start, in order of the time since then.
 
     An asked travel within round-off of a corner's is that travel, and a moment that of the corner; one beyond the
-    deepest, which a programme allows, is the deepest, and none is taken for 0.
+    deepest, which a programme allows, is the deepest, and none is taken for 0.  The start is among them, and not asked
+    for, where the indenter is above the specimen then.
     """
     t, s = np.array(programme.time_s) - programme.time_s[0], np.array(programme.travel_mm)
     found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
     asked: dict[float, float] = {}
-    near_by = ADMITTED * float(s.max())
+    near_by = ADMITTED * float(np.abs(s).max())
 
     def add(moment: float, travel: float, rest: bool) -> None:
         """Two instants in one place would be none; on a steep ramp what is near in time is not near in travel."""
         corner = float(t[1:][np.argmin(np.abs(t[1:] - moment))])
         near = abs(corner - moment) <= ULPS * np.spacing(abs(programme.time_s[0]) + moment)
-        near = near and abs(found[corner] - travel) <= near_by and (rest or found[corner] > 0.0)
+        near = near and abs(found[corner] - travel) <= near_by and (rest or found[corner] != 0.0)
         asked[corner if near else moment] = found[corner] if near else travel
 
-    below = np.minimum(programme.asked_mm, s.max())
+    below = np.clip(programme.asked_mm, min(float(s.min()), 0.0), s.max())
     travels = [s[np.argmin(np.abs(s - a))] for a in below]
-    travels = [float(c if c > 0.0 and abs(c - a) <= near_by else a) for c, a in zip(travels, below, strict=True)]
+    travels = [float(c if c != 0.0 and abs(c - a) <= near_by else a) for c, a in zip(travels, below, strict=True)]
     for k in range(len(t) - 1):
         for a in travels:
             low, high = sorted((s[k], s[k + 1]))
@@ -541,7 +601,8 @@ def passages(programme: Programme) -> list[Instant]:
     for moment in programme.asked_s:
         since = float(moment - programme.time_s[0])
         add(since, float(np.interp(since, t, s)), True)
-    return [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
+    beside = [Instant(0.0, float(s[0]), False)] if s[0] < 0.0 else []
+    return beside + [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
 
 
 def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
@@ -554,6 +615,7 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
     names = [n for n in derivatives.material_knobs() if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in names if n not in settings.specimen.absent()]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
@@ -561,6 +623,8 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
 
 def _always(settings: Settings, name: str) -> bool:
     """Whether a knob has its influence also at its neutral value."""
+    if name in own_laws.always(settings.specimen.laws):
+        return True
     return LAWS.members[settings.law].own_at_neutral and name in LAWS.own(settings.law)
 
 

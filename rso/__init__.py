@@ -2,10 +2,12 @@
 
 import atexit
 import contextlib
+import importlib
 import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 # Before numpy is imported anywhere: on a loaded machine two BLAS threads made a small GP fit 30 times slower.
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -16,6 +18,35 @@ if not os.environ.get("SOURCE_DATE_EPOCH", "0").removeprefix("-").isdecimal():
     del os.environ["SOURCE_DATE_EPOCH"]
 
 __version__ = "0.1.0"
+__all__ = [
+    "AskedRun",
+    "Backend",
+    "Case",
+    "FunctionModel",
+    "Parameter",
+    "Programme",
+    "Response",
+    "RunResult",
+    "SimulationFailed",
+    "StudyError",
+    "Workspace",
+    "fit",
+    "indent",
+    "load",
+    "model",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, loaded when it is first used: the command line needs none of them to begin."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(importlib.import_module("rso.api"), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def _place_for_kernels() -> None:

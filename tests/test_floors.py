@@ -17,10 +17,10 @@ LAYERS = {
     "fem_backend": (
         "closed_forms geometry kinematics members",
         "contact laws meshing",
-        "indenters materials specimens supports",
+        "indenters materials remeshing specimens supports",
         "post solver",
         "simulation",
-        "accuracy adapter",
+        "accuracy adapter export",
         "backend",
         "output",
         "__main__",
@@ -31,19 +31,26 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model model_hierarchy new_study priors programmes sketch",
+        "command_line cost_model derived model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
-        "half_space homogeneous layer",
+        "adhesion half_space homogeneous layer",
         "approximations",
         "formulas",
         "__init__",
     ),
     "fem_backend.contact": (
-        "bonded pointwise",
+        "bonded pointwise self_contact",
         "tractions",
         "rings",
+    ),
+    "fem_backend.export": (
+        "__init__",
+        "material_cards",
+        "solid_model",
+        "abaqus febio",
+        "files",
     ),
     "fem_backend.indenters": (
         "indenter meridian spherical_patch",
@@ -63,7 +70,8 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.materials": (
-        "meridian_zones stress",
+        "meridian_zones regions",
+        "stress",
         "response zones",
     ),
     "fem_backend.meshing": (
@@ -73,16 +81,20 @@ LAYERS = {
         "scans",
         "__init__",
     ),
+    "fem_backend.remeshing": (
+        "location triangulation",
+        "section",
+    ),
     "fem_backend.post": (
         "fields pictures pressure probes vtu",
         "__init__",
     ),
     "fem_backend.simulation": (
         "experiment knobs schedule",
-        "symmetry",
+        "cohesive symmetry",
         "assembly",
         "initial_state",
-        "outputs",
+        "outputs rezoning",
         "derivatives",
         "indentation",
         "controlled",
@@ -91,13 +103,14 @@ LAYERS = {
         "direct",
         "condensation krylov",
         "newton",
-        "mixed_newton modified_newton rigid_motions",
+        "jumps mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
         "controlled_steps",
     ),
     "fem_backend.specimens": (
-        "specimen",
+        "own_laws",
+        "layers specimen",
         "flat in_space",
         "ellipsoidal",
         "*",
@@ -118,8 +131,16 @@ LAYERS = {
         "calibration",
         "discrepancy model_selection",
         "optimal_design report",
+        "api",
         "cli",
         "__main__",
+    ),
+    "rso.api": (
+        "executors models run_result",
+        "exporting importing",
+        "workspace",
+        "shortcuts",
+        "__init__",
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
@@ -225,11 +246,17 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard store",
+        "executor_loop fingerprints guard guarded_process store",
+        "decks",
         "adapters",
         "pool",
         "cluster",
         "dispatch",
+        "__init__",
+    ),
+    "rso.evaluation.decks": (
+        "readers templates",
+        "backend",
         "__init__",
     ),
     "rso.inference": (
@@ -238,7 +265,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "usual_errors",
+        "derived usual_errors",
         "__init__",
     ),
     "rso.model_selection": (
@@ -274,8 +301,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
-        "range_extension",
+        "background closed_forms derived displacements drawn_runs gap gauss_newton hold_panels influence",
+        "identification maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -302,7 +329,7 @@ LAYERS = {
     "rso.report.optimal_design": ("report",),
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",
-        "columns_table errors noise_table search_table",
+        "columns_table deck_table errors noise_table search_table",
         "analysis_tables laboratory_nominal toml_text",
         "schema",
         "keys loader resolve",
@@ -314,6 +341,7 @@ LAYERS = {
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
     "members",
+    "adapter.derived",
     "simulation.knobs",
     "simulation.experiment",
     "adapter.formulas",

@@ -29,6 +29,8 @@ ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ betwe
 CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 COMPARED = 0.35  # of the difference to elements of twice the size, see `compared`
+UNKNOWN = 6.0  # power of the travel by which the difference grows beyond the end of the coarser run
+BESIDE = 1.25  # times the travel: as far a new mesh says something of the error
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
@@ -75,7 +77,8 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     with the channel f, s the travel and |c|_s its largest value so far.  Elements of the size h miss h^2.5 or so of a
     force: the difference is four or five times what the finer ones miss, and hangs at each depth on where the edge of
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
-    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.
+    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
+    Where the mesh was made anew within a quarter of s, at least half of what the force changed by counts.
     """
     assert result.coarser is not None
     travel, c = np.maximum(np.abs(result.travel), 1e-300), calibration(settings)
@@ -89,10 +92,20 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
         if name in ("time", "travel"):
             out[name] = np.zeros_like(fine)
             continue
-        largest = np.maximum.accumulate(np.maximum(np.abs(fine), np.abs(result.coarser[name])))
-        rough = (fine - result.coarser[name]) / np.maximum(largest, 1e-300)
-        mean = np.sqrt((near * rough**2).sum(1) / np.maximum(near.sum(1), 1))
+        largest = np.maximum.accumulate(np.fmax(np.abs(fine), np.abs(result.coarser[name])))
+        known = np.isfinite(result.coarser[name])
+        rough = np.where(known, fine - result.coarser[name], 0.0) / np.maximum(largest, 1e-300)
+        both = near & known
+        mean = np.sqrt((both * rough**2).sum(1) / np.maximum(both.sum(1), 1))
+        if not known.all():
+            last = int(known.sum()) - 1
+            mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** UNKNOWN
         out[name] = share * largest * mean
+    if knobs.adhesion:
+        out |= attracted(result)
+    for began, jump in result.legs:
+        beside = (travel > began / BESIDE) & (travel < began * BESIDE)
+        out["Fz"] = np.where(beside, np.maximum(out["Fz"], 0.5 * jump * np.abs(result.channels["Fz"])), out["Fz"])
     deeper = distorted(settings, knobs, result)  # is of elements in space
     for name, more in left.items():
         out[name] = out[name] + (more - deeper * np.abs(result.channels[name]) if name in FORCES else more)
@@ -100,6 +113,24 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     out["Fz"] = out["Fz"] + beyond * result.channels["contact_radius"] / settings.indenter.length * size
     penetration = c.penetration * settings.indenter.length * (1.0 + stiffness(knobs))
     out["uz_max"] = np.maximum(out["uz_max"] - penetration, 1e-6 * travel)
+    return out
+
+
+def attracted(result: Result) -> dict[str, np.ndarray]:
+    """Error of each channel (k,) of a body that is attracted, beside elements of twice the size: the difference, and
+    at least its root mean square over the instants at which both touch or neither does.
+
+    The edge of an adhering contact is a crack: its forces converge no faster than h² and go up and down as it passes
+    from element to element.  Between the jumps of the two the difference is the whole pull, and so is the error.
+    """
+    assert result.coarser is not None
+    on = np.stack([c["contact_radius"] > 0.0 for c in (result.channels, result.coarser)])
+    same = (on[:, :, None] == on[:, None, :]).all(0) & (on[0] == on[1])
+    out = {}
+    for name, fine in result.channels.items():
+        off = np.abs(fine - result.coarser[name])
+        mean = np.sqrt((same * off**2).sum(1) / np.maximum(same.sum(1), 1))
+        out[name] = np.zeros_like(fine) if name in ("time", "travel") else np.maximum(off, mean)
     return out
 
 
@@ -157,7 +188,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
     left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
-    pull *= min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
+    pull *= 0.0 if result.coarser is not None else min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
     back = recovering(settings, knobs, result)
     points = {n: v + back[n] for n, v in points.items()}
@@ -210,7 +241,7 @@ def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     of what a point has moved under the weight.
     """
     deepest = np.maximum.accumulate(result.travel)
-    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(deepest, 1e-300)
+    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(np.abs(deepest), 1e-300)
     back, touched = result.travel < deepest, whole_force(result) > 0.0
     left = np.where(back & ~touched, share, 0.0)
     creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, CREEPING * share)

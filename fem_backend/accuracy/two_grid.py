@@ -141,16 +141,23 @@ def checked(
 ) -> Result:
     """Result of a meridian beside the channels of one with elements of twice the size, which tell its error.
 
-    Raises NotModelled and Stopped, as the run itself does; without the other where that does not reach as far.
+    Where the other ends early, its channels are nan from there on.  Raises NotModelled and Stopped, as the run itself
+    does; without the other where that has no mesh or no answer at all.
     """
     result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
     crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.solve(crude, knobs, placement, other, instants)
-    except (NotModelled, Stopped):
+    except NotModelled:
         return result
-    return replace(result, coarser=first.channels, cpu_s=result.cpu_s + first.cpu_s)
+    except Stopped as stopped:
+        if stopped.reached is None or not stopped.points:
+            return result
+        first = stopped.reached
+    lost = len(result.travel) - len(first.travel)
+    coarser = {n: np.concatenate([v, np.full(lost, np.nan)]) for n, v in first.channels.items()}
+    return replace(result, coarser=coarser, cpu_s=result.cpu_s + first.cpu_s)
 
 
 def located(coarse: AssembledModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

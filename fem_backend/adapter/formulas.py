@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import closed_forms
+from fem_backend import closed_forms, members
 from fem_backend.adapter.model_hierarchy import as_it_is, touch
 from fem_backend.closed_forms import Formula
 from fem_backend.laws import LAWS
@@ -18,6 +18,9 @@ from rso.contract import FormulaCurve
 SIZES = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter's table that formulas know
 THICK = 0.01  # of the force: what a specimen of finite height may add to that of a half-space
 WIDE = 5.0  # heights that a specimen must be wide to count as a layer without end
+WALL_AWAY = 4.0  # heights beside the indenter from which on a wall counts for less than 0.1 % of the force
+SMALL = 0.1  # of the radius: depth up to which strains count as small
+STICKS, REACHES = 3.0, 0.1  # Tabor's parameter above which JKR, and below which DMT holds to some per cent
 INCOMPRESSIBLE = 0.5
 
 
@@ -37,6 +40,28 @@ def formulas(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[Form
             force = np.asarray(f.force(h), float) * float(normal[2])
         why = tuple(relaxes or _general(actual, float(d), nu) or f.valid(float(d)) or "" for d in h)
         found.append(FormulaCurve(f.name, f.source, force, why))
+    return (*found, *adhesive(actual, knobs, h, float(normal[2]), relaxes))
+
+
+def adhesive(settings: Settings, knobs: Knobs, h: np.ndarray, up: float, relaxes: str) -> tuple[FormulaCurve, ...]:
+    """JKR and DMT at depths (n,) mm of a ball that is attracted, each with where it holds by Tabor's parameter."""
+    indenter = settings.indenter
+    if not knobs.adhesion or "radius" not in indenter.plain() or indenter.finest[1] != math.inf:
+        return ()
+    K, w = 2.0 / knobs.D1, knobs.adhesion
+    E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
+    stiff = closed_forms.plane_modulus(E, nu)
+    R = indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
+    number = closed_forms.tabor(R, w, stiff, knobs.adhesion_range)
+    found = []
+    for name, source, force, wrong in (
+        ("JKR", "Johnson, Kendall & Roberts 1971", closed_forms.jkr_force, number < STICKS),
+        ("DMT", "Derjaguin, Muller & Toporov 1975", closed_forms.dmt_force, number > REACHES),
+    ):
+        far = f"Tabor's parameter is {number:.2g}" if wrong else ""
+        small = ["the depth is more than a tenth of the radius" if d > SMALL * R else "" for d in h]
+        why = tuple(relaxes or far or _general(settings, float(d), nu) or s for d, s in zip(h, small, strict=True))
+        found.append(FormulaCurve(name, source, np.asarray(force(h, R, w, stiff), float) * up, why))
     return tuple(found)
 
 
@@ -65,8 +90,21 @@ def of_pair(settings: Settings, E: float, nu: float) -> tuple[Formula, ...]:
 def thickness(settings: Settings) -> float | None:
     """Thickness (mm) of the layer that the specimen is taken for; None for a half-space."""
     specimen = settings.specimen
-    flat = "base" in specimen.parts and np.isfinite(specimen.deepest[0])
+    flat = "base" in specimen.parts and np.isfinite(specimen.thickness_along(np.array([0.0, 0.0, -1.0])))
     return float(specimen.top[2] - specimen.lowest[2]) if flat else None
+
+
+def wall_nearby(settings: Settings) -> float | None:
+    """Radius (mm) of a wall at the side of a flat specimen near the indenter; None where there is none.
+
+    What a wall adds to the force falls off with its distance over the height: of a slab 1 to 4 % at 2.5 heights off the
+    axis, 0.05 % at 5, down to half the height under a ball as large as that is high.
+    """
+    specimen: Any = settings.specimen
+    if thickness(settings) is None or not getattr(specimen, "walled", False):
+        return None
+    height, half = float(specimen.top[2] - specimen.lowest[2]), float(specimen.half_width)
+    return half if half < settings.indenter.length + WALL_AWAY * height else None
 
 
 def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> tuple[str, float] | None:
@@ -99,6 +137,8 @@ def _general(settings: Settings, depth: float, nu: float) -> str:
     layers = getattr(specimen, "layers", ())
     if layers:
         return "the specimen has layers, the formula has one material"
+    if (near := wall_nearby(settings)) is not None:
+        return f"the wall of the well, {members.length_words(near)} from the axis, stiffens it: no formula has a wall"
     height = float(specimen.top[2] - specimen.lowest[2])
     if thickness(settings) is not None:
         narrow = not specimen.alike and specimen.volume() < math.pi / 4.0 * WIDE**2 * height**3

@@ -31,6 +31,7 @@ from fem_backend.supports import SUPPORTS, Support
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
+REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
@@ -43,7 +44,8 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian.
+    `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
+    `remesh` says whether its mesh is made anew where it is outworn.
     """
 
     specimen: Specimen
@@ -66,6 +68,8 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    fine: tuple[float, float] | None = None
+    remesh: str = "never"
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -117,6 +121,8 @@ class MeshTable(members.MemberTable):
     """Subdivisions of the mapped mesh."""
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
+    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "never"
+    """when_needed | never: whether the mesh of a body of revolution is made anew where it is outworn on the way."""
 
     @model_validator(mode="before")
     @classmethod
@@ -254,7 +260,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.profile,
         read.earlier,
         meshed.recipe,
-        meshed.used,
+        meshed.used if mesh.remesh == MeshTable().remesh else (*meshed.used, ("remesh", mesh.remesh)),
         meshed.h0,
         meshed.level,
         control if read.multipliers else control.soft(),
@@ -263,6 +269,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.derivatives,
         read.multipliers,
         meshed.fineness,
+        remesh=mesh.remesh,
     )
 
 
@@ -281,7 +288,10 @@ def on_axis(settings: Settings) -> bool:
 
 def element_size(settings: Settings, meridian: bool) -> float:
     """Size (mm) of the smallest elements at the contact, of a meridian or in space."""
-    return settings.fineness * float(settings.indenter.spacing(np.zeros(1))[0]) if meridian else settings.h0
+    if not meridian:
+        return settings.h0
+    own = float(settings.indenter.spacing(np.zeros(1))[0])
+    return settings.fineness * (own if settings.fine is None else min(own, settings.fine[0]))
 
 
 def profile_name(place: tuple[float, float]) -> str:

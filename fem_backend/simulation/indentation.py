@@ -8,21 +8,27 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fem_backend import closed_forms
+from fem_backend.contact import self_contact
 from fem_backend.laws import admissible
-from fem_backend.materials import stress
+from fem_backend.materials import regions, stress
 from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import rezoning
 from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.derivatives import Slopes
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
+from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
+from fem_backend.solver.jumps import Jumps
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
 FINAL = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
+SHORTEST = 2e-3  # of the length by which a ball is drawn up: where a jump is found
 SHORTER = 0.6  # of the steps, where a run is tried again
 
 
@@ -35,9 +41,10 @@ class Result:
     attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
-    `coarser` are the channels of the same run with elements of twice the size, where that was made.  `given` (k,) says
-    at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left` the share of the
-    force that is not met there; None without any.
+    `coarser` are the channels of the same run with elements of twice the size, where that was made; `on` says with what
+    each point was solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
+    `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
+    the share of the force that is not met there; None without any.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -51,6 +58,8 @@ class Result:
     notes: Mapping[str, float] = field(default_factory=dict)
     system: System | None = field(default=None, repr=False)
     coarser: Mapping[str, np.ndarray] | None = None
+    on: tuple[InitialState, ...] = field(default=(), repr=False)
+    legs: tuple[tuple[float, float], ...] = ()
     given: np.ndarray | None = None
     slopes: np.ndarray | None = None
     left: np.ndarray | None = None
@@ -72,6 +81,7 @@ class Result:
             contact_error=self.contact_error[:k],
             residual=self.residual[:k],
             points=self.points[:k],
+            on=self.on[:k],
             given=None if self.given is None else self.given[:k],
             slopes=None if self.slopes is None else self.slopes[:k],
             left=None if self.left is None else self.left[:k],
@@ -129,13 +139,18 @@ def _attempt(
     """Curves by one path; raises Stopped with the result so far."""
     counters = Counters(deadline=deadline)
     at = initial_state(settings, knobs, placement, model, counters)
-    slopes = None if at.path_dependent else Slopes(at, gradients)
+    above = any(i.asked and i.travel <= 0.0 for i in instants)  # where nothing touches, nothing is differentiated
+    slopes, jumps = None if at.path_dependent else Slopes(at, () if above else gradients), jumps_of(at)
+    legs: list[MeshLeg] = []
     try:
-        points = along(at, instants, counters) if slopes is None else elastic(at, instants, counters, guess, slopes)
+        if slopes is None:
+            points = along(at, instants, counters, legs, jumps)
+        else:
+            points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
-        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started)
+        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started, None, legs, jumps)
         raise
-    return collect(at, points, counters, time.process_time() - started, slopes)
+    return collect(at, points, counters, time.process_time() - started, slopes, legs, jumps)
 
 
 def unstable(result: Result) -> tuple[int, str] | None:
@@ -145,30 +160,85 @@ def unstable(result: Result) -> tuple[int, str] | None:
     """
     if result.system is None or not result.points:
         return None
-    law, points = result.system.material.law, result.points
-    if law.unconditional:
+    parts, points = regions.parts(result.system.material), result.points
+    if all(material.law.unconditional for material, _ in parts):
         return None
 
     def lost(point: LoadPoint) -> str | None:
-        F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
-        squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
-        reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
-        why = admissible(law, reached)
-        return why and f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        for material, cells in parts:
+            F = point.evaluation.H[cells].reshape(-1, 3, 3) + np.eye(3)
+            squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
+            reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
+            why = None if material.law.unconditional else admissible(material.law, reached)
+            if why:
+                return f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        return None
 
     if lost(max(points, key=lambda p: p.travel)) is None:
         return None
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
-def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
-    """Points of a body for which the way counts: the programme is followed step by step."""
+def jumps_of(at: InitialState) -> Jumps | None:
+    """What counts as a jump of a body that is attracted; None of another.
+
+    Pull and length of JKR's fold for the indenter's effective radius R, 2πwR and (w²R/E*²)^(1/3), E* = 4μ.
+    """
+    attracting = at.system.pressing.adhesion
+    if attracting is None:
+        return None
+    R = at.placement.indenter.effective_radius(0.0)
+    stiff = 4.0 * at.system.material.shear_modulus
+    pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
+    length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
+    return Jumps(pull, length, SHORTEST * length)
+
+
+def _begin_at(instants: Sequence[Instant]) -> float:
+    """Travel (mm) at which a programme begins: 0, or that of an instant at the time 0."""
+    return instants[0].travel if instants and instants[0].time == 0.0 else 0.0
+
+
+def folded(result: Result) -> tuple[int, str] | None:
+    """The first point at which the surface of a meridian has met itself, and why that is no answer; None without one.
+
+    The wall of a crater may close over an indenter, or fold: its contact with itself is not modelled.
+    """
+    for k, (point, on) in enumerate(zip(result.points, result.on, strict=False)):
+        x = on.model.body.nodes + point.evaluation.u
+        if on.placement.meridian and self_contact.met_itself(x, on.model.facets):
+            return k, f"the surface meets itself at or before {point.travel:.4g} mm: that contact is not modelled"
+    return None
+
+
+def doubtful(result: Result) -> tuple[int, str, str] | None:
+    """The first point from which on a result is no answer, the class of its cause, and why; None where all are."""
+    found = [(*end, cause) for end, cause in ((unstable(result), "inadmissible"), (folded(result), "contact")) if end]
+    if not found:
+        return None
+    k, why, cause = min(found)
+    return k, cause, why
+
+
+def along(
+    at: InitialState,
+    instants: Sequence[Instant],
+    counters: Counters,
+    legs: list[MeshLeg] | None = None,
+    jumps: Jumps | None = None,
+) -> list[LoadPoint]:
+    """Points of a body for which the way counts: the programme is followed step by step.
+
+    `legs` takes up the meshes, `jumps` what an attracted body does at once.
+    """
     u, history, touching = begun(at, counters)
     control = at.settings.control
-    groups = together(instants)
-    way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
+    groups, begin_at = together(instants), _begin_at(instants)
+    way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
     try:
-        points = history_steps.follow(at.system, at.start, way, control, counters, u, history, touching)
+        legs = [] if legs is None else legs
+        legs.append(MeshLeg(at, None))
+        points = rezoning.follow(legs, way, counters, u, history, touching, jumps, begin_at)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
@@ -193,18 +263,28 @@ def elastic(
     counters: Counters,
     guess: Guess | None = None,
     watch: Watch | None = None,
+    legs: list[MeshLeg] | None = None,
 ) -> list[LoadPoint]:
-    """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched."""
-    computed = merged([i.travel for i in instants if i.asked])
+    """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched.
+
+    `legs` takes up the meshes on the way.
+    """
+    above = sorted({i.travel for i in instants if i.asked and i.travel <= 0.0}, reverse=True)
+    computed = merged([i.travel for i in instants if i.asked and i.travel > 0.0])
     asked = list(dict.fromkeys(computed.values()))
-    at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
+    drawn = _above(at, above, counters) if above else []
+    computed |= {s: s for s in above}
+    if asked:
+        at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
     if at.system.loose and at.system.dead is None:
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
-        found = load_steps.travel(at.system, at.start, asked, control, counters, u, guess, watch)
+        legs = [] if legs is None else legs
+        legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
+        found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
-        reached = {p.travel: p for p in stopped.points}
+        reached = {p.travel: p for p in [*stopped.points, *drawn]}
         stopped.points = []
         for i in instants:  # a programme ends at its first instant without equilibrium
             if i.asked and computed[i.travel] not in reached:
@@ -212,8 +292,14 @@ def elastic(
             if i.asked:
                 stopped.points.append(replace(reached[computed[i.travel]], time=i.time, travel=i.travel))
         raise
-    by_travel = {p.travel: p for p in found}
+    by_travel = {p.travel: p for p in [*found, *drawn]}
     return [replace(by_travel[computed[i.travel]], time=i.time, travel=i.travel) for i in instants if i.asked]
+
+
+def _above(at: InitialState, travels: Sequence[float], counters: Counters) -> list[LoadPoint]:
+    """Points of an elastic body at travels (mm, falling from 0) at which the indenter is above it."""
+    way = steps([Instant(float(k + 1), s, True) for k, s in enumerate(travels)], at.settings.control.path)
+    return history_steps.follow(at.system, at.start, way, at.settings.control, counters, at.seated)
 
 
 def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
@@ -222,7 +308,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     virgin = stress.virgin(at.system.material, *body.w.shape)
     if virgin is None or at.settings.earlier == 0.0 or at.system.material.mullins is None:
         return virgin
-    first = replace(at.system.material, prony=None)
+    first = regions.without(at.system.material, "prony")
     system = replace(history_steps.smooth(at.system), material=first)
     deepest = at.settings.earlier
     ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
@@ -233,12 +319,43 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     return replace(virgin, W_max=history.W_max)
 
 
+def of_jumps(at: InitialState, jumps: Jumps) -> dict[str, float]:
+    """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way.
+
+    Forces (N) are along the way of the indenter and those of the whole specimen; energies N mm.
+    """
+    attracting, many = at.system.pressing.adhesion, modelling.multiplicity(at.placement)
+    assert attracting is not None
+    R, stuff = at.placement.indenter.effective_radius(0.0), at.system.material
+    stiff = closed_forms.plane_modulus(
+        closed_forms.youngs_modulus(stuff.shear_modulus, stuff.bulk_modulus),
+        closed_forms.poisson_ratio(stuff.shear_modulus, stuff.bulk_modulus),
+    )
+    out = {"tabor": closed_forms.tabor(R, attracting.work, stiff, attracting.range)}
+    for name, mine in (
+        ("jump_in", [j for j in jumps.found if j.pulled_in]),
+        ("jump_off", [j for j in jumps.found if not j.pulled_in]),
+    ):
+        for j in mine[-1:]:
+            out |= {f"{name}_mm": j.travel, f"{name}_s": j.time, f"{name}_released": many * j.released}
+            out |= {f"{name}_before_N": many * j.before, f"{name}_after_N": many * j.after}
+    force, travel = jumps.strongest
+    return out | {"pull_off_N": many * force, "pull_off_mm": travel}
+
+
 def collect(
-    at: InitialState, points: Sequence[LoadPoint], counters: Counters, cpu_s: float, slopes: Slopes | None = None
+    at: InitialState,
+    points: Sequence[LoadPoint],
+    counters: Counters,
+    cpu_s: float,
+    slopes: Slopes | None = None,
+    legs: Sequence[MeshLeg] = (),
+    jumps: Jumps | None = None,
 ) -> Result:
-    """Result from the points reached."""
+    """Result from the points reached, each on the mesh of its leg."""
+    on = [legs[p.leg].at if legs else at for p in points]
     soft = np.ones(len(points)) if at.settings.multipliers or not points else 1.0 + softness(at, points)
-    rows = [channels(at, at.system, p.evaluation, p.load, k) for p, k in zip(points, soft, strict=True)]
+    rows = [channels(a, a.system, p.evaluation, p.load, k) for a, p, k in zip(on, points, soft, strict=True)]
     out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
     out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}
     change = [
@@ -248,11 +365,15 @@ def collect(
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
+    notes |= {} if jumps is None else of_jumps(at, jumps)
+    if len(legs) > 1:
+        notes |= {"meshes": float(len(legs)), "largest_jump": max(leg.jump for leg in legs)}
     if at.system.loose and points:
         carried = [np.abs((at.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
-    reactions = np.array([k * reaction(at, p.evaluation) for p, k in zip(points, soft, strict=True)]).reshape(-1, 3)
+    reactions = np.array([k * reaction(a, p.evaluation) for a, p, k in zip(on, points, soft, strict=True)])
+    reactions = reactions.reshape(-1, 3)
     return Result(
         out,
         reactions,
@@ -264,4 +385,6 @@ def collect(
         gradients,
         notes,
         at.system,
+        on=tuple(on),
+        legs=tuple((leg.began, leg.jump) for leg in legs[1:]),
     )

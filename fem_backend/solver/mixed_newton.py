@@ -76,8 +76,9 @@ def solve(
     carried = Carried(None, _begun(load, at, frame is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
-        carried = Carried(response.carried(body, origin, u - before.u, system.scale), _expected(before, at))
+        carried = Carried(response.carried(body, origin, u - before.u), _expected(before, at))
     fresh, age = False, 0
+    attracted = any(tractions.attracts(p) for p in system.pairs)  # equilibria may be unstable: the last tangent tells
     sizes: list[float] = []
     if time.process_time() > counters.deadline:
         raise NotConverged("time_limit", "the time of the run is used up", ())
@@ -88,12 +89,13 @@ def solve(
         found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
         lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
         lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
-        if found and frame is not None:
+        if found and frame is not None and (fresh or not attracted):
             linear = frame.exactly(carried.contact)
             moving = newton.contact_tangent(system, at, load)[1]
             return Equilibrium(at, -linear(moving), tuple(history), linear, (frame, moving))
         if not lazy:
-            frame, linearised = _factorise(system, at, load, carried, counters, before is not None)
+            strict = before is not None or (found and attracted)
+            frame, linearised = _factorise(system, at, load, carried, counters, strict)
             limit -= 1
         assert frame is not None
         fresh, age = not lazy, age + 1 if lazy else 0
@@ -231,9 +233,7 @@ def _stepped(
         gap = state.gap + (n * moved).sum(-1)
         p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
         pressures.append(p if alpha == 1.0 else alpha * p + (1.0 - alpha) * old)
-    turning = (
-        None if linearised is None else response.carried(_meridian(system), linearised, alpha * step, system.scale)
-    )
+    turning = None if linearised is None else response.carried(_meridian(system), linearised, alpha * step)
     return new, Carried(turning, tuple(pressures))
 
 
@@ -243,7 +243,7 @@ def _factorise(
     """Factor of the tangent with what is carried; where it is not definite, first without its contact's turning."""
     body, shift, geometric = _meridian(system), 0.0, True
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
-    bulk = response.stiffness(body, linearised, carried.body, system.scale)
+    bulk = response.stiffness(body, linearised, carried.body)
     bulk = newton.sprung(system, load, bulk)
     contacts = tuple(replace(c, multiplier=p) for c, p in zip(at.contacts, carried.contact, strict=True))
     touching = replace(at, contacts=contacts)

@@ -18,7 +18,6 @@ from rso.contract import Drawn
 
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
 FATTEST = 0.6  # size of the indenter with its errors, over the smallest semi-axis
-DEEPEST = 0.3  # of the smallest semi-axis
 SEEN = 0.8  # squared distance from the top in semi-axes within which a camera from above sees a mark
 PLACES = 0.35  # of a semi-axis
 
@@ -108,10 +107,9 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
             f"{self.a:g} and {self.b:g} mm"
         )
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """0.3 of the smallest semi-axis (mm)."""
-        return DEEPEST * self.smallest, f"{DEEPEST:g} of the {self.smallest_words}"
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """2 |(a d_x, b d_y, c d_z)| mm, between the two planes that touch it across a unit vector d."""
+        return 2.0 * float(np.linalg.norm(self.semi_axes * direction))
 
     def off_top(self, x: float, y: float) -> float:
         """(x/a)² + (y/b)²."""

@@ -100,7 +100,6 @@ class HalfSpace(FlatTopped):
         """That of the indenter it was made for."""
         return self.height / (FAR * USUAL)
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """No limit of its own."""
-        return math.inf, self.smallest_words
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """No end."""
+        return math.inf

@@ -15,6 +15,7 @@ from skfem import MeshTet2
 from fem_backend import meshing
 from fem_backend.members import MemberTable, OpenSet, SettingsOption
 from fem_backend.meshing import MeridianMesh, Mesh, Size
+from fem_backend.specimens.own_laws import OwnLaw
 from rso.contract import Drawn
 
 
@@ -27,7 +28,7 @@ class Specimens(OpenSet):
         return super().register(member)
 
 
-SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 2})
+SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 3})
 
 LAYER = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
 PLACE = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
@@ -161,9 +162,8 @@ class Specimen(Protocol):
     def beside(self, x: float, y: float) -> str | None:
         """Why there is no mark at (x, y) to be followed: it lies beside the specimen; None where it is on top."""
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """The deepest travel that is modelled (mm), and what it is a share of, in words."""
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """Its extent (mm) along a unit vector (3,), which no travel that way reaches; ∞ where it has no end."""
 
     def off_top(self, x: float, y: float) -> float:
         """Squared distance of (x, y) from the top over the size: elements are stretched on the way."""
@@ -176,14 +176,26 @@ class Specimen(Protocol):
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
 
-    def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: Any, spacing: Size, fineness: float, samples: int | None = ...) -> MeridianMesh:
         """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
 
-        `spacing` is that of the indenter, `fineness` multiplies all sizes.
+        `spacing` is that of the indenter, `fineness` multiplies all sizes;
+        the grid is graded by sizes at so many `samples` of each interval.
         """
 
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:
         """Factor (…) of its layers on all moduli at points X (…, 3); None where it has none."""
+
+    @property
+    def laws(self) -> tuple[OwnLaw | None, ...]:
+        """Laws of its layers from the top down, None for that of the body; nothing where none has its own."""
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Stiffness of each layer over the rest, from the top down."""
+
+    def layer(self, X: np.ndarray) -> np.ndarray:
+        """Number (…) of the layer that points X (…, 3) lie in: 1, 2, … from the top, 0 is the rest."""
 
     # ------------------------------------------------------------------------------------------------- proposals
 

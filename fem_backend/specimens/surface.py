@@ -23,7 +23,6 @@ from rso.contract import Drawn, knob
 UNITS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}  # mm
 USUAL = (60.0, 35.0, 35.0)  # half extents (mm) of the body that declared ranges of knobs are meant for
 LARGEST = 70  # half the length of the body over the radius of the indenter: finer meshes are not made
-DEEPEST = 0.3  # of half the smallest extent
 HOLLOW = (4.0, 3.5, 3.5)  # half extents over the semi-axes of the cavity
 PLACES = 0.35  # of half the extents
 STEEPEST = 0.2  # upward part of the normal: the indenter glides off steeper places
@@ -407,10 +406,9 @@ class Surface(InSpace):
             return f"profile: the mark ({x:g}, {y:g}) mm does not lie on the upper side of the specimen"
         return None
 
-    @property
-    def deepest(self) -> tuple[float, str]:
-        """0.3 of half the smallest extent (mm)."""
-        return DEEPEST * self.smallest, f"{DEEPEST:g} of {self.smallest_words}"
+    def thickness_along(self, direction: np.ndarray) -> float:
+        """Σ |d_i| extent_i (mm) of its box, which is as thick as itself or thicker."""
+        return 2.0 * float(np.abs(direction) @ self.half)
 
     def off_top(self, x: float, y: float) -> float:
         """The mesh is made for the place of the test: nothing is stretched on the way."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import CREEP, ahead, between, resting
+from rso.core.curves import CREEP, ahead, between, on_the_way_back, resting
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Output
 from rso.inference import CurvePlace, Data, resample, together
@@ -32,7 +32,8 @@ def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
 @functools.lru_cache(maxsize=64)
 def _combined(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     """Asked for many times in a study."""
-    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel, hold=plan.holds.get(name))
+    noise, branch = plan.study.noise_of(name), plan.study.experiment(name).branch
+    return combine(plan.study.measurement(name), noise, channel, branch, plan.holds.get(name))
 
 
 def label(plan: Plan, name: str, channel: str) -> str:
@@ -49,19 +50,19 @@ def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
 def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
     """Where a curve was measured, from contact on."""
     curve = measured(plan, name, channel)
-    return place_of(name, curve, curve.depth > 0)
+    return place_of(name, curve, curve.compared)
 
 
 def place_of(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
     """Where the readings to `keep` (n,) of a curve were measured, none deeper than `deepest` (mm)."""
     since = None if curve.since is None else curve.since[keep]
-    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since)
+    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since, curve.back)
 
 
 def curve_data(plan: Plan, place: CurvePlace) -> Data:
     """A measured curve with what repeats and the experimenter say about its errors."""
     curve = measured(plan, place.experiment, place.channel)
-    keep = curve.depth > 0
+    keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
     test = loading_of(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
@@ -109,7 +110,7 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data:
 def of_interpolation(place: CurvePlace, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
     off by; it belongs together between two of these."""
-    if place.held.all():
+    if place.back or place.held.all():  # every travel that is compared is computed, or many are
         return np.zeros((len(place.depth), len(place.depth)))
     off = np.where(place.held, 0.0, between(travel, value, place.depth))
     spacing = float(np.median(np.diff(np.append(0.0, travel))))
@@ -132,6 +133,8 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     curve = response.curve(place.channel)
     if place.channel == CREEP and place.since is not None:
         return curve.error[resting(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
+    if place.back:
+        return on_the_way_back(curve.travel_mm, curve.error, place.depth)
     used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]
     found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5

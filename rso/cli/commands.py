@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import json
 import shlex
 import shutil
 import sys
@@ -167,8 +167,11 @@ def _flags(rest: list[str], first: int, known: Mapping[str, dict[str, Any] | Non
 
 
 def keys(options: argparse.Namespace, command: str) -> int:
-    from rso.study.keys import reference
+    from rso.study.keys import reference, schema
 
+    if options.schema:
+        print(json.dumps(schema(), indent=1, ensure_ascii=False))
+        return 0
     try:
         lines = reference(options.table)
     except ValueError as error:
@@ -215,6 +218,7 @@ def _hanging(line: str) -> str:
 
 
 def run(options: argparse.Namespace, command: str) -> int:
+    from rso.api.workspace import executor
     from rso.calibration.pipeline import run_study
     from rso.calibration.plan import make_plan, source_of
     from rso.calibration.result_files import claim, may_be_moved
@@ -230,7 +234,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         may_be_moved(folder, study.file, study.inputs())
     plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
     warm = options.fresh or not folder.exists()  # there will be simulations: workers start while the plan is made
-    with _executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
+    with executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
         plan = plan or make_plan(study)
         if options.fresh and folder.exists():
             _say(f"old results moved to {set_aside(folder)}")
@@ -403,6 +407,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
 @contextmanager
 def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
     """The store of a study, what runs its simulations, and what tells of them; the folder is its own from then on."""
+    from rso.api.workspace import executor
     from rso.calibration.result_files import claim
     from rso.cli.progress import Progress
     from rso.evaluation.store import RunStore
@@ -410,23 +415,45 @@ def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Pat
     claim(folder, study.file)
     jobs = options.jobs or study.dispatch.jobs
     where = _store(options, folder)
-    with RunStore(where) as store, _executor(study.dispatch, jobs, source, folder) as pool, Progress() as progress:
+    with RunStore(where) as store, executor(study.dispatch, jobs, source, folder) as pool, Progress() as progress:
         yield store, pool, progress
 
 
-def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = False) -> Any:
-    """What runs the simulations: processes of this machine, or a Dask cluster."""
-    from rso.evaluation import WorkerPool, open_cluster
+def export(options: argparse.Namespace, command: str) -> int:
+    from rso.api.exporting import formats
+    from rso.api.workspace import load
 
-    own = (
-        source.timeout_s if source.command is None else None
-    )  # a command is stopped by its adapter, which keeps its folder
-    limit = min((t for t in (table.timeout, own) if t is not None), default=None)
-    if table.engine == "dask":  # a folder of this machine means nothing there
-        return open_cluster(table.address, jobs, source, limit)
-    if source.command is not None:  # folders of runs that did not end well stay with the results
-        source = dataclasses.replace(source, keep_folder=str(folder / "kept"))
-    return WorkerPool(jobs, source=source, timeout_s=limit, warm=warm)
+    study = load(options.study, folder=options.out)
+    names = list(dict.fromkeys([*options.formats, *(options.options or ())]))
+    if not names:
+        print("formats, each as an argument or option (rso export STUDY --csv):")
+        _print([f"  {name}: {text}" for name, text in formats(study.plan).items()])
+        return 0
+    try:
+        folder = options.to or study.folder / "export"
+        files = study.export(folder, *names, candidate=options.candidate, experiment=options.experiment)
+    except FileNotFoundError:
+        _complain(f"{study.folder}: there are no results; rso run {shlex.quote(str(options.study))} makes them")
+        return EXIT_BAD_INPUT
+    except ValueError as error:
+        _complain(error)
+        return EXIT_BAD_INPUT
+    for file in files:
+        _say(file)
+    return 0
+
+
+def import_runs(options: argparse.Namespace, command: str) -> int:
+    from rso.api.workspace import load
+
+    study = load(options.study, folder=options.out)
+    try:
+        count = study.import_runs(options.table)
+    except ValueError as error:
+        _complain(f"{options.table}: {error}")
+        return EXIT_BAD_INPUT
+    _say(f"{count} simulations are stored in {study.folder}; the study uses those that its design asks for")
+    return 0
 
 
 def status(options: argparse.Namespace, command: str) -> int:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -291,6 +292,52 @@ class Sketches(Protocol):
         ...
 
 
+class FilledInputs(Protocol):
+    """The input files of a program as they would be filled, for `rso check`; without it none is shown."""
+
+    def filled(self, values: Mapping[str, float], case: Case, /) -> Mapping[str, Sequence[tuple[int, str, bool]]]:
+        """File → its lines, each with its line in the template and whether something is filled in; nothing is run."""
+        ...
+
+
+@dataclass(frozen=True)
+class DerivedQuantity:
+    """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
+
+    Where its interval lies outside of the `ordinary` range, a reader is told `otherwise`.
+    """
+
+    name: str
+    letter: str
+    description: str
+    unit: str
+    of: Callable[[Mapping[str, np.ndarray]], np.ndarray]
+    ordinary: tuple[float, float] = (-math.inf, math.inf)
+    otherwise: str = ""
+
+
+class DerivedQuantities(Protocol):
+    """Quantities that people think in; without it a report states the parameters alone."""
+
+    def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
+        """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
+class Exports(Protocol):
+    """Files for other programs; without it `rso export` writes tables only."""
+
+    def exports(self) -> Mapping[str, str]:
+        """Format → what it is, in a few words."""
+        ...
+
+    def exported(
+        self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str], /
+    ) -> Mapping[str, str]:
+        """File → text of one of these formats, with `remarks` as comments; ValueError for what it cannot say."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -372,7 +419,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches,),
+    "what is modelled": (Sketches, FilledInputs, DerivedQuantities, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }

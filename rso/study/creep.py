@@ -52,7 +52,9 @@ def with_creep(
     found = {
         e.name: hold
         for e in study.experiments
-        if e.kind == "force" and (hold := creep_of(study.measurement(e.name), speed_of(study, e.name)[0]))
+        if e.kind == "force"
+        and e.branch != "unloading"
+        and (hold := creep_of(study.measurement(e.name), speed_of(study, e.name)[0]))
     }
     tables, followed, curves, measurements = [], {}, {}, {}
     for name, hold in found.items():

@@ -255,15 +255,13 @@ def test_the_reference_specimen_has_a_mesh_that_is_the_same_everywhere(level):
 # ---------------------------------------------------------------------------------------------- programme and values
 
 
-def test_travel_that_is_too_deep_is_refused_before_any_mesh():
-    with pytest.raises(ValueError, match=r"11 mm.*10\.5 mm"):
-        BACKEND.check(case((1.0, 11.0)))
-    BACKEND.check(case((1.0, 10.5)))
+def test_travel_through_the_whole_body_is_refused_before_any_mesh():
+    with pytest.raises(ValueError, match=r"travel 71 mm: less than 70 mm"):
+        BACKEND.check(case((1.0, 71.0)))
+    BACKEND.check(case((1.0, 69.0)))
 
 
-@pytest.mark.parametrize(
-    "travel,word", [((1.0, 0.0), "starts at 0"), ((0.1, 1.0), "starts at 0"), ((0.0, -1.0, 1.0), "never negative")]
-)
+@pytest.mark.parametrize("travel,word", [((1.0, 0.0), "starts at 0"), ((0.1, 1.0), "starts at 0")])
 def test_programme_starts_at_contact_and_stays_in_the_body(travel, word):
     programme = Programme(tuple(float(k) for k in range(len(travel))), travel, (0.5,))
     with pytest.raises(ValueError, match=word):

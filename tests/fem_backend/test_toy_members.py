@@ -20,7 +20,7 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS, law
 from fem_backend.laws.law import Derivatives, Isotropic
 from fem_backend.meshing import BadMesh, Mesh
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.specimens.specimen import Meshing
 from fem_backend.supports import SUPPORTS
 from fem_backend.supports.fixed import Fixed
@@ -86,7 +86,6 @@ class Block:
     skin_limit = property(lambda self: 0.5 * self.height)
     top = property(lambda self: np.array([0.0, 0.0, self.height]))
     lowest = property(lambda self: np.zeros(3))
-    deepest = property(lambda self: (0.3 * self.height, "0.3 of the height"))
     ratio = property(lambda self: self.height / 15.0)
 
     def plain(self):
@@ -96,13 +95,19 @@ class Block:
         return self
 
     def absent(self):
-        return frozenset(("delta_layer", "layer_ratio"))
+        return frozenset(("delta_layer", "layer_ratio")) | own_laws.everything()
 
     def beyond(self, length):
         return 0.0
 
+    laws: ClassVar[tuple] = ()
+    ratios: ClassVar[tuple] = ()
+
     def stiffness(self, X):
         return None
+
+    def layer(self, X):
+        return np.zeros(len(X), int)
 
     def actual(self, knobs):
         return replace(self, height=self.height + knobs.delta_brick)
@@ -148,6 +153,9 @@ class Block:
 
     def beside(self, x, y):
         return None if max(abs(x), abs(y)) <= self.half else f"profile: the mark ({x:g}, {y:g}) mm lies beside it"
+
+    def thickness_along(self, direction):
+        return self.height
 
     def off_top(self, x, y):
         return 0.0

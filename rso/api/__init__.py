@@ -1,0 +1,26 @@
+"""What `import rso` offers: the calls behind the command line, with results as tables."""
+
+from rso.api.models import FunctionModel, model
+from rso.api.run_result import RunResult
+from rso.api.shortcuts import fit, indent
+from rso.api.workspace import AskedRun, Workspace, load
+from rso.contract import Backend, Case, Parameter, Programme, Response, SimulationFailed
+from rso.study.errors import StudyError
+
+__all__ = [
+    "AskedRun",
+    "Backend",
+    "Case",
+    "FunctionModel",
+    "Parameter",
+    "Programme",
+    "Response",
+    "RunResult",
+    "SimulationFailed",
+    "StudyError",
+    "Workspace",
+    "fit",
+    "indent",
+    "load",
+    "model",
+]
