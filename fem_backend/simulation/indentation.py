@@ -23,7 +23,7 @@ from fem_backend.simulation.outputs import FORCES, channels, reaction, softness,
 from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
-from fem_backend.solver.jumps import Jumps
+from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
@@ -179,7 +179,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
-def jumps_of(at: InitialState) -> Jumps | None:
+def jumps_of(at: InitialState) -> JumpRecord | None:
     """What counts as a jump of a body that is attracted; None of another.
 
     Pull and length of JKR's fold for the indenter's effective radius R, 2πwR and (w²R/E*²)^(1/3), E* = 4μ.
@@ -191,7 +191,7 @@ def jumps_of(at: InitialState) -> Jumps | None:
     stiff = 4.0 * at.system.material.shear_modulus
     pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
     length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
-    return Jumps(pull, length, SHORTEST * length)
+    return JumpRecord(pull, length, SHORTEST * length)
 
 
 def _begin_at(instants: Sequence[Instant]) -> float:
@@ -221,7 +221,7 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
 
 
 def along(
-    at: InitialState, instants: Sequence[Instant], counters: Counters, jumps: Jumps | None = None
+    at: InitialState, instants: Sequence[Instant], counters: Counters, jumps: JumpRecord | None = None
 ) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step, and what jumps collected."""
     u, history, touching = begun(at, counters)
@@ -312,7 +312,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     return replace(virgin, W_max=history.W_max)
 
 
-def of_jumps(at: InitialState, jumps: Jumps) -> dict[str, float]:
+def of_jumps(at: InitialState, jumps: JumpRecord) -> dict[str, float]:
     """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way.
 
     Forces (N) are along the way of the indenter and those of the whole specimen; energies N mm.
@@ -343,7 +343,7 @@ def collect(
     cpu_s: float,
     slopes: Slopes | None = None,
     legs: Sequence[MeshLeg] = (),
-    jumps: Jumps | None = None,
+    jumps: JumpRecord | None = None,
 ) -> Result:
     """Result from the points reached, each on the mesh of its leg."""
     on = [legs[p.leg].at if legs else at for p in points]

@@ -13,7 +13,7 @@ from fem_backend.contact.tractions import Before, Pair
 from fem_backend.materials.stress import History
 from fem_backend.solver import jumps as sudden
 from fem_backend.solver import load_steps, rigid_motions
-from fem_backend.solver.jumps import Jumps, OnBranch
+from fem_backend.solver.jumps import JumpRecord, OnBranch
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
@@ -51,7 +51,7 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
-    jumps: Jumps | None = None,
+    jumps: JumpRecord | None = None,
     begin_at: float = 0.0,
 ) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
@@ -132,7 +132,7 @@ def follow(
 
 
 def _attracted(
-    system: System, load: Load, here: Reached, jumps: Jumps, control: Control, counters: Counters
+    system: System, load: Load, here: Reached, jumps: JumpRecord, control: Control, counters: Counters
 ) -> Reached:
     """Where a path begins beside the body: at rest under what attraction there is already."""
     if here.travel >= 0.0:
@@ -172,7 +172,7 @@ def _landed(
         return attempt(system, start, here, goal, near, control, counters, patient)
 
 
-def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:
+def _lets_go(jumps: JumpRecord | None, here: Reached, error: NotConverged) -> bool:
     """Whether a step that fails may be the end of a branch of an attracted body."""
     return jumps is not None and here.branch is not None and error.cause != "time_limit"
 
