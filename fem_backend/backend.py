@@ -18,6 +18,7 @@ from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
+from fem_backend.export import files as export_files
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
@@ -229,6 +230,8 @@ class FiniteElements:
             plain["direction"] = "vertical"
         if "mullins" not in kept:
             plain["earlier"] = 0.0
+        if "permeability" not in kept:
+            plain.pop("drainage", None)
         programme, by_force = case.programme, programmes.controlled(case.programme)
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
@@ -264,8 +267,8 @@ class FiniteElements:
         return end.why if end is not None else admissible_depth.small_strains(settings, knobs, deepest)
 
     def relaxes(self, values: Mapping[str, float], settings: Mapping[str, Any]) -> bool:
-        """Whether forces go on changing while the indenter rests: a Prony term is there."""
-        shares = (values.get(name, 0.0) for name in ("prony_g", "prony_g2", "prony_g3"))
+        """Whether forces go on changing while the indenter rests: a Prony term is there, or liquid that flows."""
+        shares = (values.get(name, 0.0) for name in ("prony_g", "prony_g2", "prony_g3", "permeability"))
         return any(shares) or bool(experiment.read_settings(settings).prony)
 
     def ordinary(self) -> Mapping[str, str]:
@@ -314,6 +317,23 @@ class FiniteElements:
     def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
+
+    def exports(self) -> Mapping[str, str]:
+        """Input files of other programs and material cards."""
+        return export_files.FORMATS
+
+    def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
+        """File → text; ValueError for what a format cannot say."""
+        self.check(case)
+        settings = experiment.read_settings(case.settings)
+        if programmes.controlled(case.programme):
+            raise ValueError("a programme that a force controls is not written for other programs")
+        path = case.artefact("mesh")
+        mesh = None if path is None else str(path)
+        try:
+            return export_files.exported(kind, settings, self.knobs(values, settings), case.programme, mesh, remarks)
+        except NotModelled as error:
+            raise ValueError(str(error)) from error
 
     def options(self) -> Sequence[Option]:
         """Options of `rso new`, those that members of the open sets declare."""
@@ -494,7 +514,7 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     rubbing = bool(values.get("friction") or values.get("adhesion"))
     rubbing = rubbing or settings.support.friction(values) != 0.0
     memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
-    return bool(rubbing or memory)
+    return bool(rubbing or memory or values.get("permeability"))
 
 
 def _of_revolution(settings: Settings, knobs: Knobs) -> bool:

@@ -20,9 +20,10 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
+from fem_backend.simulation.pore_flow import pores_of
 from fem_backend.simulation.rezoning import MeshLeg
-from fem_backend.simulation.schedule import each, merged, one, steps, together
-from fem_backend.solver import history_steps, load_steps, rigid_motions
+from fem_backend.simulation.schedule import each, flowing, merged, one, steps, together
+from fem_backend.solver import biphasic, history_steps, load_steps, rigid_motions
 from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
@@ -144,7 +145,7 @@ def _attempt(
     legs: list[MeshLeg] = []
     try:
         if slopes is None:
-            points = along(at, instants, counters, jumps)
+            points = along(at, instants, counters, legs, jumps)
         else:
             points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
@@ -221,17 +222,40 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
 
 
 def along(
-    at: InitialState, instants: Sequence[Instant], counters: Counters, jumps: JumpRecord | None = None
+    at: InitialState,
+    instants: Sequence[Instant],
+    counters: Counters,
+    legs: list[MeshLeg] | None = None,
+    jumps: JumpRecord | None = None,
 ) -> list[LoadPoint]:
-    """Points of a body for which the way counts: the programme is followed step by step, and what jumps collected."""
+    """Points of a body for which the way counts: the programme is followed step by step.
+
+    `legs` takes up the meshes, `jumps` what an attracted body does at once.
+    """
     u, history, touching = begun(at, counters)
     control = at.settings.control
     groups, begin_at = together(instants), _begin_at(instants)
+    if at.knobs.permeability:
+        return _draining(at, groups, counters, history)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
     try:
-        points = history_steps.follow(
-            at.system, at.start, way, control, counters, u, history, touching, jumps, begin_at
-        )
+        legs = [] if legs is None else legs
+        legs.append(MeshLeg(at, None))
+        points = rezoning.follow(legs, way, counters, u, history, touching, jumps, begin_at)
+    except Stopped as stopped:
+        stopped.points = each(groups, stopped.points)
+        raise
+    return each(groups, points)
+
+
+def _draining(
+    at: InitialState, groups: Sequence[Sequence[Instant]], counters: Counters, history: stress.History | None
+) -> list[LoadPoint]:
+    """Points of a body with liquid in its pores, at rest and without pore pressure before the test."""
+    settings, system = at.settings, at.system
+    way = flowing([one(group) for group in groups], settings.control.path, settings.fineness)
+    try:
+        points = biphasic.follow(system, pores_of(at), at.start, way, settings.control, counters, at.seated, history)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
@@ -274,7 +298,7 @@ def elastic(
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         legs = [] if legs is None else legs
-        legs.append(MeshLeg(at, watch))
+        legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
         found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in [*stopped.points, *drawn]}

@@ -14,7 +14,7 @@ from fem_backend.materials.stress import History
 from fem_backend.solver import jumps as sudden
 from fem_backend.solver import load_steps, rigid_motions
 from fem_backend.solver.jumps import JumpRecord, OnBranch
-from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped, Wear, Worn
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
@@ -53,6 +53,8 @@ def follow(
     touching: float | None = None,
     jumps: JumpRecord | None = None,
     begin_at: float = 0.0,
+    going_on: Reached | None = None,
+    worn: Wear | None = None,
 ) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
@@ -65,6 +67,7 @@ def follow(
     so it does where even that does not hold it.
 
     The path begins at the travel `begin_at` (mm).  Of an attracted body `jumps` collects what it does at once.
+    It may go on from a state that was reached, `going_on`, and raises Worn at one that is `worn`.
     """
     here, first = begin(system, start, control, counters, u, history, touching, begin_at)
     rest = here.u
@@ -72,9 +75,12 @@ def follow(
     if jumps is not None:
         here = _attracted(system, start(begin_at), here, jumps, control, counters)
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
+    here = here if going_on is None else going_on
     for instant in instants:
         share, began = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
+            if worn is not None and worn(here.u, here.travel):
+                raise Worn(points, here.u, here.travel, here)
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)

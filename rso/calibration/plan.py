@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -19,6 +20,7 @@ from rso.data import Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
+from rso.evaluation.decks import load_deck
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -133,7 +135,11 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
 
 def source_of(study: Study) -> Source:
     """Where the backend of a study comes from; nothing of it is loaded."""
-    return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
+    b, deck = study.backend, study.deck()
+    if deck is not None:
+        with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
+            deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
+    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
 
 
 def make_plan(

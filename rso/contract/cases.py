@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -119,6 +120,19 @@ class Programme:
         """Monotonic loading to the deepest asked travel at one speed (mm/s)."""
         deepest = float(max(asked_mm))
         return cls((0.0, deepest / speed_mm_s), (0.0, deepest), tuple(asked_mm))
+
+    def passages(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) s and travels (n,) mm of all passages of asked travels and all asked moments, in order of time."""
+        t, s = np.array(self.time_s), np.array(self.travel_mm)
+        found: dict[float, float] = {}
+        for (t0, s0), (t1, s1) in itertools.pairwise(zip(t, s, strict=True)):
+            low, high = min(s0, s1), max(s0, s1)
+            for a in np.minimum(self.asked_mm, s.max()):
+                if low <= a <= high and s0 != s1:
+                    found[float(t0 + (t1 - t0) * (a - s0) / (s1 - s0))] = float(a)
+        found |= {float(m): float(np.interp(m, t, s)) for m in self.asked_s}
+        times = sorted(found)
+        return np.array(times), np.array([found[k] for k in times])
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.discrepancy.evidence.attribution import FALSE_ALARM
 from rso.discrepancy.evidence.noise import UNLIKE
 from rso.discrepancy.parameters import about, called, of_unit, values_of
 
+UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
+BORDER = 2.0  # times the false alarms: p up to which no gap is said to be undecided
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
@@ -119,10 +122,10 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth"
             f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
-    if d["verdict"] == "no_gap" and p <= 0.05:
+    if undecided(d):
         return (
-            f"No gap: a misfit as large as this is rare without one (p = {p:.2g}), but no hypothesis makes it more "
-            f"probable than none (ln Bayes factor {g['statistic']:.1f})."
+            f"Undecided: a gap is called where p is at most {FALSE_ALARM:g} and its ln Bayes factor above 0; p is "
+            f"{p:.2g}, the factor {g['statistic']:.1f}. The misfit is {g['size_over_noise']:.2f} times the noise."
         )
     if d["verdict"] == "no_gap":
         return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
@@ -132,6 +135,18 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         large = "" if g["size_over_noise"] > LOUD else ", no more than noise"
         return f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {chance(none)}."
     return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, {size})."
+
+
+def undecided(d: Mapping[str, Any]) -> bool:
+    """Whether a verdict of no gap is one on the border.
+
+    That is where data without a gap are as far out at most twice as often as is called a gap, or where the data make
+    one at least as probable as it was before (ln Bayes factor of any gap ≥ 0).
+    """
+    gap = d.get("gap") or {}
+    p, factor = gap.get("p_value"), gap.get("statistic")
+    near = p is not None and p <= BORDER * FALSE_ALARM
+    return d.get("verdict") == "no_gap" and (near or (factor is not None and factor >= 0.0))
 
 
 def nothing(found: Mapping[str, Any]) -> float:

@@ -16,7 +16,7 @@ from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.shrinkage import Gap, summarise
 from rso.discrepancy.evidence.verdict import judge
 from rso.discrepancy.parameters import _outside, about, unproved
-from rso.discrepancy.wording import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
+from rso.discrepancy.wording import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where, undecided
 
 STIFF, SKIN = toy.effects("stiff", "skin")
 BIAS, SCATTER = toy.effects("bias", "offset_each")
@@ -563,3 +563,25 @@ def test_a_part_that_leaves_much_says_how_much():
     d = {"verdict": "partly", "left": 3.8, "remainder": None}
     assert _remainder(d, {}) == " What is left is 1.9 times the noise."
     assert _remainder({**d, "left": 1.1}, {}) == ""
+
+
+@pytest.mark.parametrize(
+    ("p", "factor", "said"),
+    [
+        (0.057, 0.2, "Undecided"),  # nearly as rare as an alarm, and a gap more probable than before
+        (0.057, -1.3, "Undecided"),  # nearly as rare
+        (0.5, 0.2, "Undecided"),  # common, and yet a gap more probable
+        (0.03, -0.4, "Undecided"),  # rare, but no hypothesis makes a gap more probable
+        (0.12, -0.4, "No gap beyond noise"),  # the control
+    ],
+)
+def test_no_gap_on_the_border_is_undecided(p, factor, said):
+    """p = 0.057 and 45 % for no gap was said to be "no gap, nothing beyond noise"; both numbers and limits are said."""
+    gap = {"p_value": p, "statistic": factor, "threshold": 0.4, "size_over_noise": 1.02}
+    d = {"verdict": "no_gap", "gap": gap, "causes": [], "next_test": []}
+    text = _gap(d, {})
+    assert text.startswith(said) and f"{p:.2g}" in text
+    assert undecided(d) == (said == "Undecided")
+    if said == "Undecided":
+        assert "at most 0.05" in text and f"factor {factor:.1f}" in text
+    assert not undecided(d | {"verdict": "ambiguous"})
