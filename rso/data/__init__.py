@@ -11,7 +11,7 @@ from rso.data.holds import Hold, hold_of
 from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.data.loading_rate import recorded_speed
 from rso.data.outliers import kept, step_of, without_spikes
-from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, value_at
+from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, pulls_off, value_at
 from rso.data.scatter import autocorrelation
 
 __all__ = [
@@ -38,6 +38,7 @@ __all__ = [
     "fingerprint",
     "hold_of",
     "kept",
+    "pulls_off",
     "read",
     "record",
     "recorded",

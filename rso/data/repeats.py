@@ -18,6 +18,7 @@ from rso.data.outliers import without_spikes
 from rso.data.scatter import White, beyond_said, of_record, of_repeats, ratio_of
 from rso.data.variance_components import parts
 
+PULLS = 0.1  # of its range: a force that is negative by more pulls
 AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
 # Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
 MAX_POINTS = 200
@@ -321,6 +322,21 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
     count = np.bincount(block)
     each = (depth, repeat.channels[channel][rows], stated**2)
     return *(np.bincount(block, weights=v) / count for v in each), count
+
+
+def pulls_off(measurement: Measurement) -> bool:
+    """Whether Fz pulls on the way back of every repeat by more than a tare or scatter may: by a tenth of its range.
+
+    Means over three readings count.
+    """
+    found = []
+    for r in measurement.repeats:
+        rows = r.segment == "unloading"
+        if "Fz" not in r.channels or rows.sum() < 6:
+            return False
+        mean = np.convolve(r.channels["Fz"][rows], np.ones(3) / 3.0, mode="valid")
+        found.append(float(mean.min()) < -PULLS * float(np.ptp(mean)))
+    return bool(found) and all(found)
 
 
 def _adhering(repeat: Repeat, channel: str, rows: np.ndarray) -> np.ndarray:
