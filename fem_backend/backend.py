@@ -230,6 +230,8 @@ class FiniteElements:
             plain["direction"] = "vertical"
         if "mullins" not in kept:
             plain["earlier"] = 0.0
+        if "permeability" not in kept:
+            plain.pop("drainage", None)
         programme, by_force = case.programme, programmes.controlled(case.programme)
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
@@ -265,8 +267,8 @@ class FiniteElements:
         return end.why if end is not None else admissible_depth.small_strains(settings, knobs, deepest)
 
     def relaxes(self, values: Mapping[str, float], settings: Mapping[str, Any]) -> bool:
-        """Whether forces go on changing while the indenter rests: a Prony term is there."""
-        shares = (values.get(name, 0.0) for name in ("prony_g", "prony_g2", "prony_g3"))
+        """Whether forces go on changing while the indenter rests: a Prony term is there, or liquid that flows."""
+        shares = (values.get(name, 0.0) for name in ("prony_g", "prony_g2", "prony_g3", "permeability"))
         return any(shares) or bool(experiment.read_settings(settings).prony)
 
     def ordinary(self) -> Mapping[str, str]:
@@ -339,7 +341,7 @@ class FiniteElements:
 
     def first_settings(self, given: Given, depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
-        lines = new_study.geometry(given)
+        lines = new_study.geometry(given, depths)
         coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}
         return {**lines, "mesh": new_study.mesh(depths, lambda d: self.resolution(coarse, d))}
 
@@ -512,7 +514,7 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     rubbing = bool(values.get("friction") or values.get("adhesion"))
     rubbing = rubbing or settings.support.friction(values) != 0.0
     memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
-    return bool(rubbing or memory)
+    return bool(rubbing or memory or values.get("permeability"))
 
 
 def _of_revolution(settings: Settings, knobs: Knobs) -> bool:
@@ -639,6 +641,8 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
         "machine": platform.machine(),
         "reaction_Fz": result.reaction[:, 2].tolist(),
     }
+    if result.unchecked:
+        info["errors"] = result.unchecked
     return Response(
         channels=result.channels,
         units=outputs.units(settings),

@@ -61,7 +61,7 @@ LAYERS = {
     "fem_backend.kinematics": (
         "numbering voigt",
         "axisymmetric tetrahedra",
-        "bodies",
+        "bodies pore_pressure",
     ),
     "fem_backend.laws": (
         "fibre law mullins prony",
@@ -94,7 +94,7 @@ LAYERS = {
         "cohesive symmetry",
         "assembly",
         "initial_state",
-        "outputs rezoning",
+        "outputs pore_flow rezoning",
         "derivatives",
         "indentation",
         "controlled",
@@ -105,7 +105,7 @@ LAYERS = {
         "newton",
         "jumps mixed_newton modified_newton rigid_motions",
         "load_steps",
-        "history_steps",
+        "biphasic history_steps",
         "controlled_steps",
     ),
     "fem_backend.specimens": (
@@ -198,7 +198,7 @@ LAYERS = {
         "library parameters",
         "detectors",
         "evidence",
-        "diagnosis proposals wording",
+        "base_model diagnosis proposals wording",
         "next_test rerun",
         "diagnosis_results",
         "__init__",
@@ -261,7 +261,7 @@ LAYERS = {
     ),
     "rso.inference": (
         "error_surface likelihood",
-        "autocorrelated_residuals least_squares models posterior_grid tangents",
+        "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
@@ -350,6 +350,8 @@ SEAM = {
     "adapter.programmes",
     "adapter.sketch",
     "backend",
+    "export.files",
+    "export.solid_model",
     "__main__",
 }
 OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract

@@ -12,7 +12,7 @@ from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.experiment import Settings, element_size, on_axis, profile_name
+from fem_backend.simulation.experiment import SEALED, Settings, element_size, on_axis, profile_name
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
@@ -29,6 +29,7 @@ ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ betwe
 CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 COMPARED = 0.35  # of the difference to elements of twice the size, see `compared`
+LASTED = 2.0  # times as long: two moments of a rest that are neighbours
 UNKNOWN = 6.0  # power of the travel by which the difference grows beyond the end of the coarser run
 BESIDE = 1.25  # times the travel: as far a new mesh says something of the error
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
@@ -79,6 +80,9 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
     h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
     Where the mesh was made anew within a quarter of s, at least half of what the force changed by counts.
+
+    With pore flow steps are twice as long there, too, and neighbours are also near in the time since a rest began.
+    Where the indenter is sealed the edge of what drains is as wide as an element, of first order: m = 1.
     """
     assert result.coarser is not None
     travel, c = np.maximum(np.abs(result.travel), 1e-300), calibration(settings)
@@ -87,6 +91,9 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     h0 = element_size(settings, True)
     a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
     share = np.minimum(COMPARED * (1.0 + (4.0 * h0 / a) ** 2), 1.0)
+    if knobs.permeability:
+        near &= _as_long(result)
+        share = np.ones_like(share) if settings.drainage[0] == SEALED else share
     out = {}
     for name, fine in result.channels.items():
         if name in ("time", "travel"):
@@ -132,6 +139,16 @@ def attracted(result: Result) -> dict[str, np.ndarray]:
         mean = np.sqrt((same * off**2).sum(1) / np.maximum(same.sum(1), 1))
         out[name] = np.zeros_like(fine) if name in ("time", "travel") else np.maximum(off, mean)
     return out
+
+
+def _as_long(result: Result) -> np.ndarray:
+    """Whether two instants (k, k) both move, or have rested for times within a factor of `LASTED`."""
+    time, travel = result.channels["time"], result.travel
+    moves = np.concatenate([[True], np.abs(np.diff(travel)) > 1e-9 * np.abs(travel).max()])
+    began = np.maximum.accumulate(np.where(moves, np.arange(len(time)), 0))
+    since = np.where(moves, 0.0, time - time[began])
+    both = moves[:, None] == moves
+    return both & (since[:, None] <= LASTED * since) & (since <= LASTED * since[:, None])
 
 
 def mesh_factor(settings: Settings, knobs: Knobs) -> float:

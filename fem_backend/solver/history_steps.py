@@ -13,7 +13,7 @@ from fem_backend.contact.tractions import Before, Pair
 from fem_backend.materials.stress import History
 from fem_backend.solver import jumps as sudden
 from fem_backend.solver import load_steps, rigid_motions
-from fem_backend.solver.jumps import Jumps, OnBranch
+from fem_backend.solver.jumps import OnBranch, SuddenJumps
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped, Wear, Worn
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
@@ -52,7 +52,7 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
-    jumps: Jumps | None = None,
+    jumps: SuddenJumps | None = None,
     begin_at: float = 0.0,
     going_on: Reached | None = None,
     worn: Wear | None = None,
@@ -155,7 +155,7 @@ def rougher(control: Control, error: NotConverged) -> Control | None:
 
 
 def _attracted(
-    system: System, load: Load, here: Reached, jumps: Jumps, control: Control, counters: Counters
+    system: System, load: Load, here: Reached, jumps: SuddenJumps, control: Control, counters: Counters
 ) -> Reached:
     """Where a path begins beside the body: at rest under what attraction there is already."""
     if here.travel >= 0.0:
@@ -195,7 +195,7 @@ def _landed(
         return attempt(system, start, here, goal, near, control, counters, patient)
 
 
-def _lets_go(jumps: Jumps | None, here: Reached, error: NotConverged) -> bool:
+def _lets_go(jumps: SuddenJumps | None, here: Reached, error: NotConverged) -> bool:
     """Whether a step that fails may be the end of a branch of an attracted body."""
     return jumps is not None and here.branch is not None and error.cause != "time_limit"
 

@@ -10,8 +10,8 @@ from rso.calibration.plan import Plan
 from rso.contract import Response
 from rso.core.curves import CREEP, ahead, between, on_the_way_back, resting
 from rso.data import MeasuredCurve, combine
-from rso.emulation.emulator import Output
-from rso.inference import CurvePlace, Data, resample, together
+from rso.emulation.emulator import Emulator, Output
+from rso.inference import CurvePlace, Data, ModelErrors, emulated, outputs_of, resample
 from rso.study.creep import loading_of
 
 
@@ -97,31 +97,50 @@ def curve_outputs(plan: Plan) -> list[Output]:
     return [o for o in plan.outputs if (o.experiment, o.channel) in wanted]
 
 
-def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data: Data) -> np.ndarray:
-    """Estimated numerical error (n,) at the measured depths, in proportion to the size of the measured curve."""
-    response = answer[plan.case_of[place.experiment]]
-    if place.channel == CREEP:  # of a depth that is found: no share of another
-        return error_at(response, place)
-    error = error_at(response, place)
-    largest = float(np.abs(resample(response, place, "")).max())
-    return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
+def model_errors(
+    response: Response | None, place: CurvePlace, readings: np.ndarray, travel: np.ndarray, value: np.ndarray,
+    emulator: np.ndarray | None = None,
+) -> ModelErrors:  # fmt: skip
+    """What a curve predicted by the model may be off by where `readings` (n,) were taken: the same in every analysis.
+
+    The numerical error is that which a `response` near the most likely point states, in proportion to the readings,
+    unknown (0) without one; the spline is that through the predicted `value` (m,) at `travel` (m,) mm; `emulator` (n,)
+    is the standard deviation of what stands for simulations, None where nothing does.
+    """
+    off = np.zeros(len(place.depth))
+    if not place.back and not place.held.all():  # there every travel or moment that is compared is computed
+        off = np.where(place.held, 0.0, between(travel, value, place.depth))
+    spacing = float(np.median(np.diff(np.append(0.0, travel)))) if len(travel) else 0.0
+    stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
+    return ModelErrors(stated, off if off.any() else None, spacing, emulator)
 
 
-def of_interpolation(place: CurvePlace, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
-    off by; it belongs together between two of these."""
-    if place.back or place.held.all():  # every travel that is compared is computed, or many are
-        return np.zeros((len(place.depth), len(place.depth)))
-    off = np.where(place.held, 0.0, between(travel, value, place.depth))
-    spacing = float(np.median(np.diff(np.append(0.0, travel))))
-    return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
-
-
-def interpolated(response: Response, place: CurvePlace) -> np.ndarray:
-    """The same of a response."""
+def of_response(response: Response, place: CurvePlace, readings: np.ndarray) -> ModelErrors:
+    """The same of a curve that this response itself is, without an emulator."""
     curve = response.curve(place.channel)
     used = ahead(curve.travel_mm)
-    return of_interpolation(place, curve.travel_mm[used], np.asarray(curve.value)[used])
+    return model_errors(response, place, readings, curve.travel_mm[used], np.asarray(curve.value)[used])
+
+
+def of_emulator(
+    emulator: Emulator, x: np.ndarray, response: Response | None, place: CurvePlace, readings: np.ndarray
+) -> ModelErrors:
+    """The same of the curve that an emulator has at x (d,)."""
+    outputs = [o for o in outputs_of(emulator.outputs, place) if not o.since_s]
+    travel, value = (
+        np.array([o.depth_mm for o in outputs]),
+        emulator.means(outputs, x[None])[0] if outputs else np.zeros(0),
+    )
+    return model_errors(response, place, readings, travel, value, emulated(emulator, place)[1](x))
+
+
+def numerical(response: Response, place: CurvePlace, readings: np.ndarray) -> np.ndarray:
+    """Estimated numerical error (n,) at the measured depths, in proportion to the size of the `readings` (n,)."""
+    error = error_at(response, place)
+    if place.channel == CREEP:  # of a depth that is found: no share of another
+        return error
+    largest = float(np.abs(resample(response, place, "")).max())
+    return error if largest == 0.0 else error * float(np.abs(readings).max()) / largest
 
 
 def error_at(response: Response, place: CurvePlace) -> np.ndarray:
