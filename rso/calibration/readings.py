@@ -110,7 +110,7 @@ def model_errors(
     off = np.zeros(len(place.depth))
     if not place.back and not place.held.all():  # there every travel or moment that is compared is computed
         off = np.where(place.held, 0.0, between(travel, value, place.depth))
-    spacing = float(np.median(np.diff(np.append(0.0, travel)))) if len(travel) else 0.0
+    spacing = np.inf if place.held.all() else float(np.median(np.diff(np.append(0.0, travel))))
     stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
     return ModelErrors(stated, off if off.any() else None, spacing, emulator)
 
