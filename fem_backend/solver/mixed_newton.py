@@ -78,6 +78,7 @@ def solve(
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
         carried = Carried(response.carried(body, origin, u - before.u), _expected(before, at))
     fresh, age = False, 0
+    attracted = any(tractions.attracts(p) for p in system.pairs)  # equilibria may be unstable: the last tangent tells
     sizes: list[float] = []
     if time.process_time() > counters.deadline:
         raise NotConverged("time_limit", "the time of the run is used up", ())
@@ -88,12 +89,13 @@ def solve(
         found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
         lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
         lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
-        if found and frame is not None:
+        if found and frame is not None and (fresh or not attracted):
             linear = frame.exactly(carried.contact)
             moving = newton.contact_tangent(system, at, load)[1]
             return Equilibrium(at, -linear(moving), tuple(history), linear, (frame, moving))
         if not lazy:
-            frame, linearised = _factorise(system, at, load, carried, counters, before is not None)
+            strict = before is not None or (found and attracted)
+            frame, linearised = _factorise(system, at, load, carried, counters, strict)
             limit -= 1
         assert frame is not None
         fresh, age = not lazy, age + 1 if lazy else 0

@@ -22,6 +22,7 @@ FAR = 0.3  # relative residual above which the negative contact term is left out
 
 CHORD = 0.1  # of the residual may be left by a step with an old factor
 NEAR = 0.05  # relative residual below which an old factor is tried
+FLAT, STALLED = 1e-5, 3  # relative residual at which as many steps that gain nothing have met it, too
 ROUND = 1e-7  # relative residual below which a step with a new factor that gains nothing has met round-off
 Make = Callable[[np.ndarray, np.ndarray], Any]
 Known = tuple[Solve | None, np.ndarray | None]  # a factor and ∂R/∂s that went with it
@@ -341,9 +342,12 @@ def at_round_off(history: Sequence[float]) -> bool:
     """Whether a step with a new factor has gained nothing any more, after the last of the residuals `history`.
 
     Nearly incompressible bodies that are hardly touched end there: their volumetric stresses are 10³ times those under
-    the ball, and so is the round-off of their sums.
+    the ball, and so is the round-off of their sums.  So do those that are hardly touched for their size, at 1e-6 of the
+    force in a half-space pressed by a fiftieth of the radius: it shows by steps of which none gains anything.
     """
-    return len(history) > 1 and history[-1] < ROUND and history[-1] > 0.5 * history[-2]
+    if len(history) > 1 and history[-1] < ROUND and history[-1] > 0.5 * history[-2]:
+        return True
+    return len(history) > STALLED and history[-1] < FLAT and min(history[-STALLED:]) > 0.5 * history[-STALLED - 1]
 
 
 def descend(

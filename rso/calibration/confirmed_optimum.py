@@ -295,7 +295,7 @@ def fitted_curves(plan: Plan) -> list[tuple[CurvePlace, Data]]:
     for name, channel in fitted:
         curve = measured(plan, name, channel)
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
-        keep = (curve.depth > 0) & (curve.depth <= deepest * (1 + 1e-9))
+        keep = curve.compared & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         place = place_of(name, curve, keep, deepest)
         found.append((place, as_data(label, name, curve, keep)))

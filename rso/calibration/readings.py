@@ -8,7 +8,7 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import ahead, between, rests
+from rso.core.curves import ahead, between, on_the_way_back, rests
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Emulator, Output
 from rso.inference import CurvePlace, Data, ModelErrors, emulated, outputs_of, resample
@@ -31,7 +31,8 @@ def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
 @functools.lru_cache(maxsize=64)
 def _combined(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     """Asked for many times in a study."""
-    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel, hold=plan.holds.get(name))
+    noise, branch = plan.study.noise_of(name), plan.study.experiment(name).branch
+    return combine(plan.study.measurement(name), noise, channel, branch, plan.holds.get(name))
 
 
 def label(plan: Plan, name: str, channel: str) -> str:
@@ -48,19 +49,19 @@ def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
 def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
     """Where a curve was measured, from contact on."""
     curve = measured(plan, name, channel)
-    return place_of(name, curve, curve.depth > 0)
+    return place_of(name, curve, curve.compared)
 
 
 def place_of(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
     """Where the readings to `keep` (n,) of a curve were measured, none deeper than `deepest` (mm)."""
     since = None if curve.since is None else curve.since[keep]
-    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since)
+    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since, curve.back)
 
 
 def curve_data(plan: Plan, place: CurvePlace) -> Data:
     """A measured curve with what repeats and the experimenter say about its errors."""
     curve = measured(plan, place.experiment, place.channel)
-    keep = curve.depth > 0
+    keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
     return as_data(label, place.experiment, curve, keep)
@@ -104,7 +105,9 @@ def model_errors(
     unknown (0) without one; the spline is that through the predicted `value` (m,) at `travel` (m,) mm; `emulator` (n,)
     is the standard deviation of what stands for simulations, None where nothing does.
     """
-    off = np.where(place.held, 0.0, between(travel, value, place.depth))
+    off = np.zeros(len(place.depth))
+    if not place.back:  # of a way back every travel that is compared is computed, or many are
+        off = np.where(place.held, 0.0, between(travel, value, place.depth))
     spacing = float(np.median(np.diff(np.append(0.0, travel))))
     stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
     return ModelErrors(stated, off if off.any() else None, spacing, emulator)
@@ -140,6 +143,8 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     It is no share of the value: a lateral force may vanish on its way, and its error does not.
     """
     curve = response.curve(place.channel)
+    if place.back:
+        return on_the_way_back(curve.travel_mm, curve.error, place.depth)
     used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]
     found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
