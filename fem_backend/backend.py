@@ -341,7 +341,7 @@ class FiniteElements:
 
     def first_settings(self, given: Given, depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
-        lines = new_study.geometry(given)
+        lines = new_study.geometry(given, depths)
         coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}
         return {**lines, "mesh": new_study.mesh(depths, lambda d: self.resolution(coarse, d))}
 
@@ -641,6 +641,8 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
         "machine": platform.machine(),
         "reaction_Fz": result.reaction[:, 2].tolist(),
     }
+    if result.unchecked:
+        info["errors"] = result.unchecked
     return Response(
         channels=result.channels,
         units=outputs.units(settings),

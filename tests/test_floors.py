@@ -181,6 +181,7 @@ LAYERS = {
         "files",
         "holds loading_rate outliers",
         "repeats",
+        "creep",
         "__init__",
     ),
     "rso.data.files": (
@@ -334,7 +335,7 @@ LAYERS = {
         "keys loader resolve",
         "cases",
         "holds laboratory_folder",
-        "new_study",
+        "creep new_study",
     ),
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
@@ -349,6 +350,8 @@ SEAM = {
     "adapter.programmes",
     "adapter.sketch",
     "backend",
+    "export.files",
+    "export.solid_model",
     "__main__",
 }
 OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract

@@ -24,7 +24,7 @@ from fem_backend.simulation.pore_flow import pores_of
 from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, flowing, merged, one, steps, together
 from fem_backend.solver import biphasic, history_steps, load_steps, rigid_motions
-from fem_backend.solver.jumps import Jumps
+from fem_backend.solver.jumps import SuddenJumps
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
@@ -42,7 +42,8 @@ class Result:
     attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
-    `coarser` are the channels of the same run with elements of twice the size, where that was made; `on` says with what
+    `coarser` are the channels of the same run with elements of twice the size, where that was made, `unchecked` says
+    how errors are told where that ended early; `on` says with what
     each point was solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
     `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
     the share of the force that is not met there; None without any.
@@ -59,6 +60,7 @@ class Result:
     notes: Mapping[str, float] = field(default_factory=dict)
     system: System | None = field(default=None, repr=False)
     coarser: Mapping[str, np.ndarray] | None = None
+    unchecked: str = ""
     on: tuple[InitialState, ...] = field(default=(), repr=False)
     legs: tuple[tuple[float, float], ...] = ()
     given: np.ndarray | None = None
@@ -180,7 +182,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
-def jumps_of(at: InitialState) -> Jumps | None:
+def jumps_of(at: InitialState) -> SuddenJumps | None:
     """What counts as a jump of a body that is attracted; None of another.
 
     Pull and length of JKR's fold for the indenter's effective radius R, 2πwR and (w²R/E*²)^(1/3), E* = 4μ.
@@ -192,7 +194,7 @@ def jumps_of(at: InitialState) -> Jumps | None:
     stiff = 4.0 * at.system.material.shear_modulus
     pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
     length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
-    return Jumps(pull, length, SHORTEST * length)
+    return SuddenJumps(pull, length, SHORTEST * length)
 
 
 def _begin_at(instants: Sequence[Instant]) -> float:
@@ -226,7 +228,7 @@ def along(
     instants: Sequence[Instant],
     counters: Counters,
     legs: list[MeshLeg] | None = None,
-    jumps: Jumps | None = None,
+    jumps: SuddenJumps | None = None,
 ) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step.
 
@@ -336,7 +338,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     return replace(virgin, W_max=history.W_max)
 
 
-def of_jumps(at: InitialState, jumps: Jumps) -> dict[str, float]:
+def of_jumps(at: InitialState, jumps: SuddenJumps) -> dict[str, float]:
     """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way.
 
     Forces (N) are along the way of the indenter and those of the whole specimen; energies N mm.
@@ -367,7 +369,7 @@ def collect(
     cpu_s: float,
     slopes: Slopes | None = None,
     legs: Sequence[MeshLeg] = (),
-    jumps: Jumps | None = None,
+    jumps: SuddenJumps | None = None,
 ) -> Result:
     """Result from the points reached, each on the mesh of its leg."""
     on = [legs[p.leg].at if legs else at for p in points]

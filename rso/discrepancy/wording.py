@@ -15,6 +15,7 @@ HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
+TELLS = 0.01  # chance to settle the matter from which a test is worth naming
 LOUD = 1.1  # times the noise: a misfit that is said to be larger than it
 ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
 FITS = 0.3  # probability from which an effect is said to fit where it is not named
@@ -33,14 +34,18 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
-    for t in d["next_test"][:1]:
-        note = f" ({t['note']})" if t.get("note") else ""
-        share = f"it settles the matter with a probability of {100 * t['chance']:.0f} %"
-        if t["chance"] >= 0.5:
-            out.append(f"Next test: {t['test']}; {share}{note}.")
-        else:
-            out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}{note}.")
-    return out
+    return out + [next_sentence(t) for t in d["next_test"][:1]]
+
+
+def next_sentence(test: Mapping[str, Any]) -> str:
+    """What the best of the next tests promises; one with a chance below 1 % promises nothing and is not named."""
+    if test["chance"] < TELLS:
+        return "None of the tests in the list would settle it: it takes repeats, less noise or other channels."
+    note = f" ({test['note']})" if test.get("note") else ""
+    share = f"it settles the matter with a probability of {100 * test['chance']:.0f} %"
+    if test["chance"] >= 0.5:
+        return f"Next test: {test['test']}; {share}{note}."
+    return f"No test in the list is likely to settle it; the best is {test['test']}: {share}{note}."
 
 
 def _mirrored(found: Mapping[str, Any]) -> list[str]:

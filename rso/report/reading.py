@@ -201,7 +201,7 @@ def parameters(results: Results, free: bool = False) -> tuple[ParameterView, ...
 
 
 def lettered(results: Results, text: object) -> str:
-    """A sentence of the program as people write it: D1 → D₁, 1/MPa → MPa⁻¹, mu * D1 <= 3 → μ D₁ ≤ 3."""
+    """A sentence of the program as people write it: D1 → D₁, 1/MPa → MPa⁻¹, <= → ≤."""
     said = sentence(text)
     for p in parameters(results):
         said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
