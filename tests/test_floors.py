@@ -172,7 +172,7 @@ LAYERS = {
         "keys",
         "__init__",
     ),
-    "rso.core": ("curves default_backend disk distributions power_law printable similarity units",),
+    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from rso.core.correlation import exponential
 from rso.core.distributions import student
 from rso.core.power_law import LEADING
 from rso.core.units import COLUMNS
@@ -199,7 +200,7 @@ def combine(
         u = np.append(u, hold.depth + hold.speed * hold.since)
     together = 1.0 if own_length > 0 else many
     stated = np.sqrt(np.mean(power / together, axis=0))
-    along = np.exp(-np.abs(u[:, None] - u) / own_length) if own_length > 0 else np.eye(len(u))
+    along = exponential(u, own_length) if own_length > 0 else np.eye(len(u))
     r = len(y)
     deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
     own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, y.shape), axis=0))
@@ -399,7 +400,7 @@ def _parts(
     found = {n: sizes[n] * s[:, None] for n, s in (("gain", smooth), ("contact", slope)) if sizes.get(n, 0.0) > 0.0}
     if sizes.get("correlation", 0.0) > 0.0 and len(u) > 1:
         length = length or usual_errors.OVER * float(np.ptp(u))
-        found["correlation"] = sizes["correlation"] * _root(np.exp(-np.abs(u[:, None] - u) / length))
+        found["correlation"] = sizes["correlation"] * _root(exponential(u, length))
     return found
 
 
@@ -454,7 +455,7 @@ def _scatter(
     for name, shape, row in (("gain", smooth, part[0]), ("contact", slope, part[1])):
         size = math.sqrt(shown[name] / max(float(row @ row), 1e-300))
         shared |= {f"{name} of repeat {k + 1}": a * size * shape for k, a in enumerate(row) if a * size != 0.0}
-    K = np.exp(-np.abs(u[:, None] - u) / p.length)
+    K = exponential(u, p.length)
     C = np.diag(mean) + shown["correlation"] * K + sum(np.outer(s, s) for s in shared.values())
     freedom = white.freedom / share**2 if share > 0 else math.inf
     return C, freedom, shared, _parts(u, smooth, slope, rest, p.length)
