@@ -124,7 +124,7 @@ def _conditions(root: Element, model: SolidModel) -> None:
     rigid, material = SubElement(root, "Rigid"), str(len(model.materials) + 1)
     moved = np.abs(model.way) > 1e-12
     bc = SubElement(rigid, "rigid_bc", name="Guide", type="rigid_fixed")
-    dofs = [*(("R" + axis, not go) for axis, go in zip("xyz", moved, strict=True)), *((f"R{a}", True) for a in "uvw")]
+    dofs = [*zip(("Rx", "Ry", "Rz"), ~moved, strict=True), ("Ru", True), ("Rv", True), ("Rw", True)]
     _texts(bc, [("rb", material), *((f"{dof}_dof", str(int(held))) for dof, held in dofs)])
     deepest = float(model.travel.max())
     for axis in np.flatnonzero(moved):
