@@ -348,6 +348,8 @@ SEAM = {
     "adapter.new_study",
     "adapter.programmes",
     "adapter.sketch",
+    "export.files",
+    "export.solid_model",
     "backend",
     "__main__",
 }
