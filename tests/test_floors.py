@@ -35,7 +35,7 @@ LAYERS = {
         "formulas",
     ),
     "fem_backend.closed_forms": (
-        "half_space homogeneous layer",
+        "adhesion half_space homogeneous layer",
         "approximations",
         "formulas",
         "__init__",
@@ -61,7 +61,7 @@ LAYERS = {
     "fem_backend.kinematics": (
         "numbering voigt",
         "axisymmetric tetrahedra",
-        "bodies",
+        "bodies pore_pressure",
     ),
     "fem_backend.laws": (
         "fibre law mullins prony",
@@ -91,10 +91,10 @@ LAYERS = {
     ),
     "fem_backend.simulation": (
         "experiment knobs schedule",
-        "symmetry",
+        "cohesive symmetry",
         "assembly",
         "initial_state",
-        "outputs rezoning",
+        "outputs pore_flow rezoning",
         "derivatives",
         "indentation",
         "controlled",
@@ -103,9 +103,9 @@ LAYERS = {
         "direct",
         "condensation krylov",
         "newton",
-        "mixed_newton modified_newton rigid_motions",
+        "jumps mixed_newton modified_newton rigid_motions",
         "load_steps",
-        "history_steps",
+        "biphasic history_steps",
         "controlled_steps",
     ),
     "fem_backend.specimens": (
@@ -197,7 +197,7 @@ LAYERS = {
         "library parameters",
         "detectors",
         "evidence",
-        "diagnosis proposals wording",
+        "base_model diagnosis proposals wording",
         "next_test rerun",
         "diagnosis_results",
         "__init__",
@@ -260,7 +260,7 @@ LAYERS = {
     ),
     "rso.inference": (
         "error_surface likelihood",
-        "autocorrelated_residuals least_squares models posterior_grid tangents",
+        "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
@@ -300,8 +300,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms derived displacements gap gauss_newton hold_panels influence maps",
-        "identification range_extension",
+        "background closed_forms derived displacements drawn_runs gap gauss_newton hold_panels influence",
+        "identification maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -351,6 +351,8 @@ SEAM = {
     "export.files",
     "export.solid_model",
     "backend",
+    "export.files",
+    "export.solid_model",
     "__main__",
 }
 OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract

@@ -24,6 +24,8 @@ class Programme:
     contact at 0 s.  Channels are returned at each passage of an asked travel or force and at each asked moment (a
     hold), in order of time; segments have asked moments of their own, since each began.  A moment of `asked_s` counts
     from the programme's start and needs segments whose durations are known before they are run.
+    Travel counts from the first contact with the undeformed specimen; it is negative where the indenter is above that:
+    before a contact, and where it draws the specimen up behind it.
     """
 
     time_s: tuple[float, ...] = ()
@@ -102,9 +104,11 @@ class Programme:
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
         if u.max() <= 0:
             raise ValueError(f"programme: travel_mm must go down, which counts as positive, got {list(self.travel_mm)}")
-        least = 0 if self.asked_s or self.asked_N else 1
-        if len(a) < least or np.any(np.diff(a) <= 0) or (len(a) and (a[0] <= 0 or a[-1] > u.max() + 1e-12)):
-            raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
+        least, low, high = 0 if self.asked_s or self.asked_N else 1, min(float(u.min()), 0.0), float(u.max())
+        above = len(a) == 0 or (a[0] >= low - 1e-12 if low < 0.0 else a[0] > 0.0)
+        if len(a) < least or not above or np.any(np.diff(a) <= 0) or (len(a) and a[-1] > high + 1e-12):
+            within = f"{'[' if low < 0.0 else '('}{low:g}, {high:g}] mm"
+            raise ValueError(f"programme: asked_mm must increase within {within}, got {list(self.asked_mm)}")
         m = np.asarray(self.asked_s)
         outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
         if np.any(np.diff(m) <= 0) or outside:

@@ -150,6 +150,8 @@ class ExperimentTable(StudyFileTable):
     """Forces against depth, or displacements of marks on the surface, which are not fitted by `rso run`."""
     channels: Channels = ()
     """Those compared with the model; by default Fz, or uz for a profile."""
+    branch: Literal["loading", "unloading"] = "loading"
+    """The way there or the way back, which tells what sticks: down to the strongest pull, also above contact."""
     settings: Settings = Field(default_factory=dict)
     """What the backend is told of this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
