@@ -348,8 +348,6 @@ SEAM = {
     "adapter.new_study",
     "adapter.programmes",
     "adapter.sketch",
-    "export.files",
-    "export.solid_model",
     "backend",
     "export.files",
     "export.solid_model",
