@@ -16,15 +16,14 @@ HALVINGS = 2.0**-10  # of such a step: the smallest
 PENALTY = 10.0  # of FEBio's automatic one
 TOUCHED = 0.01  # augmentations end where multipliers change by less
 LOG = "reaction.txt"
-RIGID = 1000  # id of the indenter's material, behind all others
 
 
 def febio_deck(model: SolidModel, remarks: Sequence[str]) -> str:
-    """The whole file; its log `reaction.txt` holds Rx;Ry;Rz (N) of the nodes that are held, at every step.
+    """The whole file; its log `reaction.txt` holds z (mm) and Fx;Fy;Fz (N) of the rigid indenter at every step.
 
     Elements tet10, the indenter rigid tri3 and quad4 shells, sliding-elastic contact (augmented Lagrange) with
-    Coulomb's friction, a load curve of travel over time whose must points are the asked moments.  Fz of the specimen on
-    the indenter is minus the sum of Rz over the held nodes, times :attr:`SolidModel.share`.
+    Coulomb's friction, a load curve of travel over time whose must points are the asked moments.  The size of Fz times
+    :attr:`SolidModel.share` is the force that the specimen puts on the indenter.
 
     Source: FEBio 4 source (FEBioXML/*Section4.cpp, FEBioMech/RigidBC.cpp, FESlidingElasticInterface.cpp).
     """
@@ -58,7 +57,9 @@ def febio_deck(model: SolidModel, remarks: Sequence[str]) -> str:
     for name in ("displacement", "stress", "contact pressure"):
         SubElement(plot, "var", type=name)
     log = SubElement(output, "logfile")
-    SubElement(log, "node_data", data="Rx;Ry;Rz", delim=",", file=LOG, node_set="Held")
+    # FEBio keeps no reactions of nodes that are fixed, only of rigid bodies
+    record = SubElement(log, "rigid_body_data", data="z;Fx;Fy;Fz", delim=",", file=LOG)
+    record.text = str(len(model.materials) + 1)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -95,7 +96,6 @@ def _mesh(root: Element, model: SolidModel) -> None:
         start += len(faces)
     for k, (_, held) in enumerate(sets_of(model.fixed).items(), 1):
         SubElement(mesh, "NodeSet", name=f"Fixed{k}").text = _ids(held)
-    SubElement(mesh, "NodeSet", name="Held").text = _ids(np.flatnonzero(model.fixed[:, 2]))
     surface = SubElement(mesh, "Surface", name="Top")
     for k, facet in enumerate(model.touching, 1):
         SubElement(surface, "tri6", id=str(k)).text = _ids(facet)
@@ -124,7 +124,7 @@ def _conditions(root: Element, model: SolidModel) -> None:
     rigid, material = SubElement(root, "Rigid"), str(len(model.materials) + 1)
     moved = np.abs(model.way) > 1e-12
     bc = SubElement(rigid, "rigid_bc", name="Guide", type="rigid_fixed")
-    dofs = [*(("R" + axis, not go) for axis, go in zip("xyz", moved, strict=True)), *((f"R{a}", True) for a in "uvw")]
+    dofs = [*zip(("Rx", "Ry", "Rz"), ~moved, strict=True), ("Ru", True), ("Rv", True), ("Rw", True)]
     _texts(bc, [("rb", material), *((f"{dof}_dof", str(int(held))) for dof, held in dofs)])
     deepest = float(model.travel.max())
     for axis in np.flatnonzero(moved):

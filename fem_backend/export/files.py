@@ -37,8 +37,10 @@ def exported(
     model = solid_model(settings, knobs, (np.array(programme.time_s), np.array(programme.travel_mm)), asked, mesh)
     said = [*remarks, *about(model)]
     if kind == "febio":
-        return {"indentation.feb": febio_deck(model, [*said, f"reactions of the held nodes (N) go to {LOG}"])}
-    return {"indentation.inp": abaqus_deck(model, said)}
+        where = f"{LOG} holds Fz (N) of the rigid indenter; its size is the force on it"
+        return {"indentation.feb": febio_deck(model, [*said, where])}
+    where = "Fz on the indenter is minus the third total force of the set TOOL"
+    return {"indentation.inp": abaqus_deck(model, [*said, where])}
 
 
 def about(model: SolidModel) -> list[str]:
@@ -48,7 +50,6 @@ def about(model: SolidModel) -> list[str]:
     return [
         "units N, mm, MPa, s; z points up",
         f"{part} of the model: multiply forces by {model.share}",
-        "Fz on the indenter = minus the total reaction in z of the nodes named below",
         f"the indenter is meshed: its flat pieces lie inside by up to {gap:.2g} % of the distance from its axis",
         "contact is a penalty or an augmented Lagrangian of the program; the mesh is the study's in three dimensions",
     ]

@@ -33,6 +33,13 @@ def formats(plan: Plan) -> dict[str, str]:
     return {**({} if own is None else own.exports()), **TABLES}
 
 
+def check_formats(plan: Plan, names: Sequence[str]) -> None:
+    """ValueError for the first name that is no format."""
+    known = sorted(formats(plan))
+    if wrong := [n for n in names if n not in known]:
+        raise ValueError(f"format {wrong[0]!r}: {choose(wrong[0], known)}")
+
+
 def export(
     plan: Plan,
     result: RunResult,
@@ -48,9 +55,7 @@ def export(
     of the main search), and for an `experiment`, by default the first that is fitted.  Raises ValueError for unknown
     names, for values that the results do not hold, and for what a format cannot say.
     """
-    known = formats(plan)
-    if wrong := [n for n in names if n not in known]:
-        raise ValueError(f"format {wrong[0]!r}: {choose(wrong[0], known)}")
+    check_formats(plan, names)
     files: dict[str, bytes | str] = {}
     for name in names:
         if name == "csv":

@@ -29,11 +29,10 @@ def read_runs(path: Path) -> pd.DataFrame:
 def rows_of(plan: Plan, table: pd.DataFrame) -> list[Done]:
     """A stored run for each case of the study and each set of values in a table.
 
-    A row is a point of a curve: a column for each open parameter (its name, in the unit of the backend, or with its
-    own in brackets), ``travel`` (mm), the channels (``Fz`` in N, or ``Fz [mN]``), and ``experiment`` where the study
-    has several.  Values at the asked travels are a monotone cubic between rows, and its difference from a straight
-    line is their stated error.  Raises ValueError naming column, row or value for what is missing or does not reach
-    the asked travels.
+    A row is a point of a curve: a column for each open parameter (``k`` in the unit of the backend, or ``k [N/m]``),
+    ``travel`` (mm), the channels (``Fz`` in N, or ``Fz [mN]``), and ``experiment`` where the study has several.  Values
+    at the asked travels are a monotone cubic between rows, and its difference from a straight line is their stated
+    error.  Raises ValueError naming column, row or value for what is missing or does not reach the asked travels.
     """
     columns = _in_units(plan, table)
     open_ = list(plan.box.names)
@@ -90,6 +89,8 @@ def _factor(header: str, unit: str) -> float:
 def _stored(plan: Plan, values: Mapping[str, float], case: Case, curve: pd.DataFrame) -> Done:
     """The simulation that stands for one curve."""
     given, canonical = plan.backend.canonical(values, case)
+    if plan.backend.recipes(given, canonical):
+        raise ValueError(f"{plan.backend.name} makes meshes of its own: runs of others cannot stand for its runs")
     time, travel = canonical.programme.passages()
     shown = ", ".join(f"{k} = {v:g}" for k, v in values.items())
     s = curve["travel"].to_numpy(float)

@@ -17,7 +17,7 @@ import pandas as pd
 
 from rso import evaluation
 from rso.api.executors import Collecting, InProcess, RunsWanted
-from rso.api.exporting import export
+from rso.api.exporting import check_formats, export
 from rso.api.importing import read_runs, rows_of
 from rso.api.run_result import RunResult
 from rso.calibration.pipeline import run_study
@@ -103,6 +103,7 @@ class Workspace:
         those of a `candidate` (from 1), and for an `experiment`.  Raises ValueError naming the choices, and for what a
         format cannot say; FileNotFoundError before the study has been run.
         """
+        check_formats(self.plan, formats)
         return export(self.plan, self.result, Path(folder), formats, candidate=candidate, experiment=experiment)
 
     def ask(self, n: int | None = None) -> list[AskedRun]:
