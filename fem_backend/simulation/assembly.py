@@ -192,7 +192,8 @@ def build(
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
-    quadratic = specimen.quadratic(mesh, settings.recipe, settings.point, planes)
+    deep = settings.indenter.length if settings.large_strain and gathers(settings.indenter) else 0.0
+    quadratic = specimen.quadratic(mesh, settings.recipe, settings.point, planes, deep)
     X = quadratic.doflocs.T
     facets = quadratic_facets(quadratic, quadratic.boundary_facets())
     for axis in (0, 1):
@@ -204,12 +205,18 @@ def build(
             held[:, axis] = X[:, axis] == 0.0
     carried = settings.support.held(specimen, X, np.unique(facets))
     held |= carried
-    discrete = tetrahedra.discretise(quadratic, held, symmetric)
+    discrete = tetrahedra.discretise(quadratic, held, symmetric, settings.large_strain)
     rolls = settings.support.loose and not all(planes)
     factor = krylov.KrylovSolver(discrete.pattern, settings.solver).factor if rolls else None
     factor = factor or direct.solver(discrete.pattern, settings.solver)
     condenser = condensation.condenser(discrete.pattern, settings.solver)
     return AssembledModel(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
+
+
+def gathers(indenter: Indenter) -> bool:
+    """Whether contact grows from the axis of an indenter: the finest elements are wanted there, coarser ones beside."""
+    size = indenter.spacing(indenter.length * np.linspace(0.0, 2.0, 201))
+    return bool(size[0] < size[-1] and size[0] <= size.min())
 
 
 def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
@@ -251,6 +258,7 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         control=Control(),
         solver=settings.solver,
         fineness=settings.fineness,
+        large_strain=settings.large_strain and not placement.meridian,
     )
     try:
         if placement.meridian:

@@ -10,7 +10,7 @@ import functools
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -28,7 +28,10 @@ from fem_backend.supports import SUPPORTS, Support
 
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
-MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
+OF_THE_MESH = {"follows": 1, "large_strain": 1}
+MARKS = {**OF_THE_MESH, **SUPPORTS.marks, **SPECIMENS.marks}
+LARGE = 2.0  # lengths of the indenter: travel from which large strains need another element and mesh
+THROUGH = 0.6  # of the thickness: the same of thin specimens
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
@@ -43,7 +46,8 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian.
+    `fineness` multiplies all element sizes of a meridian; `large_strain` says that mesh and element in space are those of
+    deep indentations, see `for_travel`.
     """
 
     specimen: Specimen
@@ -66,6 +70,7 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    large_strain: bool = False
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -124,7 +129,7 @@ class MeshTable(members.MemberTable):
         """The table without the backend's mark; a key of the other mesher would be ignored."""
         if not isinstance(value, Mapping):
             raise refused(f": a table with the keys {', '.join(cls.model_fields)} is expected")
-        known = {"follows": MARKS["follows"]}
+        known = {name: MARKS[name] for name in OF_THE_MESH}
         value = {k: v for k, v in value.items() if not members.marked(k, v, known)}
         mesher = value.get("mesher", "tetwild")
         for other, keys in OF_A_MESHER.items() if isinstance(mesher, str) and mesher in OF_A_MESHER else ():
@@ -264,6 +269,17 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.multipliers,
         meshed.fineness,
     )
+
+
+def for_travel(settings: Settings, deepest: float) -> Settings:
+    """The settings for travels to `deepest` (mm): beyond 2 lengths or 0.6 of the thickness those of large strain.
+
+    Not of the level limit, whose extrapolation is that of one family of meshes.
+    """
+    down = np.array([0.0, 0.0, -1.0])
+    way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else down
+    least = min(LARGE * settings.indenter.length, THROUGH * settings.specimen.thickness_along(way))
+    return replace(settings, large_strain=deepest > least and settings.level != LIMIT)
 
 
 def on_axis(settings: Settings) -> bool:

@@ -165,7 +165,9 @@ class Cylinder(FlatTopped):
         """The map to a disc makes one face of the sides, and the rounded edge of side and top."""
         return "all" if self.fillet else "upright"
 
-    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+    def quadratic(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
+    ) -> MeshTet2:
         """The grid of a recipe on a disc, turned so that the point lies on one of its axes; raises BadMesh.
 
         The rounded edge has the curvature of quadratic elements, one of them across it at least.
@@ -173,7 +175,7 @@ class Cylinder(FlatTopped):
         turn = 0.0 if any(planes) else math.atan2(point[1], point[0])
         at = point if any(planes) else (math.hypot(*point), 0.0)
         beyond = (self.radius - self.fillet) * (1.0 - ON)
-        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond)
+        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond, deep)
         if turn == 0.0:
             return made
         c, s = math.cos(turn), math.sin(turn)

@@ -124,7 +124,7 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         made = (
             "reference" if level == meshing.LIMIT else level
         )  # its forces are extrapolated from that and a coarse one
-        h0 = meshing.LEVELS[made].h0 * (length / meshing.RADIUS)
+        h0 = meshing.SIZINGS[made].h0 * (length / meshing.RADIUS)
         used = (("mesher", mesher), ("level", level))
         if meshing.template_fits(self, length):
             return Meshing(meshing.template_recipe(made, self), used, h0, level)
@@ -133,13 +133,16 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         # similar specimens share one mesh, made for the size that levels are tuned for: the mesher knows millimetres
         axes = self.semi_axes * (meshing.RADIUS / length)
         similar = geometry.EllipsoidShape(*(float(f"{v:.12g}") for v in axes))
-        sizing = replace(meshing.LEVELS[made], hmax=1.15 * similar.smallest)
+        sizing = replace(meshing.SIZINGS[made], hmax=1.15 * similar.smallest)
         return Meshing(meshing.tetwild_recipe(similar, sizing), used, h0, level)
 
-    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+    def quadratic(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
+    ) -> MeshTet2:
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
-        return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
+        own = meshing.nominal(recipe)
+        return meshing.assemble(mesh, own, self, point, planes, upright, deep=deep * own.c / self.c)
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

@@ -172,7 +172,9 @@ class Specimen(Protocol):
     def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
         """How it is meshed for an indenter of a `length`."""
 
-    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+    def quadratic(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
+    ) -> MeshTet2:
         """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
 
     def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
