@@ -1,13 +1,13 @@
 """Deep indentation in three dimensions: force, stated and true error by depth, and what element and mesh do for them.
 
     python benchmarks/deep_three_dimensions.py [--bodies sphere kidney slab] [--levels coarse standard]
-        [--elements] [--thesis] [--out FILE]
+        [--supports held bowl] [--sets 1 3 4] [--elements] [--out FILE]
 
-A ball of 3 mm presses a sphere of 35 mm and a slab of two radii, modelled in space, to 2.7 and 1.6 R.  Their true forces
-are those of the meridian (`fine`): other elements, kinematics, contact and solution, itself within 0.1 % of an
-independent program of degree 4.  The ellipsoid of 60 x 35 x 35 mm is compared with its level `reference`, or `fine` in a bowl.
-With --elements the levels are run with both elements, on both meshes, whatever the depth; with --thesis the table of
-8 mm of the thesis is printed.  The file keeps runs: a second call only prints.
+A ball of 3 mm presses a sphere of 35 mm and a slab of two radii, modelled in space, to 2.7 and 1.6 R.  Their true
+forces are those of the meridian (`fine`): other elements, kinematics, contact and solution, itself within 0.1 % of an
+independent program of degree 4.  Others are compared with the level `fine`.
+With --elements the levels are run with both elements, on both meshes, at every depth.  The file keeps runs: a second
+call only prints.
 """
 
 from __future__ import annotations
@@ -56,10 +56,21 @@ OF_REVOLUTION = {
     "slab": BODIES["slab"],
 }
 UNSEEN = {"slab": {"fibre": 1e-9}}  # too little to change a force, enough to end the symmetry of revolution
-DEPTHS = {"sphere": (1, 2, 3, 4, 5, 6, 7, 7.5, 8), "kidney": (1, 2, 3, 4, 5, 6, 7, 7.5, 8), "kidney beside": (2, 4, 6, 7, 8)}
-DEPTHS |= {"slab": (1.2, 2.4, 3.0, 3.6, 4.2, 4.5, 4.8), "puck beside": (2, 4, 6, 6.6, 7.2), "block beside": (2, 4, 5, 5.6, 6.4)}
+DEPTHS: dict[str, tuple[float, ...]] = {
+    "sphere": (1, 2, 3, 4, 5, 6, 7, 7.5, 8),
+    "kidney": (1, 2, 3, 4, 5, 6, 7, 7.5, 8),
+    "kidney beside": (2, 4, 6, 7, 8),
+    "slab": (1.2, 2.4, 3.0, 3.6, 4.2, 4.5, 4.8),
+    "puck beside": (2, 4, 6, 6.6, 7.2),
+    "block beside": (2, 4, 5, 5.6, 6.4),
+}
 BOWL = {"kind": "bowl", "clearance": 1.0, "friction": 0.0}
-ELEMENTS = {"points": (False, False), "mean": (True, False), "points, gathered": (False, True), "mean, gathered": (True, True)}
+ELEMENTS = {  # whether elements take the mean of their volume change, whether the mesh is gathered
+    "points": (False, False),
+    "mean": (True, False),
+    "points, gathered": (False, True),
+    "mean, gathered": (True, True),
+}
 
 
 def run(body: str, support: str, level: str, key: str, meridian: bool = False, element: str = "") -> dict[str, Any]:
@@ -122,29 +133,31 @@ def true(runs: Runs, body: str, support: str, key: str) -> dict[str, Any]:
     """The run that others are compared with."""
     if body in OF_REVOLUTION and support == "held":
         return runs(body, support, "fine", key, meridian=True)
-    return runs(body, support, "reference" if body == "kidney" and support == "held" else "fine", key)
+    return runs(body, support, "fine", key)
 
 
-def table(runs: Runs, bodies: list[str], levels: list[str], supports: list[str], keys: list[str], elements: list[str]) -> None:
+def table(runs: Runs, o: argparse.Namespace) -> None:
     """A row per run: error in per cent at each depth, and what is stated in brackets."""
     ratio: list[float] = []
-    for body in bodies:
-        for support in supports if body in ("sphere", "kidney") else ["held"]:
-            for key in keys:
+    elements = list(ELEMENTS) if o.elements else [""]
+    for body in o.bodies:
+        for support in o.supports if body in ("sphere", "kidney") else ["held"]:
+            for key in o.sets:
                 fine = true(runs, body, support, key)
                 at = dict(zip(fine["travel"], fine["channels"]["Fz"], strict=True))
                 print(f"\n{body}, {support}, set {key}: Fz N " + ", ".join(f"{s:g}: {F:.4f}" for s, F in at.items()))
-                for level in levels:
+                for level in o.levels:
                     for element in elements:
                         one = runs(body, support, level, key, element=element)
                         row = zip(one["travel"], one["channels"]["Fz"], one["stated"]["Fz"], strict=True)
                         row = [(s, 100 * (F / at[s] - 1), 100 * e / F) for s, F, e in row if s in at]
                         words = "  ".join(f"{s:g}: {a:+.2f} ({e:.2f})" for s, a, e in row)
                         name = f"{level} {element}".strip()
-                        print(f"  {name}, {one['nodes']} nodes, {one['cpu']:.0f} s: {words} {one['stop'][:60]}", flush=True)
+                        print(f"  {name}, {one['nodes']} nodes, {one['cpu']:.0f} s: {words} {one['stop'][:60]}")
                         ratio += [] if element else [e / max(abs(a), 1e-9) for _, a, e in row]
     if ratio:
-        print(f"\n{len(ratio)} points: {100 * np.mean(np.array(ratio) >= 1):.0f} % covered, stated over true {np.median(ratio):.1f} in the median")
+        covered = 100 * np.mean(np.array(ratio) >= 1)
+        print(f"\n{len(ratio)} points: {covered:.0f} % covered, stated over true {np.median(ratio):.1f} in the median")
 
 
 def main() -> None:
@@ -157,7 +170,7 @@ def main() -> None:
     parser.add_argument("--elements", action="store_true")
     parser.add_argument("--out", type=Path)
     o = parser.parse_args()
-    table(Runs(o.out), o.bodies, o.levels, o.supports, o.sets, list(ELEMENTS) if o.elements else [""])
+    table(Runs(o.out), o)
 
 
 if __name__ == "__main__":

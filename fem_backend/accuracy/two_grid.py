@@ -163,7 +163,7 @@ def _twice(settings: Settings) -> Settings:
 
 
 def rougher(settings: Settings) -> Settings:
-    """The settings with a mesh in space of a third of the nodes or so: a level below, or a mapped mesh of two thirds n."""
+    """The settings with a third to two thirds of the nodes in space: a level below, or a mapped mesh of ⅔ n."""
     mesh, length = dict(settings.mesh), settings.indenter.length
     if settings.level not in ROUGHER:
         n = max(4, 2 * mesh["n"] // 3)

@@ -174,8 +174,8 @@ def _stiffness(G, w, F, S, C, place, nnz):  # type: ignore[no-untyped-def]
 def volume(body: Body, H: np.ndarray, K: float, scale: np.ndarray | None, small: bool) -> Volume:
     """Pressure and energy of the mean volume change v̄ of each element, K/2 ∫ s v̄² dV; K in MPa.
 
-    v = J − 1, or tr H where strains are `small`; `scale` s (m, q) multiplies K.  The mean dilatation of Nagtegaal, Parks
-    and Rice (1974); with quadratic tetrahedra it satisfies the inf-sup condition (Boffi, Brezzi and Fortin 2013, §8.6).
+    v = J − 1, or tr H where strains are `small`; `scale` s (m, q) multiplies K.  The mean dilatation of Nagtegaal,
+    Parks and Rice (1974); quadratic tetrahedra with one pressure each satisfy the inf-sup condition.
     """
     H = H if H.flags.c_contiguous else np.ascontiguousarray(H)
     return Volume(*_volume(body.w, H, K, np.ones((1, 1)) if scale is None else scale, small))
@@ -256,9 +256,7 @@ def _volume_stiffness(G, w, F, K, s, place, data):  # type: ignore[no-untyped-de
                     c[i, a] = f[j, b] * f[k, d] - f[j, d] * f[k, b]
             for a in range(10):
                 for i in range(3):
-                    V[3 * a + i] += wq * (
-                        c[i, 0] * G[e, q, a, 0] + c[i, 1] * G[e, q, a, 1] + c[i, 2] * G[e, q, a, 2]
-                    )
+                    V[3 * a + i] += wq * (c[i, 0] * G[e, q, a, 0] + c[i, 1] * G[e, q, a, 1] + c[i, 2] * G[e, q, a, 2])
             whole += wq
             factor += wq * (K if one else K * s[e, q])
         factor /= whole * whole

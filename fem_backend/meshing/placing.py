@@ -38,9 +38,9 @@ def assemble(
 
     `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
     whole body.  Nodes of the quarter come first, then their mirror images.  `upright` elements stay so under the point
-    (see `moved`), whatever the shape of the body; without it they lean by its flatness.  `deep` is the length (mm) of an
-    indenter that goes deep, for which nodes are gathered (see `prestretched`).  Raises ValueError when a point
-    is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt, a
+    (see `moved`), whatever the shape of the body; without it they lean by its flatness.  `deep` is the length (mm) of
+    an indenter that goes deep, for which nodes are gathered (see `prestretched`).  Raises ValueError when a point is
+    off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt, a
     scaled Jacobian below `least`.
     """
     for axis in (0, 1):

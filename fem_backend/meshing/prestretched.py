@@ -21,7 +21,7 @@ def lowered(depth: np.ndarray, rest: np.ndarray, r: np.ndarray, room: np.ndarray
 
         d ↦ d (1 + (q − 1) w e^{−r²/4L²} (e^{−d/2L} − e^{−D/2L})/(1 − e^{−D/2L})),   0 ≤ d ≤ D
 
-    q = 2, L the `length`; D = `rest` is how deep a plane lies that stays, and w = `room` falls to 0 where nothing moves.
+    q = 2, L the `length`; D = `rest` is how deep a plane lies that stays; w = `room` falls to 0 where nothing moves.
     One-to-one, as its slope is at least 1 − (q − 1) w (D/2L)/(e^{D/2L} − 1).
     """
     end = np.exp(-rest / (BELOW * length))
@@ -70,5 +70,5 @@ def in_box(
     room = share[:, 0] ** 2 * share[:, 1] ** 2 / ((1.0 - (np.array(at) / inner) ** 2) ** 2).prod()
     factor = gathered(top - points[:, 2], np.hypot(*off.T), np.minimum(room, 1.0), length)
     out = points.copy()
-    out[:, :2] = at + off * factor[:, None]
+    out[:, :2] += off * (factor - 1.0)[:, None]
     return out

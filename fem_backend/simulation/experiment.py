@@ -46,8 +46,8 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian; `large_strain` says that mesh and element in space are those of
-    deep indentations, see `for_travel`.
+    `fineness` multiplies all element sizes of a meridian; `large_strain` says that mesh and element in space are
+    those of deep indentations, see `for_travel`.
     """
 
     specimen: Specimen

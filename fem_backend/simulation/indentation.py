@@ -35,8 +35,8 @@ class Result:
     attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
-    `coarser` are the channels of the same run on a coarser mesh, where that was made, `finer` how many times as many nodes
-    this one has.
+    `coarser` are the channels of the same run on a coarser mesh, where that was made, `finer` how many times as many
+    nodes this one has.
     """
 
     channels: Mapping[str, np.ndarray]
