@@ -19,6 +19,7 @@ from fem_backend import output
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import experiment
 from rso.contract import CAUSES, Case, SimulationFailed
+from rso.contract.segments import CONTROLS
 
 
 def schema() -> dict[str, Any]:
@@ -28,6 +29,7 @@ def schema() -> dict[str, Any]:
         "numerics": BACKEND.numerics,
         "parameters": [dataclasses.asdict(p) for p in BACKEND.parameters],
         "channels": dict(BACKEND.channels),
+        "controls_force": True,
         "request": {
             "values": {"mu": 0.01, "D1": 5.8},
             "case": {
@@ -40,6 +42,24 @@ def schema() -> dict[str, Any]:
                 },
                 "settings": experiment.choices(),
             },
+        },
+        "programme": {
+            "by waypoints": "time_s, travel_mm; asked_mm, asked_s, asked_N",
+            "by segments": {
+                "segments": [
+                    {"control": "travel", "rate": 0.5, "to_N": 0.01},
+                    {"control": "force", "rate": 0.02, "to_N": 0.1},
+                    {"control": "force", "hold_s": 60, "asked_s": [1, 10, 60]},
+                    {"control": "travel", "rate": 0.5, "to_mm": 0},
+                ],
+                "asked_mm": [],
+                "asked_N": [0.05, 0.1],
+                "asked_s": [],
+            },
+            "control": f"{' | '.join(f'{k} ({unit})' for k, unit in CONTROLS.items())}",
+            "rate": "of what is controlled, per s, positive",
+            "to_mm | to_N | hold_s": "where a segment ends, or how long it rests; one of control = force ends at to_N",
+            "asked_s of a segment": "moments since it began; asked_s of a programme count from its start",
         },
         "response": {
             "status": "done | failed",

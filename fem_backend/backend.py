@@ -15,26 +15,28 @@ from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
+from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation import derivatives, experiment, indentation, outputs
+from fem_backend.simulation import controlled, derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
-from fem_backend.solver.load_steps import Instant, Stopped
+from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
 from fem_backend.solver.newton import System
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DerivedQuantity,
     FormulaCurve,
     Given,
     Line,
@@ -74,6 +76,10 @@ class Solved:
         """What was solved."""
         assert self.result.system is not None  # of a run that was solved here
         return self.result.system
+
+    def on(self, point: LoadPoint) -> InitialState:
+        """What a point was solved with: its mesh may have been made anew on the way."""
+        return next(on for p, on in zip(self.result.points, self.result.on, strict=True) if p is point)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +129,10 @@ class FiniteElements:
     def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
         return priors.marks(experiment.read_settings(settings))
+
+    def derived(self, settings: Mapping[str, Any], given: Collection[str]) -> Sequence[DerivedQuantity]:
+        """E, ν, K and long-term moduli; see :mod:`fem_backend.adapter.derived`."""
+        return derived.derived(given)
 
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
@@ -175,8 +185,11 @@ class FiniteElements:
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
         settings = experiment.read_settings(case.settings)
-        way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else DOWN
-        through = settings.specimen.thickness_along(way)
+        through = _through(settings)
+        if programmes.controlled(case.programme):
+            programmes.check(case.programme, settings, through)
+        if case.programme.segments:
+            return
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
@@ -191,12 +204,13 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
+        absent_here = settings.specimen.absent() | settings.support.absent(settings.specimen)
         for kind, present in (
             (SPECIMENS, settings.specimen),
             (INDENTERS, settings.indenter),
             (SUPPORTS, settings.support),
         ):
-            absent = kind.of_others(present.name) | settings.specimen.absent()
+            absent = kind.of_others(present.name) | absent_here
             kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
@@ -209,21 +223,24 @@ class FiniteElements:
             plain["direction"] = "vertical"
         if "mullins" not in kept:
             plain["earlier"] = 0.0
-        programme = case.programme
+        programme, by_force = case.programme, programmes.controlled(case.programme)
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
         if any(kept.get(name) for name in MISALIGNED):
             plain["mesh"]["follows"] = experiment.MARKS["follows"]
         if _read(case).large_strain and not _placed(settings, kept, lambda at: at.meridian):
             plain["mesh"]["large_strain"] = experiment.MARKS["large_strain"]
-        some = settings.multipliers and not path_dependent(settings, kept) and not kept.get("weight")
+        if by_force:  # contact is exact there, and no derivative is made
+            plain.pop("multipliers", None)
+            plain["derivatives"] = False
+        some = not by_force and settings.multipliers and not path_dependent(settings, kept) and not kept.get("weight")
         if some and not settings.derivatives:
             plain["derivatives"] = False
-        if programme.time_s[0] != 0.0:  # one test has one key, whenever it began
+        if programme.time_s and programme.time_s[0] != 0.0:  # one test has one key, whenever it began
             programme = _from_zero(programme)
-        if revision := mended(settings, kept, programme):
+        if not by_force and (revision := mended(settings, kept, programme)):
             plain["specimen"]["mended"] = revision
-        if not path_dependent(settings, kept):
+        if not by_force and not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
@@ -232,7 +249,7 @@ class FiniteElements:
         """Why a simulation with these values has no answer to its depth; None where nothing speaks against it."""
         settings = experiment.read_settings(case.settings)
         try:
-            knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm)
+            knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
             modelling.admit(settings, knobs, modelling.place(settings, knobs))
             end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
@@ -313,7 +330,8 @@ class FiniteElements:
             found = literature.shear_modulus(own, u, F)
             return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
 
-        return new_study.parameters(depth, force, layer, self._jkr(settings), name)
+        walled = literature.wall_nearby(own) is not None
+        return new_study.parameters(depth, force, layer, self._jkr(settings), name, walled)
 
     def _jkr(self, settings: Mapping[str, Any]) -> new_study.Limit:
         return lambda u, F: self.jkr(settings, u, F)
@@ -327,7 +345,8 @@ class FiniteElements:
         out = {"mesh": settings.recipe}
         # an anchor's state lies beside a ball that is off its nominal place: it would cost more than it saves
         moved = any(getattr(knobs, name) for name in MISALIGNED)
-        if not moved and not path_dependent(settings, dataclasses.asdict(knobs)):
+        by_force = programmes.controlled(case.programme)
+        if not moved and not by_force and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
                 out["anchor"] = warm_starts.recipe(settings, knobs, case.programme.asked_mm)
             except NotModelled:
@@ -355,6 +374,8 @@ class FiniteElements:
         settings = _read(case)
         knobs = self.knobs(values, settings)
         path, anchor = case.artefact("mesh"), case.artefact("anchor")
+        if programmes.controlled(case.programme):
+            return self._by_force(case, settings, knobs, None if path is None else str(path))
         try:
             placement = modelling.place(settings, knobs)
             settings = dataclasses.replace(settings, large_strain=settings.large_strain and not placement.meridian)
@@ -374,8 +395,8 @@ class FiniteElements:
             how = two_grid.checked if placement.meridian or settings.large_strain else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
-            if indentation.unstable(result) is not None:
-                failed = _inadmissible(result, model, settings, knobs)
+            if (lost := indentation.doubtful(result)) is not None:
+                failed = _ended(lost, result, model, settings, knobs)
             elif end is not None:
                 failed = SimulationFailed("inadmissible", end.why, _response(result, model, settings, knobs))
             else:
@@ -389,9 +410,37 @@ class FiniteElements:
                 partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
-            if stopped.points and indentation.unstable(reached) is not None:
-                failed = _inadmissible(reached, model, settings, knobs)
+            if stopped.points and (lost := indentation.doubtful(reached)) is not None:
+                failed = _ended(lost, reached, model, settings, knobs)
         raise failed  # not from the other: that holds states and factors, which cannot travel between processes
+
+    def _by_force(self, case: Case, settings: Settings, knobs: Knobs, mesh: str | None) -> Solved:
+        """As `solve`, of a programme that a force controls."""
+        settings = experiment.with_multipliers(settings)
+        try:
+            placement = modelling.place(settings, knobs)
+            deepest = _through(settings) * (1.0 - ROUNDED)
+            why = f"{settings.specimen.described} reaches no farther along the way of the indenter"
+            end = admissible_depth.inadmissible(settings, knobs, deepest)
+            limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
+            drive = programmes.driven(case.programme, *limit)
+            model = modelling.model_for(settings, knobs, placement, mesh)
+            result = _begun(controlled.checked(settings, knobs, placement, model, drive), case.programme)
+            if (lost := indentation.doubtful(result)) is None:
+                return Solved(settings, knobs, placement, model, result)
+            failed = _ended(lost, result, model, settings, knobs)
+        except NotModelled as error:
+            failed = SimulationFailed(error.cause, str(error))
+        except Stopped as stopped:
+            reached = _begun(stopped.reached, case.programme) if stopped.points else None
+            partial = None if reached is None else _response(reached, model, settings, knobs)
+            history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
+            failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
+        raise failed  # not from the other, as in `solve`
+
+    def controls_force(self, settings: Mapping[str, Any]) -> bool:
+        """Force controls programmes with any settings."""
+        return True
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
         """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
@@ -410,10 +459,12 @@ class FiniteElements:
 BACKEND = FiniteElements()
 
 
-def _inadmissible(result: Result, model: AssembledModel, settings: Settings, knobs: Knobs) -> SimulationFailed:
-    """The end of a run whose law softens over the stretches reached, with the curve before."""
-    k, why = indentation.unstable(result)  # type: ignore[misc]
-    return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
+def _ended(
+    end: tuple[int, str, str], result: Result, model: AssembledModel, settings: Settings, knobs: Knobs
+) -> SimulationFailed:
+    """The end of a run that went on into what is no answer, with the curve before."""
+    k, cause, why = end
+    return SimulationFailed(cause, why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
 def _before(
@@ -481,15 +532,23 @@ def _placed(settings: Settings, kept: Mapping[str, float], asked: Callable[[Plac
 
 
 def _read(case: Case) -> Settings:
-    """The settings of a case, with the mesh and the element for its deepest travel."""
+    """The settings of a case, with mesh and element for its deepest travel; where force leads that is not known."""
     settings = experiment.read_settings(case.settings)
+    if programmes.controlled(case.programme):
+        return settings
     return experiment.for_travel(settings, max(*case.programme.travel_mm, settings.earlier))
+
+
+def _through(settings: Settings) -> float:
+    """How far (mm) the specimen reaches along the way of the indenter, where no travel can go."""
+    way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else DOWN
+    return settings.specimen.thickness_along(way)
 
 
 def _begun(result: Result, programme: Programme) -> Result:
     """The result of a programme that began with its first moment, not at 0 s."""
-    channels = dict(result.channels)
-    return dataclasses.replace(result, channels=channels | {"time": channels["time"] + programme.time_s[0]})
+    channels, began = dict(result.channels), programme.time_s[0] if programme.time_s else 0.0
+    return dataclasses.replace(result, channels=channels | {"time": channels["time"] + began})
 
 
 def passages(programme: Programme) -> list[Instant]:
@@ -534,6 +593,7 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
     names = [n for n in derivatives.material_knobs() if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in names if n not in settings.specimen.absent()]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
@@ -541,6 +601,8 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
 
 def _always(settings: Settings, name: str) -> bool:
     """Whether a knob has its influence also at its neutral value."""
+    if name in own_laws.always(settings.specimen.laws):
+        return True
     return LAWS.members[settings.law].own_at_neutral and name in LAWS.own(settings.law)
 
 
@@ -558,7 +620,7 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
     return Response(
         channels=result.channels,
         units=outputs.units(settings),
-        error=stated(settings, knobs, result),
+        error=controlled.moved(stated(settings, knobs, result), result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,
     )

@@ -15,7 +15,8 @@ from fem_backend.solver.load_steps import LoadPoint
 
 def fields(solved: Solved, point: LoadPoint) -> post.Fields:
     """Stress and stretch at the quadrature points of one state, with the history that led there."""
-    body, system, load = solved.model.body, solved.system, point.load
+    system, load = solved.on(point).system, point.load
+    body = system.body
     H = point.evaluation.H
     state = response.state(body, system.material, H, load.history, load.dt, system.scale)
     return post.fields(body, point.evaluation.u, system.material, state=state)
@@ -27,10 +28,11 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
     Part models are written as they are; the frame is the specimen's, lengths mm, stresses MPa.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    body, paths = solved.model.body, []
+    paths = []
     for k, point in enumerate(solved.result.points):
+        system = solved.on(point).system
+        body, surface = system.body, system.pressing.surface
         nodal = post.nodal(body, fields(solved, point))
-        surface = solved.system.pressing.surface
         pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
         data = {
             "cauchy_MPa": nodal.cauchy,
@@ -39,7 +41,7 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
             "J": nodal.J,
             "contact_pressure_MPa": pressure,
         }
-        scale = solved.system.scale
+        scale = system.scale
         cells = {} if scale is None else {"stiffness_ratio": (scale * body.w).sum(1) / body.w.sum(1)}
         paths.append(folder / f"{k:03d}_{point.travel:.3f}mm.vtu")
         post.write_vtu(paths[-1], body, point.evaluation.u, data, cells)
@@ -51,14 +53,15 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
     from fem_backend.post import pictures
 
     folder.mkdir(parents=True, exist_ok=True)
-    body, placement, paths = solved.model.body, solved.placement, []
+    placement, paths = solved.placement, []
     for k, point in enumerate(solved.result.points):
+        on = solved.on(point)
+        body, surface = on.system.body, on.system.pressing.surface
         nodal = post.nodal(body, fields(solved, point))
         u, touch = point.evaluation.u, point.load.pressing
-        surface = solved.system.pressing.surface
         points = tractions.contact_points(surface, body.nodes + u)
-        on = point.evaluation.contact.pressure > 0
-        spikes = (points[on], point.evaluation.contact.pressure[on]) if on.any() else None
+        pressed = point.evaluation.contact.pressure > 0
+        spikes = (points[pressed], point.evaluation.contact.pressure[pressed]) if pressed.any() else None
         force = solved.result.Fz[k]
         title = f"travel {point.travel:g} mm, Fz = {force:.4g} N"
         normal = (0.0, 1.0, 0.0) if placement.planes[1] or not placement.planes[0] else (1.0, 0.0, 0.0)
@@ -81,7 +84,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
         pictures.draw_surface(
             paths[-1],
             body.nodes,
-            solved.model.facets,
+            on.model.facets,
             u,
             np.ascontiguousarray(u[:, 2]),
             "vertical displacement (mm)",

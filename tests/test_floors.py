@@ -17,7 +17,7 @@ LAYERS = {
     "fem_backend": (
         "closed_forms geometry kinematics members",
         "contact laws meshing",
-        "indenters materials specimens supports",
+        "indenters materials remeshing specimens supports",
         "post solver",
         "simulation",
         "accuracy adapter",
@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model model_hierarchy new_study priors sketch",
+        "command_line cost_model derived model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -41,7 +41,7 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.contact": (
-        "bonded pointwise",
+        "bonded pointwise self_contact",
         "tractions",
         "rings",
     ),
@@ -63,7 +63,8 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.materials": (
-        "meridian_zones stress",
+        "meridian_zones regions",
+        "stress",
         "response zones",
     ),
     "fem_backend.meshing": (
@@ -72,6 +73,10 @@ LAYERS = {
         "grids recipes refined remeshed tetwild",
         "scans",
         "__init__",
+    ),
+    "fem_backend.remeshing": (
+        "location triangulation",
+        "section",
     ),
     "fem_backend.post": (
         "fields pictures pressure probes vtu",
@@ -82,9 +87,10 @@ LAYERS = {
         "symmetry",
         "assembly",
         "initial_state",
-        "outputs",
+        "outputs rezoning",
         "derivatives",
         "indentation",
+        "controlled",
     ),
     "fem_backend.solver": (
         "direct",
@@ -93,9 +99,11 @@ LAYERS = {
         "mixed_newton modified_newton rigid_motions",
         "load_steps",
         "history_steps",
+        "controlled_steps",
     ),
     "fem_backend.specimens": (
-        "specimen",
+        "own_laws",
+        "layers specimen",
         "flat in_space",
         "ellipsoidal",
         "*",
@@ -150,6 +158,7 @@ LAYERS = {
     ),
     "rso.contract": (
         "parameters plain_data",
+        "segments",
         "cases responses",
         "backend capabilities",
         "keys",
@@ -241,7 +250,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "usual_errors",
+        "derived usual_errors",
         "__init__",
     ),
     "rso.model_selection": (
@@ -277,8 +286,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms displacements gap gauss_newton hold_panels identification influence maps",
-        "range_extension",
+        "background closed_forms derived displacements gap gauss_newton hold_panels influence maps",
+        "identification range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -317,11 +326,13 @@ LAYERS = {
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
     "members",
+    "adapter.derived",
     "simulation.knobs",
     "simulation.experiment",
     "adapter.formulas",
     "adapter.model_hierarchy",
     "adapter.new_study",
+    "adapter.programmes",
     "adapter.sketch",
     "backend",
     "__main__",

@@ -27,12 +27,13 @@ class LawEnd:
 def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | None:
     """The end of a law on the way to the `deepest` travel (mm); None where there is none for certain.
 
-    Raises model.NotModelled for laws that do not combine.  Skins, holes, inclusions and fibres change what is reached
-    below the ball: nothing is foretold of them.  A body that sinks on its support is indented by less than the travel.
+    Raises model.NotModelled for laws that do not combine.  Skins, holes, inclusions, fibres and layers with a law of
+    their own change what is reached below the ball: nothing is foretold of them.  A body that sinks on its support is
+    indented by less than the travel.
     """
     stuff = modelling.material(settings, knobs)
     law = stuff.law
-    if law.unconditional or _uneven(knobs) or stuff.fibre is not None:
+    if law.unconditional or _uneven(knobs) or stuff.fibre is not None or any(settings.specimen.laws):
         return None
     indenter, share = modelling.place(settings, knobs).indenter, 1.0
     share -= error_estimate.sinking(settings, knobs)

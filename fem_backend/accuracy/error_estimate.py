@@ -31,6 +31,8 @@ LINGERS = 0.3  # of the largest of these so far is still there on the way back, 
 COMPARED = 0.35  # of the difference to elements of twice the size, see `compared`
 IN_SPACE = 1.1  # order of what is missed in space by the number of nodes: h^3.3
 LEAST_SHARE = 0.2  # of a calibrated error is stated where two meshes agree by accident
+UNKNOWN = 6.0  # power of the travel by which the difference grows beyond the end of the coarser run
+BESIDE = 1.25  # times the travel: as far a new mesh says something of the error
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
@@ -86,7 +88,8 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     with the channel f, s the travel and |c|_s its largest value so far.  Elements of the size h miss h^2.5 or so of a
     force: the difference is four or five times what the finer ones miss, and hangs at each depth on where the edge of
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
-    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.
+    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
+    Where the mesh was made anew within a quarter of s, at least half of what the force changed by counts.
 
     In space N times as many nodes miss N^−1.1 of what the coarser mesh does: m = 1/(N^1.1 − 1), at most 3, and r_k is
     at least that of k itself, as what is missed grows with the depth.  Held sphere of 35 mm to 2.7 R beside its
@@ -106,11 +109,19 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
         if name in ("time", "travel"):
             out[name] = np.zeros_like(fine)
             continue
-        largest = np.maximum.accumulate(np.maximum(np.abs(fine), np.abs(result.coarser[name])))
-        rough = (fine - result.coarser[name]) / np.maximum(largest, 1e-300)
-        mean = np.sqrt((near * rough**2).sum(1) / np.maximum(near.sum(1), 1))
+        largest = np.maximum.accumulate(np.fmax(np.abs(fine), np.abs(result.coarser[name])))
+        known = np.isfinite(result.coarser[name])
+        rough = np.where(known, fine - result.coarser[name], 0.0) / np.maximum(largest, 1e-300)
+        both = near & known
+        mean = np.sqrt((both * rough**2).sum(1) / np.maximum(both.sum(1), 1))
+        if not known.all():
+            last = int(known.sum()) - 1
+            mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** UNKNOWN
         mean = np.maximum(mean, np.abs(rough)) if settings.large_strain else mean
         out[name] = share * largest * mean
+    for began, jump in result.legs:
+        beside = (travel > began / BESIDE) & (travel < began * BESIDE)
+        out["Fz"] = np.where(beside, np.maximum(out["Fz"], 0.5 * jump * np.abs(result.channels["Fz"])), out["Fz"])
     deeper = distorted(settings, knobs, result)  # is of elements in space
     for name, more in left.items():
         out[name] = out[name] + (more - deeper * np.abs(result.channels[name]) if name in FORCES else more)

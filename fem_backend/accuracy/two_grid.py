@@ -144,18 +144,25 @@ def checked(
 ) -> Result:
     """Result of a run beside the channels of one on a coarser mesh, which tell its error.
 
-    A meridian has elements of twice the size there, a body in space those of a level below.  Raises NotModelled and
-    Stopped, as the run itself does; without the other where that does not reach as far.
+    A meridian has elements of twice the size there, a body in space those of a level below.  Where the other ends
+    early, its channels are nan from there on.  Raises NotModelled and Stopped, as the run itself does; without the
+    other where that has no mesh or no answer at all.
     """
     result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
     crude = _twice(settings) if placement.meridian else rougher(settings)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.solve(crude, knobs, placement, other, instants)
-    except (NotModelled, Stopped):
+    except NotModelled:
         return result
+    except Stopped as stopped:
+        if stopped.reached is None or not stopped.points:
+            return result
+        first = stopped.reached
+    lost = len(result.travel) - len(first.travel)
+    coarser = {n: np.concatenate([v, np.full(lost, np.nan)]) for n, v in first.channels.items()}
     finer = len(model.body.nodes) / len(other.body.nodes)
-    return replace(result, coarser=first.channels, finer=finer, cpu_s=result.cpu_s + first.cpu_s)
+    return replace(result, coarser=coarser, finer=finer, cpu_s=result.cpu_s + first.cpu_s)
 
 
 def _twice(settings: Settings) -> Settings:

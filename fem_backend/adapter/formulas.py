@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import closed_forms
+from fem_backend import closed_forms, members
 from fem_backend.adapter.model_hierarchy import as_it_is, touch
 from fem_backend.closed_forms import Formula
 from fem_backend.laws import LAWS
@@ -18,6 +18,7 @@ from rso.contract import FormulaCurve
 SIZES = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter's table that formulas know
 THICK = 0.01  # of the force: what a specimen of finite height may add to that of a half-space
 WIDE = 5.0  # heights that a specimen must be wide to count as a layer without end
+WALL_AWAY = 4.0  # heights beside the indenter from which on a wall counts for less than 0.1 % of the force
 INCOMPRESSIBLE = 0.5
 
 
@@ -69,6 +70,19 @@ def thickness(settings: Settings) -> float | None:
     return float(specimen.top[2] - specimen.lowest[2]) if flat else None
 
 
+def wall_nearby(settings: Settings) -> float | None:
+    """Radius (mm) of a wall at the side of a flat specimen near the indenter; None where there is none.
+
+    What a wall adds to the force falls off with its distance over the height: of a slab 1 to 4 % at 2.5 heights off the
+    axis, 0.05 % at 5, down to half the height under a ball as large as that is high.
+    """
+    specimen: Any = settings.specimen
+    if thickness(settings) is None or not getattr(specimen, "walled", False):
+        return None
+    height, half = float(specimen.top[2] - specimen.lowest[2]), float(specimen.half_width)
+    return half if half < settings.indenter.length + WALL_AWAY * height else None
+
+
 def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> tuple[str, float] | None:
     """The last closed form of the pair and the μ (MPa) that Fz (n,) N over travel (n,) mm has by it, incompressible.
 
@@ -99,6 +113,8 @@ def _general(settings: Settings, depth: float, nu: float) -> str:
     layers = getattr(specimen, "layers", ())
     if layers:
         return "the specimen has layers, the formula has one material"
+    if (near := wall_nearby(settings)) is not None:
+        return f"the wall of the well, {members.length_words(near)} from the axis, stiffens it: no formula has a wall"
     height = float(specimen.top[2] - specimen.lowest[2])
     if thickness(settings) is not None:
         narrow = not specimen.alike and specimen.volume() < math.pi / 4.0 * WIDE**2 * height**3

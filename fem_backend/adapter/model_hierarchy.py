@@ -117,7 +117,7 @@ def jkr(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, 
 def as_it_is(settings: Settings, knobs: Knobs) -> Settings:
     """The settings with the errors of indenter, specimen and place; ValueError where there is nothing to press."""
     point = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
-    specimen = settings.specimen.actual(knobs)
+    specimen = settings.support.actual(knobs).confines(settings.specimen.actual(knobs))
     specimen.above(*point)
     return replace(settings, specimen=specimen, indenter=settings.indenter.actual(knobs, specimen), point=point)
 

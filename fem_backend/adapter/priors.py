@@ -43,7 +43,7 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
     if LAWS.members[law].small_strain:  # no stretch to relax, soften or stiffen with
         others += [next(iter(next(iter(each.switches.values())))) for each in ADDITIONS]
     others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
-    others += own.specimen.absent()
+    others += own.specimen.absent() | own.support.absent(own.specimen)
     others += [k for k in SUPPORTS.of_others(own.support.name) if declared[k].neutral is not None]
     return {**_lengths(own, declared), **_skin(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
 

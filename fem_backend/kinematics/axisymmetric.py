@@ -60,10 +60,10 @@ class Volume:
 @functools.cache
 def shape_functions() -> np.ndarray:
     """Shape functions at the quadrature points of a MeridianBody, (q, 7)."""
-    return _basis(get_quadrature(RefTri, ORDER)[0])[0].T.copy()
+    return basis(get_quadrature(RefTri, ORDER)[0])[0].T.copy()
 
 
-def _basis(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def basis(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """N (7, p) and ∂N/∂ξ (7, 2, p) at points (2, p): quadratic ones less their share of the bubble 27 λ₁λ₂λ₃."""
     N = np.stack([ElementTriP2().lbasis(X, a)[0] for a in range(6)])
     dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
@@ -90,7 +90,7 @@ def discretise(points: np.ndarray, cells: np.ndarray, held: np.ndarray, symmetri
     Raises ValueError for cells that are inside out or lie beyond the axis.
     """
     X, weights = get_quadrature(RefTri, ORDER)
-    N, dN = _basis(X)
+    N, dN = basis(X)
     corners = points[cells]
     jacobian = np.einsum("mai,ajq->mqij", corners[:, :6], _quadratic_slopes(X))  # the geometry has no bubble
     det = np.linalg.det(jacobian)

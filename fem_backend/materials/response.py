@@ -13,6 +13,7 @@ from fem_backend.kinematics.bodies import Body
 from fem_backend.kinematics.voigt import COL, ROW
 from fem_backend.laws import Material
 from fem_backend.materials import stress
+from fem_backend.materials.regions import Regions, Substance
 from fem_backend.materials.stress import History, PointState
 
 LOCAL = 20.0  # K/μ up to which quadratic triangles do not lock, see `split`
@@ -30,7 +31,7 @@ class Answer:
 
 
 def answer(
-    body: Body, material: Material, u: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+    body: Body, material: Substance, u: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
 ) -> Answer:
     """The answer to displacements u (n, 3) mm at the end of a step of Δt = dt s; raises stress.Inverted."""
     if isinstance(body, tetrahedra.Body):
@@ -41,24 +42,24 @@ def answer(
         force = tetrahedra.internal_force(body, state.F, state.S)
         return Answer(H, float((body.w * state.energy).sum()), force, state.history)
     H = axisymmetric.displacement_gradients(body, u)
-    pointwise, K = split(material)
+    pointwise, K, s = projected(body, material, scale)
     state = stress.evaluate(pointwise, H, False, history, dt, scale)
-    volume = axisymmetric.volume(body, H, K, scale, material.small_strain)
+    volume = axisymmetric.volume(body, H, K, s, material.small_strain)
     force = axisymmetric.internal_force(body, state.F, state.S, volume.p)
     return Answer(H, float((body.w * state.energy).sum()) + volume.energy, force, state.history)
 
 
 def state(
-    body: Body, material: Material, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+    body: Body, material: Substance, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
 ) -> PointState:
     """Stress at the quadrature points, with the pressure that a meridian's elements project: S + p J C⁻¹."""
     if isinstance(body, tetrahedra.Body):
         if body.mean:
             return _mean_state(body, material, H, False, history, dt, scale)[0]
         return stress.evaluate(material, H, False, history, dt, scale)
-    pointwise, K = split(material)
+    pointwise, K, s = projected(body, material, scale)
     found = stress.evaluate(pointwise, H, False, history, dt, scale)
-    volume = axisymmetric.volume(body, H, K, scale, material.small_strain)
+    volume = axisymmetric.volume(body, H, K, s, material.small_strain)
     p = volume.p @ axisymmetric.linear_functions().T
     F = found.F
     pull = (p * np.linalg.det(F))[..., None, None] * np.linalg.inv(np.swapaxes(F, -1, -2) @ F)
@@ -66,29 +67,30 @@ def state(
 
 
 def tangent(
-    body: Body, material: Material, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+    body: Body, material: Substance, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
 ) -> np.ndarray:
     """Tangent of the nodal forces at displacement gradients H (m, q, 3, 3) as `data` of the pattern, N/mm."""
     if isinstance(body, tetrahedra.Body):
         if body.mean:
-            state, volume = _mean_state(body, material, H, True, history, dt, scale)
+            state = _mean_state(body, material, H, True, history, dt, scale)[0]
         else:
             state = stress.evaluate(material, H, True, history, dt, scale)
         assert state.C is not None  # which was asked for
         data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
         if body.mean:
-            tetrahedra.volume_stiffness(body, state.F, split(material, LOCAL_MEAN)[1], scale, data)
+            _, K, s = projected(body, material, scale, LOCAL_MEAN)
+            tetrahedra.volume_stiffness(body, state.F, K, s, data)
         return data
-    (pointwise, K), small = split(material), material.small_strain
+    (pointwise, K, s), small = projected(body, material, scale), material.small_strain
     state = stress.evaluate(pointwise, H, True, history, dt, scale)
-    volume = axisymmetric.volume(body, H, K, scale, small)
+    volume = axisymmetric.volume(body, H, K, s, small)
     assert state.C is not None
-    return axisymmetric.stiffness(body, state.F, state.S_geometric, state.C, volume.p, K, scale, small)
+    return axisymmetric.stiffness(body, state.F, state.S_geometric, state.C, volume.p, K, s, small)
 
 
 def _mean_state(
     body: tetrahedra.Body,
-    material: Material,
+    material: Substance,
     H: np.ndarray,
     moduli: bool,
     history: History | None,
@@ -96,16 +98,16 @@ def _mean_state(
     scale: np.ndarray | None,
 ) -> tuple[PointState, tetrahedra.Volume]:
     """Stress of tetrahedra that take the mean of their volume change beyond K = LOCAL μ, and that."""
-    (pointwise, K), small = split(material, LOCAL_MEAN), material.small_strain
+    (pointwise, K, s), small = projected(body, material, scale, LOCAL_MEAN), material.small_strain
     found = stress.evaluate(pointwise, H, moduli, history, dt, scale)
-    volume = tetrahedra.volume(body, H, K, scale, small)
+    volume = tetrahedra.volume(body, H, K, s, small)
     S, C = tetrahedra.pressed(found.F, found.S, found.C, volume.p, small)
     return replace(found, S=S, C=C if moduli else None, S_geometric=found.S_geometric if small else S), volume
 
 
 def _mean_answer(
     body: tetrahedra.Body,
-    material: Material,
+    material: Substance,
     H: np.ndarray,
     history: History | None,
     dt: float,
@@ -118,11 +120,15 @@ def _mean_answer(
 
 @dataclass(frozen=True)
 class Linearised:
-    """What a meridian's tangent is made of at one state: stresses and moduli at its points, projected pressure."""
+    """What a meridian's tangent is made of at one state: stresses and moduli at its points, projected pressure.
+
+    K (MPa) is the bulk modulus that is projected, `scale` (m, q) what multiplies it.
+    """
 
     state: PointState
     volume: axisymmetric.Volume
     K: float
+    scale: np.ndarray | None
     small: bool
 
 
@@ -135,27 +141,39 @@ class Turning:
 
 
 def linearised(
-    body: MeridianBody, material: Material, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
+    body: MeridianBody, material: Substance, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
 ) -> Linearised:
     """Stresses and moduli of a meridian at displacement gradients H (m, q, 3, 3)."""
-    pointwise, K = split(material)
+    pointwise, K, s = projected(body, material, scale)
     state = stress.evaluate(pointwise, H, True, history, dt, scale)
-    return Linearised(state, axisymmetric.volume(body, H, K, scale, material.small_strain), K, material.small_strain)
+    return Linearised(state, axisymmetric.volume(body, H, K, s, material.small_strain), K, s, material.small_strain)
 
 
-def stiffness(body: MeridianBody, at: Linearised, turning: Turning | None, scale: np.ndarray | None) -> np.ndarray:
+def stiffness(body: MeridianBody, at: Linearised, turning: Turning | None) -> np.ndarray:
     """Tangent `data` of a meridian, N/mm, with other stresses in its geometric part."""
     assert at.state.C is not None
     S, p = (at.state.S_geometric, at.volume.p) if turning is None or at.small else (turning.S, turning.p)
-    return axisymmetric.stiffness(body, at.state.F, S, at.state.C, p, at.K, scale, at.small)
+    return axisymmetric.stiffness(body, at.state.F, S, at.state.C, p, at.K, at.scale, at.small)
 
 
-def carried(body: MeridianBody, at: Linearised, step: np.ndarray, scale: np.ndarray | None) -> Turning:
+def carried(body: MeridianBody, at: Linearised, step: np.ndarray) -> Turning:
     """Stresses to first order after a step (n, 3) mm: S + ℂ : sym(Fᵀ δH), p̂ + K Π (cof F : δH)."""
     assert at.state.C is not None
     dH = axisymmetric.displacement_gradients(body, step)
-    S, p = axisymmetric.carried(body, at.state.F, at.state.S, at.state.C, at.volume.p, dH, at.K, scale)
+    S, p = axisymmetric.carried(body, at.state.F, at.state.S, at.state.C, at.volume.p, dH, at.K, at.scale)
     return Turning(S, p)
+
+
+def projected(
+    body: Body, material: Substance, scale: np.ndarray | None, most: float = LOCAL
+) -> tuple[Substance, float, np.ndarray | None]:
+    """What acts at points, the bulk modulus (MPa) that elements project, and its factor (m, q)."""
+    if not isinstance(material, Regions):
+        return *split(material, most), scale
+    parts = [split(m, most) for m in material.materials]
+    K = np.array([k for _, k in parts])[material.of][:, None]
+    s = K * (np.ones_like(body.w) if scale is None else scale)
+    return Regions(tuple(m for m, _ in parts), material.of), 1.0, s
 
 
 @functools.lru_cache(maxsize=64)

@@ -13,6 +13,7 @@ import numpy as np
 
 from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
 from fem_backend.laws import Derivatives, Law, Material
+from fem_backend.materials.regions import Regions
 
 
 @dataclass(frozen=True)
@@ -48,16 +49,16 @@ class Inverted(ArithmeticError):
     """An element has J ≤ 0, or an energy that is no finite number."""
 
 
-def virgin(material: Material | Law, m: int, q: int) -> History | None:
+def virgin(material: Material | Regions | Law, m: int, q: int) -> History | None:
     """History of a body that was never loaded, m elements of q points; None if the material has no memory."""
-    if not (isinstance(material, Material) and material.path_dependent):
+    if not (isinstance(material, Material | Regions) and material.path_dependent):
         return None
     terms = len(material.prony.g) if material.prony else 0
     return History(np.zeros((m, q, 6)), np.zeros((terms, m, q, 6)), np.zeros((m, q)))
 
 
 def evaluate(
-    material: Material | Law,
+    material: Material | Regions | Law,
     H: np.ndarray,
     tangent: bool,
     history: History | None = None,
@@ -72,6 +73,8 @@ def evaluate(
     Φ of `Mullins.soften` and H what the history adds to the stress; ℂ is its second derivative, hence symmetric.
     Raises Inverted if any J ≤ 0 or any energy is not finite.
     """
+    if isinstance(material, Regions):
+        return _by_region(material, H, tangent, history, dt, scale)
     if not isinstance(material, Material):
         material = Material(material)
     if material.small_strain:
@@ -88,6 +91,30 @@ def evaluate(
     _refuse(~np.isfinite(energy), "no finite energy")
     S, C = _isotropic(F, J, *d, tangent)
     return PointState(F, S, S, C if tangent else None, energy)
+
+
+def _by_region(
+    regions: Regions, H: np.ndarray, tangent: bool, history: History | None, dt: float, scale: np.ndarray | None
+) -> PointState:
+    """The states of each region's cells, put together."""
+    m, q = H.shape[:2]
+    out: dict[str, np.ndarray] = {}
+    after = history = virgin(regions, m, q) if history is None else history
+    if after is not None:
+        after = History(np.empty_like(after.S_iso), np.empty_like(after.h), np.empty_like(after.W_max))
+    for k, material in enumerate(regions.materials):
+        c = np.flatnonzero(regions.of == k)
+        if not len(c):
+            continue
+        began = None if history is None else History(history.S_iso[c], history.h[:, c], history.W_max[c])
+        part = evaluate(material, H[c], tangent, began, dt, None if scale is None else scale[c])
+        for name in ("F", "S", "S_geometric", "C", "energy"):
+            value = getattr(part, name)
+            if value is not None:
+                out.setdefault(name, np.empty((m, *value.shape[1:])))[c] = value
+        if after is not None and part.history is not None:
+            after.S_iso[c], after.h[:, c], after.W_max[c] = part.history.S_iso, part.history.h, part.history.W_max
+    return PointState(out["F"], out["S"], out["S_geometric"], out.get("C"), out["energy"], after)
 
 
 def _refuse(bad: np.ndarray, why: str) -> None:

@@ -24,6 +24,7 @@ from fem_backend.kinematics import axisymmetric, bodies, tetrahedra
 from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
+from fem_backend.materials.regions import Regions, Substance
 from fem_backend.meshing import MeridianMesh, Mesh
 from fem_backend.simulation import symmetry
 from fem_backend.simulation.experiment import Settings, element_size
@@ -32,7 +33,7 @@ from fem_backend.solver import condensation, direct, krylov
 from fem_backend.solver.condensation import Condense
 from fem_backend.solver.load_steps import Control
 from fem_backend.solver.newton import Load, System
-from fem_backend.specimens import Specimen
+from fem_backend.specimens import Specimen, own_laws
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
@@ -91,7 +92,7 @@ class Placement:
 def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
     try:
-        specimen = settings.specimen.actual(knobs)
+        specimen = settings.support.actual(knobs).confines(settings.specimen.actual(knobs))
         indenter = settings.indenter.actual(knobs, specimen)
         on, normal = specimen.above(*settings.point)
         rotation = turned(knobs)
@@ -155,6 +156,35 @@ def material(settings: Settings, knobs: Knobs) -> Material:
     )
 
 
+def of_layers(settings: Settings, knobs: Knobs) -> tuple[Material, ...]:
+    """The materials of layers with a law of their own, from the top down; others stand for that of the rest.
+
+    Fibres are as stiff beside the layer's μ as in the rest, softening begins at the same share of it.
+    Raises NotModelled where the rest is linear elastic.
+    """
+    rest, specimen, out = material(settings, knobs), settings.specimen, []
+    for prefix, own, ratio in zip(own_laws.PREFIXES, specimen.laws, specimen.ratios, strict=False):
+        if own is None:
+            out.append(rest)
+            continue
+        if rest.small_strain:
+            raise NotModelled("not_supported", f"law = {settings.law!r} below a layer of finite strain")
+        law = own_laws.made(own, prefix, knobs, ratio)
+        k = law.shear_modulus / rest.shear_modulus
+        fibre = rest.fibre and replace(rest.fibre, k1=k * rest.fibre.k1)
+        out.append(Material(law, fibre, rest.prony, rest.mullins and replace(rest.mullins, m=k * rest.mullins.m)))
+    return tuple(out)
+
+
+def substance(settings: Settings, knobs: Knobs, placement: Placement, body: Body) -> Substance:
+    """The material of a body, of several ones where layers have laws of their own; raises NotModelled."""
+    rest = material(settings, knobs)
+    if not any(settings.specimen.laws):
+        return rest
+    layer = placement.specimen.layer(body.nodes[body.cells].mean(1))
+    return Regions((rest, *of_layers(settings, knobs)), layer)
+
+
 @dataclass(frozen=True)
 class AssembledModel:
     """A discretised specimen that every material and every place of the indenter near its fine mesh can share.
@@ -173,6 +203,11 @@ class AssembledModel:
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
     mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
+    return of_meridian(settings, specimen, mesh, symmetric)
+
+
+def of_meridian(settings: Settings, specimen: Specimen, mesh: MeridianMesh, symmetric: bool = True) -> AssembledModel:
+    """Model of a specimen of revolution by a mesh of its meridian; raises meshing.BadMesh."""
     points, facets = mesh.points, mesh.outline()
     X = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
     carried = settings.support.held(specimen, X, np.unique(facets))
@@ -230,7 +265,8 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
             "(point, tilt or misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "
             f'"{LAWS.default}", which agrees to first order, or support = {holding}',
         )
-    ratio = stuff.bulk_modulus / stuff.shear_modulus
+    everything = (stuff, *of_layers(settings, knobs))
+    ratio = max(m.bulk_modulus / m.shear_modulus for m in everything)
     stiffest = STIFFEST_MERIDIAN if placement.meridian else STIFFEST
     if ratio > stiffest:
         raise NotModelled(
@@ -248,8 +284,28 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> AssembledModel:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
     admit(settings, knobs, placement)
-    symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
-    shared = Settings(
+    symmetric, shared = _symmetric(settings, knobs), _shared(settings, knobs, placement)
+    try:
+        if placement.meridian:
+            return _meridian(replace(shared, point=(0.0, 0.0)), placement.specimen, symmetric)
+        return _model(shared, placement.specimen, placement.planes, symmetric, mesh)
+    except meshing.BadMesh as error:
+        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
+
+
+def remeshed(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeridianMesh) -> AssembledModel:
+    """The specimen of an experiment by another mesh of its meridian; raises meshing.BadMesh."""
+    shared = replace(_shared(settings, knobs, placement), point=(0.0, 0.0))
+    return of_meridian(shared, placement.specimen, mesh, _symmetric(settings, knobs))
+
+
+def _symmetric(settings: Settings, knobs: Knobs) -> bool:
+    return knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+
+
+def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
+    """The settings as far as a model hangs on them, so that runs share it."""
+    return Settings(
         settings.specimen,
         settings.indenter,
         support=settings.support.actual(knobs).holding(),
@@ -260,12 +316,6 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         fineness=settings.fineness,
         large_strain=settings.large_strain and not placement.meridian,
     )
-    try:
-        if placement.meridian:
-            return _meridian(replace(shared, point=(0.0, 0.0)), placement.specimen, symmetric)
-        return _model(shared, placement.specimen, placement.planes, symmetric, mesh)
-    except meshing.BadMesh as error:
-        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
 
 
 @functools.lru_cache(maxsize=2)
@@ -293,7 +343,7 @@ def system(
     """
     body = model.body
     settings = replace(settings, support=settings.support.actual(knobs))
-    stuff = material(settings, knobs)
+    stuff = substance(settings, knobs, placement, body)
     mu, length = stuff.shear_modulus, placement.indenter.length
     if like is None:
         surface, below = touching(settings, placement, model)

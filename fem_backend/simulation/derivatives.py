@@ -14,6 +14,7 @@ from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.outputs import FORCES, channels, units, whole
 from fem_backend.solver import load_steps, newton
 from fem_backend.solver.newton import Load, System
+from fem_backend.specimens import own_laws
 
 DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
 REFINED, REFINEMENTS = 1e-4, 10  # of a derivative's residual, and how often at most
@@ -23,12 +24,14 @@ ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
 
 def material_knobs() -> tuple[str, ...]:
     """Knobs by which runs are differentiated."""
-    return ("mu", "D1", *(f.name for k in LAWS.knobs() for f in fields(k)), "fibre", "fibre_k2", *ZONE_KNOBS)
+    own = sorted(own_laws.everything())
+    return ("mu", "D1", *(f.name for k in LAWS.knobs() for f in fields(k)), "fibre", "fibre_k2", *ZONE_KNOBS, *own)
 
 
 def powers() -> dict[str, int]:
     """Power of a stress in the knobs that have one, besides mu."""
-    return {"D1": -1, **{k: p for law in LAWS.members.values() for k, p in law.powers.items()}, "fibre": 1}
+    of_laws = {k: p for law in LAWS.members.values() for k, p in law.powers.items()}
+    return {"D1": -1, **of_laws, "fibre": 1, **own_laws.powers()}
 
 
 class Slopes:
@@ -105,6 +108,12 @@ class Slopes:
             for name in self.names:
                 self.rows[name][travel_of(self.at, stage.load)] = rows[name]
         self.cpu_s += time.process_time() - started
+
+    def on(self, at: InitialState) -> Slopes:
+        """The same on another mesh, with the rows so far."""
+        other = Slopes(at, self.names)
+        other.rows = self.rows
+        return other
 
     def field(self, name: str) -> np.ndarray:
         """du/dθ (n, 3) mm per unit of the knob at the stage differentiated last."""

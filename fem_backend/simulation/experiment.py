@@ -34,6 +34,7 @@ LARGE = 2.0  # lengths of the indenter: travel from which large strains need ano
 THROUGH = 0.6  # of the thickness: the same of thin specimens
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
+REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
@@ -46,8 +47,8 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian; `large_strain` says that mesh and element in space are
-    those of deep indentations, see `for_travel`.
+    `fineness` multiplies all element sizes of a meridian; `remesh` says whether its mesh is made anew where it is
+    outworn; `large_strain` says that mesh and element in space are those of deep indentations, see `for_travel`.
     """
 
     specimen: Specimen
@@ -70,6 +71,7 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    remesh: str = "never"
     large_strain: bool = False
 
 
@@ -122,6 +124,8 @@ class MeshTable(members.MemberTable):
     """Subdivisions of the mapped mesh."""
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
+    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "never"
+    """when_needed | never: whether the mesh of a body of revolution is made anew where it is outworn on the way."""
 
     @model_validator(mode="before")
     @classmethod
@@ -259,7 +263,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.profile,
         read.earlier,
         meshed.recipe,
-        meshed.used,
+        meshed.used if mesh.remesh == MeshTable().remesh else (*meshed.used, ("remesh", mesh.remesh)),
         meshed.h0,
         meshed.level,
         control if read.multipliers else control.soft(),
@@ -268,6 +272,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.derivatives,
         read.multipliers,
         meshed.fineness,
+        remesh=mesh.remesh,
     )
 
 
@@ -280,6 +285,13 @@ def for_travel(settings: Settings, deepest: float) -> Settings:
     way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else down
     least = min(LARGE * settings.indenter.length, THROUGH * settings.specimen.thickness_along(way))
     return replace(settings, large_strain=deepest > least and settings.level != LIMIT)
+
+
+def with_multipliers(settings: Settings) -> Settings:
+    """The same with exact contact."""
+    if settings.multipliers:
+        return settings
+    return replace(settings, multipliers=True, control=Control().scaled(settings.indenter.length))
 
 
 def on_axis(settings: Settings) -> bool:

@@ -8,15 +8,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fem_backend.contact import self_contact
 from fem_backend.laws import admissible
-from fem_backend.materials import stress
+from fem_backend.materials import regions, stress
 from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import rezoning
 from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.derivatives import Slopes
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
+from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
@@ -36,7 +39,10 @@ class Result:
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
     `coarser` are the channels of the same run on a coarser mesh, where that was made, `finer` how many times as many
-    nodes this one has.
+    nodes this one has; `on` says with what each point was solved, `legs` at which travels (mm) the mesh was made
+    anew, and the share that the force changed by.
+    `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
+    the share of the force that is not met there; None without any.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -51,6 +57,11 @@ class Result:
     system: System | None = field(default=None, repr=False)
     coarser: Mapping[str, np.ndarray] | None = None
     finer: float = 4.0
+    on: tuple[InitialState, ...] = field(default=(), repr=False)
+    legs: tuple[tuple[float, float], ...] = ()
+    given: np.ndarray | None = None
+    slopes: np.ndarray | None = None
+    left: np.ndarray | None = None
 
     @property
     def travel(self) -> np.ndarray:
@@ -69,6 +80,10 @@ class Result:
             contact_error=self.contact_error[:k],
             residual=self.residual[:k],
             points=self.points[:k],
+            on=self.on[:k],
+            given=None if self.given is None else self.given[:k],
+            slopes=None if self.slopes is None else self.slopes[:k],
+            left=None if self.left is None else self.left[:k],
         )
 
     @property
@@ -124,12 +139,16 @@ def _attempt(
     counters = Counters(deadline=deadline)
     at = initial_state(settings, knobs, placement, model, counters)
     slopes = None if at.path_dependent else Slopes(at, gradients)
+    legs: list[MeshLeg] = []
     try:
-        points = along(at, instants, counters) if slopes is None else elastic(at, instants, counters, guess, slopes)
+        if slopes is None:
+            points = along(at, instants, counters)
+        else:
+            points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
-        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started)
+        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started, legs=legs)
         raise
-    return collect(at, points, counters, time.process_time() - started, slopes)
+    return collect(at, points, counters, time.process_time() - started, slopes, legs)
 
 
 def unstable(result: Result) -> tuple[int, str] | None:
@@ -139,34 +158,50 @@ def unstable(result: Result) -> tuple[int, str] | None:
     """
     if result.system is None or not result.points:
         return None
-    law, points = result.system.material.law, result.points
-    if law.unconditional:
+    parts, points = regions.parts(result.system.material), result.points
+    if all(material.law.unconditional for material, _ in parts):
         return None
 
     def lost(point: LoadPoint) -> str | None:
-        F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
-        squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
-        reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
-        why = admissible(law, reached)
-        return why and f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        for material, cells in parts:
+            F = point.evaluation.H[cells].reshape(-1, 3, 3) + np.eye(3)
+            squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
+            reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
+            why = None if material.law.unconditional else admissible(material.law, reached)
+            if why:
+                return f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+        return None
 
     if lost(max(points, key=lambda p: p.travel)) is None:
         return None
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
+def folded(result: Result) -> tuple[int, str] | None:
+    """The first point at which the surface of a meridian has met itself, and why that is no answer; None without one.
+
+    The wall of a crater may close over an indenter, or fold: its contact with itself is not modelled.
+    """
+    for k, (point, on) in enumerate(zip(result.points, result.on, strict=False)):
+        x = on.model.body.nodes + point.evaluation.u
+        if on.placement.meridian and self_contact.met_itself(x, on.model.facets):
+            return k, f"the surface meets itself at or before {point.travel:.4g} mm: that contact is not modelled"
+    return None
+
+
+def doubtful(result: Result) -> tuple[int, str, str] | None:
+    """The first point from which on a result is no answer, the class of its cause, and why; None where all are."""
+    found = [(*end, cause) for end, cause in ((unstable(result), "inadmissible"), (folded(result), "contact")) if end]
+    if not found:
+        return None
+    k, why, cause = min(found)
+    return k, cause, why
+
+
 def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step."""
-    control, u = at.settings.control, at.seated
-    history = _earlier(at, counters)
-    touching = None
-    if at.system.loose and at.system.dead is None:
-        if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
-            touching = 0.02 * at.placement.indenter.length
-        else:
-            u = load_steps.seat(
-                history_steps.smooth(at.system), at.start(0.02 * at.placement.indenter.length), u, control, counters
-            )
+    u, history, touching = begun(at, counters)
+    control = at.settings.control
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
@@ -177,14 +212,30 @@ def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> 
     return each(groups, points)
 
 
+def begun(at: InitialState, counters: Counters) -> tuple[np.ndarray, stress.History | None, float | None]:
+    """Displacement (n, 3) and history from which a programme is followed, and the travel (mm) at which a body that may
+    turn is sought at rest, None of another."""
+    u, history, first = at.seated, _earlier(at, counters), 0.02 * at.placement.indenter.length
+    if not at.system.loose or at.system.dead is not None:
+        return u, history, None
+    if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
+        return u, history, first
+    smooth = history_steps.smooth(at.system)
+    return load_steps.seat(smooth, at.start(first), u, at.settings.control, counters), history, None
+
+
 def elastic(
     at: InitialState,
     instants: Sequence[Instant],
     counters: Counters,
     guess: Guess | None = None,
     watch: Watch | None = None,
+    legs: list[MeshLeg] | None = None,
 ) -> list[LoadPoint]:
-    """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched."""
+    """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched.
+
+    `legs` takes up the meshes on the way.
+    """
     computed = merged([i.travel for i in instants if i.asked])
     asked = list(dict.fromkeys(computed.values()))
     at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
@@ -192,7 +243,9 @@ def elastic(
     if at.system.loose and at.system.dead is None:
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
-        found = load_steps.travel(at.system, at.start, asked, control, counters, u, guess, watch)
+        legs = [] if legs is None else legs
+        legs.append(MeshLeg(at, watch))
+        found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in stopped.points}
         stopped.points = []
@@ -212,7 +265,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     virgin = stress.virgin(at.system.material, *body.w.shape)
     if virgin is None or at.settings.earlier == 0.0 or at.system.material.mullins is None:
         return virgin
-    first = replace(at.system.material, prony=None)
+    first = regions.without(at.system.material, "prony")
     system = replace(history_steps.smooth(at.system), material=first)
     deepest = at.settings.earlier
     ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
@@ -224,11 +277,17 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
 
 
 def collect(
-    at: InitialState, points: Sequence[LoadPoint], counters: Counters, cpu_s: float, slopes: Slopes | None = None
+    at: InitialState,
+    points: Sequence[LoadPoint],
+    counters: Counters,
+    cpu_s: float,
+    slopes: Slopes | None = None,
+    legs: Sequence[MeshLeg] = (),
 ) -> Result:
-    """Result from the points reached."""
+    """Result from the points reached, each on the mesh of its leg."""
+    on = [legs[p.leg].at if legs else at for p in points]
     soft = np.ones(len(points)) if at.settings.multipliers or not points else 1.0 + softness(at, points)
-    rows = [channels(at, at.system, p.evaluation, p.load, k) for p, k in zip(points, soft, strict=True)]
+    rows = [channels(a, a.system, p.evaluation, p.load, k) for a, p, k in zip(on, points, soft, strict=True)]
     out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
     out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}
     change = [
@@ -238,11 +297,14 @@ def collect(
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
+    if len(legs) > 1:
+        notes |= {"meshes": float(len(legs)), "largest_jump": max(leg.jump for leg in legs)}
     if at.system.loose and points:
         carried = [np.abs((at.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
-    reactions = np.array([k * reaction(at, p.evaluation) for p, k in zip(points, soft, strict=True)]).reshape(-1, 3)
+    reactions = np.array([k * reaction(a, p.evaluation) for a, p, k in zip(on, points, soft, strict=True)])
+    reactions = reactions.reshape(-1, 3)
     return Result(
         out,
         reactions,
@@ -254,4 +316,6 @@ def collect(
         gradients,
         notes,
         at.system,
+        on=tuple(on),
+        legs=tuple((leg.began, leg.jump) for leg in legs[1:]),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from fem_backend import post
 from fem_backend.contact import tractions
-from fem_backend.laws import Material
+from fem_backend.materials import regions
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
@@ -70,7 +70,7 @@ def initial_state(
     if system.dead is None:
         return ready
     away = replace(ready, lag=-5.0 * placement.indenter.length).start(0.0)
-    relaxed = replace(history_steps.smooth(system), material=Material(system.material.law, system.material.fibre))
+    relaxed = replace(history_steps.smooth(system), material=regions.without(system.material, "prony", "mullins"))
     u = ready.seated
     if system.loose:
         control = settings.control

@@ -10,7 +10,7 @@ from typing import Any
 
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import ADDITIONS, LAWS, Elastic
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import knob
 
@@ -198,7 +198,7 @@ def composed(parts: Iterable[type], name: str = "Knobs") -> type:
 def known() -> type:
     """The dataclass of all knobs with those of every member that is registered now."""
     additions = [addition.Knobs for addition in ADDITIONS]
-    body = [*SPECIMENS.knobs(), Common, *SUPPORTS.knobs(), *INDENTERS.knobs(), Pose]
+    body = [*SPECIMENS.knobs(), *own_laws.knobs(), Common, *SUPPORTS.knobs(), *INDENTERS.knobs(), Pose]
     return _known((Elastic, *LAWS.knobs(), *additions, *body))
 
 

@@ -56,40 +56,25 @@ def follow(
     travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against a wall of its support;
     so it does where even that does not hold it.
     """
-    here, first = _rest(system, start(0.0), u, history), None
-    if touching is not None:
-        try:
-            first = _held(system, start(touching), here, touching, control, counters)
-        except Stopped as error:
-            if error.cause == "time_limit":
-                raise
-            u = load_steps.seat(smooth(system), start(touching), u, control, counters)
-            here = _rest(system, start(0.0), u, history)
+    here, first = begin(system, start, control, counters, u, history, touching)
     points: list[LoadPoint] = []
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
-        share, begin = 1.0, here.time  # of what is left to this instant
+        share, began = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)
             guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
-            load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
             try:
-                try:
-                    found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
-                except NotConverged as error:
-                    if system.loose or error.cause == "time_limit" or not any(p.friction for p in system.seat):
-                        raise
-                    guess = _let_go(system, load, guess, here, control, counters, limit)
-                    found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
+                found, load, point = attempt(system, start, here, goal, guess, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
                 pace = 0.5 * abs(goal.travel - here.travel) or pace
                 least = 1 / 8 if system.loose else 1 / 64
-                lost = share * (instant.time - here.time) < least * (instant.time - begin)
+                lost = share * (instant.time - here.time) < least * (instant.time - began)
                 if lost or error.cause == "time_limit":
                     if not load_steps.may_go_on(system, limit, error):
                         raise load_steps.stopped(error, here.travel, points, counters) from error
@@ -99,10 +84,59 @@ def follow(
                 continue
             counters.steps += 1
             load_steps.proper(system, found, here.travel, goal.travel, points, counters)
-            points += [] if point is None else [_light(point)]
+            points += [] if point is None else [light(point)]
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
-            here = _arrived(system, load, found, goal)
+            here = arrived(system, load, found, goal)
     return points
+
+
+def begin(
+    system: System,
+    start: Start,
+    control: Control,
+    counters: Counters,
+    u: np.ndarray,
+    history: History | None = None,
+    touching: float | None = None,
+) -> tuple[Reached, np.ndarray | None]:
+    """Where a path begins, and the displacement (n, 3) from which its first step does where that is another.
+
+    Raises Stopped; arguments as those of `follow`.
+    """
+    here = _rest(system, start(0.0), u, history)
+    if touching is None:
+        return here, None
+    try:
+        return here, _held(system, start(touching), here, touching, control, counters)
+    except Stopped as error:
+        if error.cause == "time_limit":
+            raise
+        u = load_steps.seat(smooth(system), start(touching), u, control, counters)
+        return _rest(system, start(0.0), u, history), None
+
+
+def attempt(
+    system: System,
+    start: Start,
+    here: Reached,
+    goal: Instant,
+    guess: np.ndarray,
+    control: Control,
+    counters: Counters,
+    limit: int,
+) -> tuple[Equilibrium, Load, LoadPoint | None]:
+    """One step to an instant from a displacement `guess` (n, 3): as `_step`, friction let go where need be.
+
+    Raises NotConverged.
+    """
+    load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
+    try:
+        return _step(system, load, guess, here, goal, control, counters, limit)
+    except NotConverged as error:
+        if system.loose or error.cause == "time_limit" or not any(p.friction for p in system.seat):
+            raise
+        guess = _let_go(system, load, guess, here, control, counters, limit)
+        return _step(system, load, guess, here, goal, control, counters, limit)
 
 
 def smooth(system: System) -> System:
@@ -166,7 +200,8 @@ def _step(
     return replace(found, linear=None, known=None), load, None
 
 
-def _arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> Reached:
+def arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> Reached:
+    """What the path goes on from after a step to an instant."""
     at = found.evaluation
     x = system.body.nodes + at.u
     before = tuple(
@@ -249,7 +284,7 @@ def _rested(
     return replace(found, rate=rate), load
 
 
-def _light(point: LoadPoint) -> LoadPoint:
+def light(point: LoadPoint) -> LoadPoint:
     """The point without what only the next step needs of its first stages: strains and history, megabytes each."""
     stages = []
     for stage in point.stages[:-1]:

@@ -72,11 +72,15 @@ class Stage:
 
 @dataclass(frozen=True)
 class LoadPoint:
-    """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts)."""
+    """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts).
+
+    `leg` counts the meshes that were made anew on the way there.
+    """
 
     time: float
     travel: float
     stages: tuple[Stage, ...]
+    leg: int = 0
 
     @property
     def evaluation(self) -> Evaluation:
@@ -116,7 +120,16 @@ class Stopped(ArithmeticError):
         self.cause, self.points, self.history, self.counters = cause, points, history, counters
 
 
+class Worn(Exception):
+    """A state whose mesh is to be made anew: points reached before, displacement (n, 3) and its travel (mm)."""
+
+    def __init__(self, points: list[LoadPoint], u: np.ndarray, travel: float) -> None:
+        super().__init__(f"the mesh is worn at {travel:g} mm")
+        self.points, self.u, self.travel = points, u, travel
+
+
 Start = Callable[[float], Load]
+Wear = Callable[[Evaluation, float], bool]  # whether the mesh of a state at a travel (mm) is to be made anew
 Guess = Callable[[float], Sequence[np.ndarray] | None]  # states (n, 3) at the stages of an asked travel, or fewer
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
@@ -222,16 +235,17 @@ def _resting(
 def travel(
     system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
     u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
+    here: float = 0.0, worn: Wear | None = None,
 ) -> list[LoadPoint]:  # fmt: skip
-    """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
+    """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at `here`.
 
     `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
     answer at an asked travel does not depend on the way there, and `guess(s)` may offer states to start from.
-    Raises Stopped with what was reached.
+    Raises Stopped with what was reached, and Worn after a step to a state that is `worn`.
     """
     limit = BRISK
     u = np.zeros_like(system.body.nodes) if u is None else u
-    rate, here, step, last = np.zeros_like(u), 0.0, control.first, None
+    rate, step, last = np.zeros_like(u), control.first, None
     swift = mixed_newton.applies(system, start(0.0))
     amiss = np.zeros_like(u)  # of what is offered, at the travel before
     points: list[LoadPoint] = []
@@ -281,6 +295,8 @@ def travel(
                 step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
+            if worn is not None and worn(last, here):
+                raise Worn(points, u, here)
         try:
             points.append(
                 equilibrate(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True)

@@ -76,7 +76,7 @@ def solve(
     carried = Carried(None, _begun(load, at, frame is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
-        carried = Carried(response.carried(body, origin, u - before.u, system.scale), _expected(before, at))
+        carried = Carried(response.carried(body, origin, u - before.u), _expected(before, at))
     fresh, age = False, 0
     sizes: list[float] = []
     if time.process_time() > counters.deadline:
@@ -231,9 +231,7 @@ def _stepped(
         gap = state.gap + (n * moved).sum(-1)
         p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
         pressures.append(p if alpha == 1.0 else alpha * p + (1.0 - alpha) * old)
-    turning = (
-        None if linearised is None else response.carried(_meridian(system), linearised, alpha * step, system.scale)
-    )
+    turning = None if linearised is None else response.carried(_meridian(system), linearised, alpha * step)
     return new, Carried(turning, tuple(pressures))
 
 
@@ -243,7 +241,7 @@ def _factorise(
     """Factor of the tangent with what is carried; where it is not definite, first without its contact's turning."""
     body, shift, geometric = _meridian(system), 0.0, True
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
-    bulk = response.stiffness(body, linearised, carried.body, system.scale)
+    bulk = response.stiffness(body, linearised, carried.body)
     bulk = newton.sprung(system, load, bulk)
     contacts = tuple(replace(c, multiplier=p) for c, p in zip(at.contacts, carried.contact, strict=True))
     touching = replace(at, contacts=contacts)

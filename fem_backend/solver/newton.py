@@ -12,8 +12,8 @@ import numpy as np
 from fem_backend.contact import tractions
 from fem_backend.contact.tractions import ContactState, Pair, Touch
 from fem_backend.kinematics.bodies import Body
-from fem_backend.laws import Material
 from fem_backend.materials import response, stress
+from fem_backend.materials.regions import Substance
 from fem_backend.materials.stress import History
 from fem_backend.solver.condensation import Condense, Kept
 from fem_backend.solver.direct import EXACT, ROUGH, Factor, NotPositiveDefinite, Solve
@@ -46,7 +46,7 @@ class System:
     """
 
     body: Body
-    material: Material
+    material: Substance
     indenter: Pair | None
     seat: tuple[Pair, ...]
     factor: Factor

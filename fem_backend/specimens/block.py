@@ -11,7 +11,9 @@ from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
-from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import ON, FlatTopped
+from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -29,6 +31,8 @@ class Cuboid(FlatTopped):
     ly: float
     lz: float
     layers: tuple[tuple[float, float], ...] = ()
+    laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
 
     class Table(members.MemberTable):
         """{ shape = "block", size = [20, 20, 5], layers = [{ thickness, ratio }, …] }"""
@@ -38,7 +42,7 @@ class Cuboid(FlatTopped):
         size: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL
         """Lengths along x, y and z, mm."""
         layers: Layers = ()
-        """Layers from the top down; the rest has ratio 1."""
+        """Layers from the top down; the rest has ratio 1 and the law of the table material."""
 
         @model_validator(mode="after")
         def _fit(self) -> Cuboid.Table:
@@ -47,7 +51,7 @@ class Cuboid(FlatTopped):
 
         def build(self) -> Cuboid:
             """The specimen of these settings."""
-            return Cuboid(*self.size, tuple((v.thickness, v.ratio) for v in self.layers))
+            return Cuboid(*self.size, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers))
 
     @dataclass(frozen=True)
     class Knobs:
@@ -132,7 +136,7 @@ class Cuboid(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        layers = written(self.layers, self.laws)
         return {"shape": self.name, "size": [self.lx, self.ly, self.lz], "layers": layers}
 
     def actual(self, knobs: Any) -> Cuboid:
@@ -146,7 +150,9 @@ class Cuboid(FlatTopped):
                     f"larger than {SMALLEST * old:g} mm ({SMALLEST:g} of that asked for)"
                 )
         k = now[2] / was[2]
-        return replace(self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k))
+        return replace(
+            self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k), met=self.unlike
+        )
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

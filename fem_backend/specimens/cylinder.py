@@ -13,7 +13,9 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import Mesh, grids, halved
-from fem_backend.specimens.flat import LAYERED, ON, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import ON, FlatTopped
+from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -31,6 +33,8 @@ class Cylinder(FlatTopped):
     fillet: float = 0.0
     layers: tuple[tuple[float, float], ...] = ()
     walled: bool = False
+    laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
 
     class Table(members.MemberTable):
         """{ shape = "cylinder", radius = 10, height = 5, fillet = 0, layers = [{ thickness, ratio }, …] }"""
@@ -46,7 +50,7 @@ class Cylinder(FlatTopped):
         )
         """Radius of the rounded upper edge, mm."""
         layers: Layers = ()
-        """Layers from the top down; the rest has ratio 1."""
+        """Layers from the top down; the rest has ratio 1 and the law of the table material."""
 
         @model_validator(mode="after")
         def _fit(self) -> Cylinder.Table:
@@ -57,7 +61,9 @@ class Cylinder(FlatTopped):
 
         def build(self) -> Cylinder:
             """The specimen of these settings."""
-            return Cylinder(self.radius, self.height, self.fillet, tuple((v.thickness, v.ratio) for v in self.layers))
+            return Cylinder(
+                self.radius, self.height, self.fillet, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers)
+            )
 
     @dataclass(frozen=True)
     class Knobs:
@@ -119,7 +125,7 @@ class Cylinder(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        layers = written(self.layers, self.laws)
         sizes = {"radius": self.radius, "height": self.tall, "fillet": self.fillet}
         return {"shape": self.name, **sizes, "layers": layers}
 
@@ -134,7 +140,7 @@ class Cylinder(FlatTopped):
                 )
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
-        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k))
+        return replace(self, radius=radius, tall=tall, fillet=fillet, layers=self.changed(knobs, k), met=self.unlike)
 
     @property
     def described(self) -> str:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import BeforeValidator
 from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import CRUDE, MeridianMesh, Mesh, Size, graded, grids, triangulated
+from fem_backend.specimens import own_laws
+from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
 from rso.contract import Drawn
 
@@ -25,65 +27,12 @@ USUAL_LAYER = 0.5  # thickness (mm) that the declared range of its error is mean
 ON = 1e-9  # of the height: what lies this near a plane lies in it
 
 
-class Layer(members.MemberTable):
-    """{ thickness = 0.3, ratio = 5.0 }: a layer, from the top down."""
-
-    thickness: members.Length
-    """Thickness, mm."""
-    ratio: Annotated[float, BeforeValidator(members.above(0.0, "the stiffness of the layer over the rest, above 0"))]
-    """All moduli of the layer over those of the rest."""
-
-
-def _listed(value: Any) -> Any:
-    """A list of tables."""
-    if not isinstance(value, list | tuple):
-        raise members.refused(": a list of { thickness, ratio } from the top down is expected")
-    return tuple(value)
-
-
-Layers = Annotated[tuple[Layer, ...], BeforeValidator(_listed)]
-
-
-def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
-    """Refuse layers that are as thick as the specimen."""
-    total = sum(layer.thickness for layer in layers)
-    if total >= height:
-        raise members.refused(
-            f": layers of {total:g} mm in all; the rest below them, with ratio 1, must have a thickness: "
-            f"{words} = {height:g} mm",
-            "layers",
-            [layer.model_dump() for layer in layers],
-        )
-
-
-def _of_layers(*pairs: str) -> dict[str, Any]:
-    """The settings of layers THICKNESS:RATIO; ValueError for what is none."""
-    layers = []
-    for pair in pairs:
-        try:
-            thickness, ratio = map(float, pair.split(":"))
-        except ValueError:
-            raise ValueError(f"{pair!r}: THICKNESS:RATIO is expected, in mm and a pure number, such as 0.3:5") from None
-        layers.append({"thickness": thickness, "ratio": ratio})
-    return {"specimen": {"layers": layers}}
-
-
-LAYERED = members.SettingsOption(
-    "layers",
-    ("THICKNESS:RATIO",),
-    ("text",),
-    "layers of a flat specimen from the top: thickness (mm) and stiffness over that of the rest below",
-    repeated=True,
-    adds=True,
-    settings=_of_layers,
-)
-
-
 class FlatTopped:
     """A specimen between z = 0 and z = `height` (mm); a base class, no member.
 
     `half_width` (mm) is how far the model reaches from the axis, `edge` the radius (mm) of the top's rounded edge, and
-    `layers` are (thickness mm, ratio) from the top down; what is below has the ratio 1.  `walled`: it is in a well.
+    `layers` are (thickness mm, ratio) from the top down, `laws` those that are their own; what is below has the ratio 1
+    and the law of the body.  `walled`: it is in a well.
     """
 
     name: ClassVar[str]
@@ -103,6 +52,20 @@ class FlatTopped:
     edge: float = 0.0
     walled: bool = False
     layers: tuple[tuple[float, float], ...] = ()
+    laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
+    """Which interfaces the grid meets, those between unlike layers where nothing is said."""
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Stiffness of each layer over the rest, from the top down."""
+        return tuple(ratio for _, ratio in self.layers)
+
+    def words_of_layer(self, k: int) -> str:
+        """How stiff the layer k from the top is and which law of its own it has."""
+        own = self.laws[k] if self.laws else None
+        law = f"{own.law.replace('_', ' ')}, " if own else ""
+        return f"{law}{self.layers[k][1]:.4g} times as stiff"
 
     @property
     def smallest(self) -> float:
@@ -128,7 +91,7 @@ class FlatTopped:
         """Its layers from the top down, as an addition to what it is."""
         if not self.layers:
             return ""
-        each = [f"{members.length_words(t)} ({k:.4g} times as stiff)" for t, k in self.layers]
+        each = [f"{members.length_words(t)} ({self.words_of_layer(k)})" for k, (t, _) in enumerate(self.layers)]
         return f" with {'layers' if len(each) > 1 else 'a layer'} of {' and '.join(each)} on top"
 
     @property
@@ -141,8 +104,9 @@ class FlatTopped:
         return 0.0
 
     def absent(self) -> frozenset[str]:
-        """Those of a layer where it has none, and of a place where all are alike."""
-        return frozenset((() if self.layers else LAYER) + (PLACE if self.alike else ()))
+        """Those of a layer where it has none, of laws that layers do not have, and of a place where all are alike."""
+        none = own_laws.absent(self.laws) | frozenset(() if self.layers else LAYER)
+        return none | frozenset(PLACE if self.alike else ())
 
     def within(self, radius: float) -> FlatTopped | None:
         """Itself in a round well of a radius (mm); None where it has no side to be held."""
@@ -166,10 +130,9 @@ class FlatTopped:
         left = [(-x, z) for x, z in right[::-1]]
         out = [Drawn("specimen", tuple(right + left), self.described.removesuffix(self.layers_described))]
         down = h
-        for thickness, ratio in self.layers:
+        for k, (thickness, _) in enumerate(self.layers):
             box = ((-half, down - thickness), (half, down - thickness), (half, down), (-half, down))
-            text = f"{members.length_words(thickness)}, {ratio:.4g} times as stiff"
-            out.append(Drawn("layer", box, text))
+            out.append(Drawn("layer", box, f"{members.length_words(thickness)}, {self.words_of_layer(k)}"))
             down -= thickness
         top = tuple(p for p in right + left if p[1] > low)
         out.append(Drawn("edge", (top[0], top[-1]) if self.alike else (*right, *left, right[0])))
@@ -299,10 +262,17 @@ class FlatTopped:
         return self.planes_of_layers()
 
     def planes_of_layers(self) -> list[float]:
-        """Heights (mm) of base, interfaces between layers and top, from below."""
-        down, ratios = np.cumsum([t for t, _ in self.layers]), [*(k for _, k in self.layers), 1.0]
-        seen = [float(d) for d, a, b in zip(down, ratios, ratios[1:], strict=False) if a != b]
+        """Heights (mm) of base, interfaces that the grid meets and top, from below."""
+        down = np.cumsum([t for t, _ in self.layers])
+        seen = [float(d) for d, here in zip(down, self.met or self.unlike, strict=True) if here]
         return [0.0, *(self.height - d for d in seen[::-1]), self.height]
+
+    @property
+    def unlike(self) -> tuple[bool, ...]:
+        """Whether each layer differs from what is below it."""
+        ratios, laws = [*self.ratios, 1.0], [*(self.laws or (None,) * len(self.layers)), None]
+        below = zip(ratios[1:], laws[1:], strict=True)
+        return tuple(k != r or bool(v or w) for k, v, (r, w) in zip(ratios, laws, below, strict=False))
 
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
@@ -316,7 +286,10 @@ class FlatTopped:
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)
 
-        own, other = self.interfaces(), actual.interfaces()
+        met = tuple(a or b for a, b in zip(self.unlike, actual.unlike, strict=True))
+        both: list[Any] = [self, actual]
+        both = [replace(body, met=met) for body in both] if met else both
+        own, other = (body.interfaces() for body in both)
         r, z = graded(across, tuple(self.rings())), graded(down, tuple(own))
 
         def moved(points: np.ndarray) -> np.ndarray:
@@ -334,11 +307,15 @@ class FlatTopped:
         return points
 
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:
-        """The ratio of the layer that a point lies in."""
-        if all(ratio == 1.0 for _, ratio in self.layers):
-            return None
-        ratios = np.array([*(k for _, k in self.layers), 1.0])
-        return ratios[np.searchsorted(np.cumsum([t for t, _ in self.layers]), self.height - X[..., 2])]
+        """The ratio of the layer that a point lies in, 1 where that is in a law of its own."""
+        laws = self.laws or (None,) * len(self.layers)
+        ratios = np.array([*(1.0 if own else k for k, own in zip(self.ratios, laws, strict=True)), 1.0])
+        return None if (ratios == 1.0).all() else ratios[self.layer(X) - 1]
+
+    def layer(self, X: np.ndarray) -> np.ndarray:
+        """Number (…) of the layer that points X (…, 3) lie in: 1, 2, … from the top, 0 is the rest."""
+        k = np.searchsorted(np.cumsum([t for t, _ in self.layers]), self.height - X[..., 2])
+        return (k + 1) % (len(self.layers) + 1)
 
     def upper(self) -> dict[str, float]:
         """Of `factors`: the error of a layer goes with its thickness, or that of what is below where that is less."""

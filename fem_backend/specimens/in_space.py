@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
+from fem_backend.specimens import own_laws
 from fem_backend.specimens.specimen import LAYER
 
 
@@ -18,6 +19,8 @@ class InSpace:
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower")
     of_revolution: ClassVar[bool] = False
     alike: ClassVar[bool] = False
+    laws: ClassVar[tuple[own_laws.OwnLaw | None, ...]] = ()
+    ratios: ClassVar[tuple[float, ...]] = ()
 
     @property
     def fattest(self) -> float:
@@ -34,7 +37,7 @@ class InSpace:
 
     def absent(self) -> frozenset[str]:
         """It has no layers."""
-        return frozenset(LAYER)
+        return frozenset(LAYER) | own_laws.everything()
 
     def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
         """None is made."""
@@ -43,3 +46,7 @@ class InSpace:
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:
         """It has no layers."""
         return None
+
+    def layer(self, X: np.ndarray) -> np.ndarray:
+        """All is the rest."""
+        return np.zeros(X.shape[:-1], int)

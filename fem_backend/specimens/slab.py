@@ -11,7 +11,9 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, Mesh
-from fem_backend.specimens.flat import LAYERED, FlatTopped, Layers, fitting
+from fem_backend.specimens.flat import FlatTopped
+from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
 
@@ -35,6 +37,8 @@ class Slab(FlatTopped):
     layers: tuple[tuple[float, float], ...] = ()
     around: float = 0.0
     wide: float = 0.0
+    laws: tuple[OwnLaw | None, ...] = ()
+    met: tuple[bool, ...] = ()
 
     class Table(members.MemberTable):
         """{ shape = "slab", thickness = 2.3, layers = [{ thickness = 0.3, ratio = 5.0 }, …] }"""
@@ -44,7 +48,7 @@ class Slab(FlatTopped):
         thickness: members.Length = USUAL
         """Thickness, mm."""
         layers: Layers = ()
-        """Layers from the top down; the rest has ratio 1."""
+        """Layers from the top down; the rest has ratio 1 and the law of the table material."""
 
         @model_validator(mode="after")
         def _fit(self) -> Slab.Table:
@@ -53,7 +57,7 @@ class Slab(FlatTopped):
 
         def build(self) -> Slab:
             """The specimen of these settings."""
-            return Slab(self.thickness, tuple((v.thickness, v.ratio) for v in self.layers))
+            return Slab(self.thickness, thicknesses_and_ratios(self.layers), laws=laws_of(self.layers))
 
     @dataclass(frozen=True)
     class Knobs:
@@ -126,7 +130,7 @@ class Slab(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = [{"thickness": t, "ratio": k} for t, k in self.layers]
+        layers = written(self.layers, self.laws)
         return {"shape": self.name, "thickness": self.thickness, "layers": layers}
 
     def actual(self, knobs: Any) -> Slab:
@@ -137,7 +141,9 @@ class Slab(FlatTopped):
                 f"delta_thickness = {knobs.delta_thickness:g} mm: a slab of {thickness:g} mm, must be thicker than "
                 f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
             )
-        return replace(self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness))
+        return replace(
+            self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness), met=self.unlike
+        )
 
     @property
     def described(self) -> str:

@@ -15,6 +15,7 @@ from skfem import MeshTet2
 from fem_backend import meshing
 from fem_backend.members import MemberTable, OpenSet, SettingsOption
 from fem_backend.meshing import MeridianMesh, Mesh, Size
+from fem_backend.specimens.own_laws import OwnLaw
 from rso.contract import Drawn
 
 
@@ -185,6 +186,17 @@ class Specimen(Protocol):
 
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:
         """Factor (…) of its layers on all moduli at points X (…, 3); None where it has none."""
+
+    @property
+    def laws(self) -> tuple[OwnLaw | None, ...]:
+        """Laws of its layers from the top down, None for that of the body; nothing where none has its own."""
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Stiffness of each layer over the rest, from the top down."""
+
+    def layer(self, X: np.ndarray) -> np.ndarray:
+        """Number (…) of the layer that points X (…, 3) lie in: 1, 2, … from the top, 0 is the rest."""
 
     # ------------------------------------------------------------------------------------------------- proposals
 

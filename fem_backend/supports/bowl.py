@@ -130,6 +130,10 @@ class BowlSupport:
         """Knobs change its pairs alone."""
         return self
 
+    def absent(self, specimen: Any) -> frozenset[str]:
+        """All of its knobs count."""
+        return frozenset()
+
     def confines(self, specimen: Any) -> Any:
         """It leaves it as it is."""
         return specimen

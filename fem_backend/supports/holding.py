@@ -45,6 +45,10 @@ class Holding:
         """No knob changes it."""
         return self
 
+    def absent(self, specimen: Any) -> frozenset[str]:
+        """All of its knobs count."""
+        return frozenset()
+
     def confines(self, specimen: Any) -> Any:
         """It leaves it as it is."""
         return specimen

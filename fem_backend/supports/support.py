@@ -62,6 +62,9 @@ class Support(Protocol):
     def actual(self, knobs: Any) -> Support:
         """Itself with what knobs make of it: its friction decides whether nodes are held or touched."""
 
+    def absent(self, specimen: Any) -> frozenset[str]:
+        """Those of its own knobs that say nothing with this specimen."""
+
     def confines(self, specimen: Any) -> Any:
         """The specimen as wide as it leaves it; as it is where it cannot carry it."""
 

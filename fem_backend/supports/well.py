@@ -13,6 +13,8 @@ from fem_backend.supports.support import SUPPORTS
 from fem_backend.supports.walls import BONDED, GAP, ON, SLIP, Walls
 from rso.contract import knob
 
+SMALLEST = 0.2  # of the radius over that of the settings
+
 
 @SUPPORTS.register
 @dataclass(frozen=True)
@@ -21,11 +23,13 @@ class Well(Walls):
 
     `base` is bonded or slips, `side` is bonded, slips (u_r = 0), or is touched once it has crossed the gap that the
     radius leaves.  A slab is as wide as its well.  Coulomb friction counts wherever it may slide.
+    `off` (mm) is the error of the radius.
     """
 
     radius: float = 0.0
     base: str = BONDED
     side: str = SLIP
+    off: float = 0.0
 
     class Table(members.MemberTable):
         """{ kind = "well", radius = 3.2, base = "bonded" | "slip", wall = "bonded" | "slip" | "gap", friction = 0 }"""
@@ -67,6 +71,17 @@ class Well(Walls):
             plausible=(0.05, 1.0),
             label="friction in the well",
         )
+        delta_well: float = knob(
+            "error of the radius of the well",
+            "mm",
+            -1e6,
+            1e6,
+            neutral=0.0,
+            scope="mounting",
+            typical=0.05,
+            plausible=(-0.3, 0.3),
+            label="wrong radius of the well",
+        )
 
     name: ClassVar[str] = "well"
     parts: ClassVar[tuple[str, ...]] = ("base", "side")
@@ -86,6 +101,7 @@ class Well(Walls):
     variant: ClassVar[str] = "well"
     words: ClassVar[str] = "in a well"
     group: ClassVar[str] = "well"
+    lengths: ClassVar[tuple[str, ...]] = ("delta_well",)
 
     @property
     def described(self) -> str:
@@ -108,17 +124,44 @@ class Well(Walls):
 
     def wall(self, specimen: Any) -> float:
         """The radius of the well, or that of the specimen which fills it."""
-        return self.radius if self.radius and (self.side == GAP or specimen.alike) else specimen.half_width
+        if self.radius and self.side == GAP:
+            return self.radius + self.off
+        return specimen.within(self.radius + self.off).half_width if self.radius else specimen.half_width
 
     def actual(self, knobs: Any) -> Well:
-        """The friction."""
-        return replace(self, rubs=knobs.well_friction)
+        """The friction, and the error of its radius; ValueError where hardly any of that is left."""
+        if self.radius and self.radius + knobs.delta_well <= SMALLEST * self.radius:
+            raise ValueError(
+                f"delta_well = {knobs.delta_well:g} mm: a well of radius {self.radius + knobs.delta_well:g} mm, must "
+                f"be larger than {SMALLEST * self.radius:g} mm ({SMALLEST:g} of that asked for)"
+            )
+        return replace(self, rubs=knobs.well_friction, off=knobs.delta_well if self.radius else 0.0)
+
+    def absent(self, specimen: Any) -> frozenset[str]:
+        """The error of a radius that is that of the specimen, which has one of its own."""
+        means = bool(self.radius) and (self.side == GAP or self._cast(specimen))
+        return frozenset() if means else frozenset(("delta_well",))
+
+    def _cast(self, specimen: Any) -> bool:
+        """Whether a specimen is as wide as any well."""
+        return specimen.within(2.0 * self.radius).half_width != specimen.within(self.radius).half_width
 
     def confines(self, specimen: Any) -> Any:
         """A slab as wide as the well, a fine grid at a wall that touches."""
         if self.refusal(specimen):
             return specimen
-        room = not specimen.alike and self.wall(specimen) > specimen.half_width * (1.0 + ON)
+        if (
+            self.off
+            and self.side == GAP
+            and not self._cast(specimen)
+            and specimen.half_width > self.wall(specimen) * (1.0 + ON)
+        ):
+            raise ValueError(
+                f"delta_well = {self.off:g} mm: the specimen, of radius {specimen.half_width:g} mm, is wider than a "
+                f"well of {self.wall(specimen):g} mm"
+            )
+        own_width = not specimen.alike and not (self.off and self._cast(specimen))
+        room = own_width and self.wall(specimen) > specimen.half_width * (1.0 + ON)
         return specimen if room else specimen.within(self.wall(specimen))
 
     def offered(self, specimen: Any) -> bool:
@@ -151,5 +194,5 @@ class Well(Walls):
         return 0.0 if self.base == self.side == BONDED else values.get("well_friction", self.rubs)
 
     def holding(self) -> Well:
-        """Whether it rubs decides what it holds, not how much."""
-        return replace(self, rubs=float(self.rubs > 0.0))
+        """Whether it rubs decides what it holds, not how much; how wide it is the specimen says."""
+        return replace(self, rubs=float(self.rubs > 0.0), off=0.0)

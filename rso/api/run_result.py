@@ -61,6 +61,24 @@ class RunResult:
         return table.astype({"value": float, "low": float, "high": float}).rename_axis("parameter")
 
     @property
+    def derived(self) -> pd.DataFrame:
+        """A row per quantity that follows from the parameters (E, ν, …): value, unit, ends of its interval, words."""
+        found = (self.data.get("identification") or {}).get("derived") or ()
+        rows = {
+            q["name"]: {
+                "value": q["value"],
+                "unit": q["unit"],
+                "low": q["interval"][0],
+                "high": q["interval"][1],
+                "known": q["known"],
+                "words": q["description"],
+            }
+            for q in found
+        }
+        columns = ["value", "unit", "low", "high", "known", "words"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("quantity")
+
+    @property
     def level(self) -> float | None:
         """Confidence level of the intervals, or None where there are none."""
         found = self.data.get("identification")

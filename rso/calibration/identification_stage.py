@@ -15,6 +15,7 @@ from rso.calibration.readings import curve_data
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
+from rso.contract import DerivedQuantities, DerivedQuantity, capability
 from rso.core.units import spaced
 from rso.doe import Box
 from rso.emulation.emulator import Emulator
@@ -28,6 +29,7 @@ from rso.inference import (
     MetricMinimum,
     compare_weightings,
     curve_score,
+    derived_interval,
     downhill,
     lenient,
     minimise,
@@ -91,6 +93,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
+            "derived": derived_quantities(plan, d),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
             "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
             "mcmc": None
@@ -111,6 +114,35 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             ],
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
+    }
+
+
+def derived_quantities(plan: Plan, d: Determination) -> list[dict[str, Any]]:
+    """identification.derived: what the backend derives from the parameters, with intervals of its own."""
+    offered, box = capability(plan.backend, DerivedQuantities), d.misfit.model.box
+    fixed = plan.resolved.fixed
+    settings = plan.study.backend.settings
+    found = [] if offered is None else offered.derived(settings, [*box.names, *fixed])
+    return [_derived(q, box, fixed, d) for q in found]
+
+
+def _derived(q: DerivedQuantity, box: Box, fixed: Mapping[str, float], d: Determination) -> dict[str, Any]:
+    def quantity(X: np.ndarray) -> np.ndarray:
+        values = dict(zip(box.names, box.from_unit(X).T, strict=True))
+        return np.broadcast_to(q.of({**{n: np.full(len(X), v) for n, v in fixed.items()}, **values}), len(X))
+
+    i = derived_interval(d, quantity)
+    outside = i.high < q.ordinary[0] or i.low > q.ordinary[1]
+    return {
+        "name": q.name,
+        "letter": q.letter,
+        "description": q.description,
+        "unit": q.unit,
+        "value": i.value,
+        "interval": [i.low, i.high],
+        "known": i.known,
+        "ends_by": [list(i.low_by), list(i.high_by)],
+        "unlikely": q.otherwise if outside else "",
     }
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -89,6 +90,14 @@ class Relaxation(Protocol):
 
     def relaxes(self, values: Mapping[str, float], settings: Settings, /) -> bool:
         """Whether forces go on changing while the indenter rests at one depth, with these values and settings."""
+        ...
+
+
+class ForceControl(Protocol):
+    """Whether programmes may be controlled by force; without it travel alone is, and such a programme is refused."""
+
+    def controls_force(self, settings: Settings, /) -> bool:
+        """Whether segments at a force, or to one, and asked forces are understood with these settings."""
         ...
 
 
@@ -283,6 +292,30 @@ class Sketches(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class DerivedQuantity:
+    """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
+
+    Where its interval lies outside of the `ordinary` range, a reader is told `otherwise`.
+    """
+
+    name: str
+    letter: str
+    description: str
+    unit: str
+    of: Callable[[Mapping[str, np.ndarray]], np.ndarray]
+    ordinary: tuple[float, float] = (-math.inf, math.inf)
+    otherwise: str = ""
+
+
+class DerivedQuantities(Protocol):
+    """Quantities that people think in; without it a report states the parameters alone."""
+
+    def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
+        """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
 # --- new studies ----------------------------------------------------------------------------------------------------
 
 
@@ -351,7 +384,7 @@ class Fingerprint(Protocol):
 
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
-    "alternatives": (Variants, ModelHierarchy, Relaxation),
+    "alternatives": (Variants, ModelHierarchy, Relaxation, ForceControl),
     "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
         CostModel,
@@ -364,7 +397,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches,),
+    "what is modelled": (Sketches, DerivedQuantities),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
@@ -377,6 +410,20 @@ def capability(backend: object, kind: Callable[..., C]) -> C | None:
     `kind` is typed as what makes C, not as ``type[C]``, for which mypy takes no protocol.
     """
     return None if lacking(backend, kind) else backend  # type: ignore[return-value]
+
+
+def beyond_control(backend: object, case: Case) -> str | None:
+    """Why a backend cannot follow the programme of a case: it asks for a force and travel alone is understood."""
+    if not case.programme.forced:
+        return None
+    found = capability(backend, ForceControl)
+    if found is not None and found.controls_force(case.settings):
+        return None
+    name = getattr(backend, "name", type(backend).__name__)
+    return (
+        f'programme: force controls it (control = "force", to_N or asked_N), which the backend {name!r} does not '
+        "understand: it has no controls_force (rso.contract.ForceControl); a programme of travel alone is followed"
+    )
 
 
 def lacking(backend: object, kind: Callable[..., Any]) -> list[str]:

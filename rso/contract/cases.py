@@ -1,4 +1,4 @@
-"""What is asked of a backend: a programme of travel over time, and the backend's own settings."""
+"""What is asked of a backend: a programme of travel and force over time, and the backend's own settings."""
 
 from __future__ import annotations
 
@@ -12,23 +12,85 @@ import numpy as np
 
 from rso.contract.parameters import number
 from rso.contract.plain_data import object_path, plain
+from rso.contract.segments import Segment, clock, refuse_together
 
 
 @dataclass(frozen=True)
 class Programme:
-    """Indenter travel over time, piecewise linear through (`time_s`, `travel_mm`), and what is asked for.
+    """What the indenter does over time, and what is asked for: travel as waypoints, or segments of travel and force.
 
-    Channels are returned at each passage of an asked travel and at each asked moment (a hold), in order of time.
+    Either travel is piecewise linear through (`time_s`, `travel_mm`), or it follows `segments`, from rest at first
+    contact at 0 s.  Channels are returned at each passage of an asked travel or force and at each asked moment (a
+    hold), in order of time; segments have asked moments of their own, since each began.  A moment of `asked_s` counts
+    from the programme's start and needs segments whose durations are known before they are run.
     """
 
-    time_s: tuple[float, ...]
-    travel_mm: tuple[float, ...]
-    asked_mm: tuple[float, ...]
+    time_s: tuple[float, ...] = ()
+    travel_mm: tuple[float, ...] = ()
+    asked_mm: tuple[float, ...] = ()
     asked_s: tuple[float, ...] = ()
+    asked_N: tuple[float, ...] = ()
+    segments: tuple[Segment, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("time_s", "travel_mm", "asked_mm", "asked_s"):
+        for name in ("time_s", "travel_mm", "asked_mm", "asked_s", "asked_N"):
             object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
+        object.__setattr__(self, "segments", tuple(self.segments))
+        self._refuse_asked()
+        if self.segments:
+            self._refuse_segments()
+        else:
+            self._refuse_waypoints()
+
+    @property
+    def forced(self) -> bool:
+        """Whether a force decides where the indenter goes, or what is answered."""
+        return bool(self.asked_N) or any(s.control == "force" or s.to_N is not None for s in self.segments)
+
+    def plain(self) -> dict[str, Any]:
+        """What is stated of it, as plain data: a part that says nothing is left out."""
+        numbers = ("time_s", "travel_mm", "asked_mm", "asked_s", "asked_N")
+        found: dict[str, Any] = {k: v for k in numbers if (v := getattr(self, k))}
+        return {**found, **({"segments": [s.plain() for s in self.segments]} if self.segments else {})}
+
+    def _refuse_asked(self) -> None:
+        """Raise ValueError for asked travels, forces and moments that are none by themselves."""
+        for name in ("asked_mm", "asked_N", "asked_s"):
+            v = np.asarray(getattr(self, name))
+            if not np.all(np.isfinite(v)):
+                raise ValueError(f"programme: {name} must be finite, got {v.tolist()}")
+        moments = any(s.asked_s for s in self.segments)
+        if self.segments and not (self.asked_mm or self.asked_s or self.asked_N or moments):
+            raise ValueError("programme: nothing is asked for; state asked_mm, asked_N, asked_s or those of a segment")
+        if self.asked_N and (np.any(np.diff(self.asked_N) <= 0) or 0.0 in self.asked_N):
+            raise ValueError(f"programme: asked_N must increase and is never 0 N, got {list(self.asked_N)}")
+
+    def _refuse_segments(self) -> None:
+        """Raise ValueError for segments that cannot follow each other, or beside waypoints."""
+        if self.time_s or self.travel_mm:
+            raise ValueError("programme: segments stand alone, without time_s and travel_mm")
+        wrong = [s for s in self.segments if not isinstance(s, Segment)]
+        if wrong:
+            raise ValueError(f"programme: segments must be Segment, got {wrong[0]!r}")
+        try:
+            refuse_together(self.segments)
+        except ValueError as error:
+            raise ValueError(f"programme: {error}") from None
+        if np.any(np.diff(self.asked_mm) <= 0) or any(v <= 0 for v in self.asked_mm):
+            raise ValueError(f"programme: asked_mm must increase and be positive, got {list(self.asked_mm)}")
+        if not self.asked_s:
+            return
+        end = clock(self.segments)[-1]
+        if end is None:
+            raise ValueError(
+                "programme: asked_s counts from the start, but how long the segments last is known only once they are "
+                "run; state asked_s within a segment, since it began"
+            )
+        if np.any(np.diff(self.asked_s) <= 0) or not 0.0 < self.asked_s[0] <= self.asked_s[-1] <= end * (1.0 + 1e-12):
+            raise ValueError(f"programme: asked_s must increase within (0, {end:g}] s, got {list(self.asked_s)}")
+
+    def _refuse_waypoints(self) -> None:
+        """Raise ValueError for waypoints of travel that are none."""
         t, u, a = (np.asarray(v) for v in (self.time_s, self.travel_mm, self.asked_mm))
         if len(t) != len(u) or len(t) < 2:
             raise ValueError(f"programme: time_s ({len(t)}) and travel_mm ({len(u)}) need the same length >= 2")
@@ -39,11 +101,12 @@ class Programme:
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
         if u.max() <= 0:
             raise ValueError(f"programme: travel_mm must go down, which counts as positive, got {list(self.travel_mm)}")
-        if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
+        least = 0 if self.asked_s or self.asked_N else 1
+        if len(a) < least or np.any(np.diff(a) <= 0) or (len(a) and (a[0] <= 0 or a[-1] > u.max() + 1e-12)):
             raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
         m = np.asarray(self.asked_s)
         outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
-        if not np.all(np.isfinite(m)) or np.any(np.diff(m) <= 0) or outside:
+        if np.any(np.diff(m) <= 0) or outside:
             within = f"({t[0]:g}, {t[-1]:g}] s"
             raise ValueError(f"programme: asked_s must increase within {within}, got {list(self.asked_s)}")
 
@@ -78,7 +141,7 @@ class Case:
         """The case as plain JSON data (the `case` of a request)."""
         return {
             "name": self.name,
-            "programme": dataclasses.asdict(self.programme),
+            "programme": _request(self.programme),
             "settings": plain(self.settings),
             "artefacts": dict(self.artefacts),
             "objects": self.objects,
@@ -92,10 +155,6 @@ class Case:
         unknown = sorted(set(data) - {"name", "programme", "settings", "artefacts", "objects"})
         if unknown or "programme" not in data:
             raise ValueError(f"case: needs name, programme, settings[, artefacts, objects]; unknown: {unknown}")
-        programme = data["programme"]
-        needed = {"time_s", "travel_mm", "asked_mm"}
-        if not isinstance(programme, Mapping) or not needed <= set(programme) <= needed | {"asked_s"}:
-            raise ValueError("case.programme: needs exactly time_s, travel_mm and asked_mm, and may have asked_s")
         for key, words in (("settings", "a table"), ("artefacts", "a table of names and hashes")):
             if not isinstance(data.get(key) or {}, Mapping):
                 raise ValueError(f"case.{key} = {data[key]!r}: {words} is expected")
@@ -104,11 +163,35 @@ class Case:
                 raise ValueError(f"case.{key} = {data[key]!r}: a text is expected")
         return cls(
             str(data.get("name", "case")),
-            Programme(**{k: _numbers(f"case.programme.{k}", v) for k, v in programme.items()}),
+            _programme(data["programme"]),
             dict(data.get("settings") or {}),
             dict(data.get("artefacts") or {}),
             data.get("objects"),
         )
+
+
+def _request(programme: Programme) -> dict[str, Any]:
+    """The programme of a request: waypoints always with these four lists, the rest only where it is stated."""
+    waypoints = {k: list(getattr(programme, k)) for k in ("time_s", "travel_mm", "asked_mm", "asked_s")}
+    return plain(programme.plain() if programme.segments else {**waypoints, **programme.plain()})
+
+
+def _programme(data: Any) -> Programme:
+    """A programme from plain data; ValueError naming key, value and choices."""
+    known = [f.name for f in dataclasses.fields(Programme)]
+    needed = {"time_s", "travel_mm"}
+    if not isinstance(data, Mapping) or not (needed <= set(data) or "segments" in data) or not set(data) <= {*known}:
+        unknown = sorted(set(data) - {*known}) if isinstance(data, Mapping) else data
+        raise ValueError(
+            "case.programme: needs time_s and travel_mm, or segments, and asks by asked_mm, asked_N or asked_s; "
+            f"unknown: {unknown}"
+        )
+    segments = data.get("segments", ())
+    if not isinstance(segments, list | tuple):
+        raise ValueError(f"case.programme.segments = {segments!r}: a list of tables is expected")
+    numbers = {k: _numbers(f"case.programme.{k}", v) for k, v in data.items() if k != "segments"}
+    read = tuple(Segment.read(f"case.programme.segments[{k}]", v) for k, v in enumerate(segments))
+    return Programme(**numbers, segments=read)
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 from rso.contract.backend import Backend
@@ -24,7 +23,7 @@ def run_key(backend: Backend, values: Mapping[str, float], case: Case) -> str:
             "backend": backend.name,
             "numerics": backend.numerics,
             "values": {k: float(v) for k, v in values.items()},
-            "programme": {k: v for k, v in dataclasses.asdict(case.programme).items() if v != ()},
+            "programme": case.programme.plain(),
             "settings": by_contents(plain(case.settings)),
             "artefacts": dict(case.artefacts),
         }

@@ -181,8 +181,9 @@ class CommandBackend:
     """An external program as a backend: ``command request.json response.json``, no shell.
 
     *Schema.* ``command --schema`` prints ``{"name": str, "numerics": int, "parameters": [{"name", "description",
-    "unit", "low", "high"[, "default", "neutral", "group", "typical", "scope"]}], "channels": {name: unit}}``;
-    other keys are ignored.
+    "unit", "low", "high"[, "default", "neutral", "group", "typical", "scope"]}], "channels": {name: unit}[,
+    "controls_force": bool]}``; other keys are ignored.  Without `controls_force` a programme that a force controls is
+    refused.
 
     *Request.* ``{"values": {name: number}, "case": …}`` with every declared parameter (effects at their neutral
     value included) and :meth:`rso.contract.Case.to_json`.
@@ -207,6 +208,11 @@ class CommandBackend:
     keep_folder: str | None = None
     timeout_s: float | None = None
     fingerprint: str = ""
+    forced: bool = False
+
+    def controls_force(self, settings: Mapping[str, Any]) -> bool:
+        """What its schema says."""
+        return self.forced
 
     def check(self, case: Case) -> None:
         """Nothing to say before the program runs."""
@@ -259,6 +265,7 @@ def _load_command(
             raise ValueError(f"parameter {twice[0]!r} is there twice")
         channels = {str(name): str(unit) for name, unit in schema["channels"].items()}
         name, numerics = str(schema["name"]), int(schema["numerics"])
+        forced = schema.get("controls_force", False) is True
     except subprocess.TimeoutExpired as error:
         raise ValueError(f"backend: {' '.join(words)} --schema gave no answer in {SCHEMA_TIMEOUT_S:g} s") from error
     except (json.JSONDecodeError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -271,7 +278,7 @@ def _load_command(
     keep_folder = None if keep_folder is None else str(Path(keep_folder).absolute())
     named = [fingerprint_of(word) if os.path.isabs(word) and os.path.isfile(word) else word for word in words]
     fingerprint = "" if words[1:] == ("-m", OWN) else digest(named)
-    return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s, fingerprint)
+    return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s, fingerprint, forced)
 
 
 def _printed(text: str) -> Any:

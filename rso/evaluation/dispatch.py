@@ -12,7 +12,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rso.contract import Backend, Case, NotFinite, Response, SimulationFailed, digest, plain, run_key
+from rso.contract import (
+    Backend,
+    Case,
+    NotFinite,
+    Response,
+    SimulationFailed,
+    beyond_control,
+    digest,
+    plain,
+    run_key,
+)
 from rso.core.units import CHANNELS, same
 from rso.evaluation.adapters import Source, check_values
 from rso.evaluation.cluster import ClusterExecutor
@@ -233,6 +243,8 @@ def _cpu_s() -> float:
 def _plan(backend: Backend, task: Task) -> _Plan:
     try:
         check_values(backend.parameters, task.values)
+        if (why := beyond_control(backend, task.case)) is not None:
+            raise ValueError(why)
         backend.check(task.case)
         values, case = backend.canonical(task.values, task.case)
     except ValueError as error:
@@ -371,13 +383,16 @@ def _lacking(response: Response, case: Case, needs: frozenset[str], backend: Bac
         wanted = CHANNELS.get(channel.partition("(")[0], unit)  # "uz(3,4)" is a mark's, declared by nobody
         if channel not in backend.channels and not same(unit, wanted):
             return f"the response has {channel} in {unit}, it must be in {wanted}"
-    travel = response.channels["travel"]
-    asked = np.asarray(case.programme.asked_mm)
+    travel, time = response.channels["travel"], response.channels["time"]
+    asked = np.asarray(() if case.programme.forced else case.programme.asked_mm)  # a force may not reach a travel
     if not len(travel) or np.any(np.abs(travel[:, None] - asked).min(axis=0) > 1e-9):
         return f"the response holds travels {travel.tolist()} mm, asked were {asked.tolist()} mm"
-    moments, time = np.asarray(case.programme.asked_s), response.channels["time"]
+    moments = np.asarray(case.programme.asked_s)
     if len(moments) and np.any(np.abs(time[:, None] - moments).min(axis=0) > 1e-6 * np.abs(time).max()):
         return f"the response holds times {time.tolist()} s, asked were {moments.tolist()} s"
+    own = sum(len(s.asked_s) for s in case.programme.segments)
+    if len(time) < own:
+        return f"the response holds {len(time)} instants, the segments ask for {own} moments"
     return None
 
 

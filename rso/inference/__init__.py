@@ -2,6 +2,7 @@
 
 from rso.inference.autocorrelated_residuals import with_autocorrelation
 from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, minimise
+from rso.inference.derived import DerivedInterval, derived_interval
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.inference.expected_information import ExpectedInformation, PossibleExperiment, expected_information, on_valley
 from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
@@ -29,6 +30,7 @@ __all__ = [
     "WEIGHTINGS",
     "CurvePlace",
     "Data",
+    "DerivedInterval",
     "Determination",
     "Direction",
     "Draws",
@@ -56,6 +58,7 @@ __all__ = [
     "compare_weightings",
     "covariance",
     "curve_score",
+    "derived_interval",
     "descend",
     "determine",
     "directions",

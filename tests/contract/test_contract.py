@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from fem_backend.indenters import INDENTERS
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.specimens.specimen import LAYER, PLACE
 from fem_backend.supports import SUPPORTS
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
@@ -66,7 +66,11 @@ SUBJECTS = {
         settings={"mesh": MAPPED},
         other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
         failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
-        inert=SPECIMENS.of_others("ellipsoid") | INDENTERS.of_others("sphere") | SUPPORTS.of_others("fixed") | {*LAYER},
+        inert=SPECIMENS.of_others("ellipsoid")
+        | INDENTERS.of_others("sphere")
+        | SUPPORTS.of_others("fixed")
+        | {*LAYER}
+        | own_laws.everything(),
     ),
     "finite elements of a slab": Subject(
         Source(use="fem_backend.backend:BACKEND"),
@@ -77,7 +81,8 @@ SUBJECTS = {
         inert=SPECIMENS.of_others("slab")
         | INDENTERS.of_others("sphere")
         | SUPPORTS.of_others("bonded")
-        | {*PLACE, *LAYER},
+        | {*PLACE, *LAYER}
+        | own_laws.everything(),
     ),
 }
 

@@ -111,7 +111,7 @@ def test_what_a_step_carries_is_the_stress_to_first_order() -> None:
 
     start, errors = linear(u), []
     for h in (1e-3, 5e-4):
-        end, carried = linear(u + h * d), response.carried(body, start, h * d, None)
+        end, carried = linear(u + h * d), response.carried(body, start, h * d)
         errors.append([np.abs(carried.S - end.state.S).max(), np.abs(carried.p - end.volume.p).max()])
     assert np.all(np.array(errors[0]) / np.array(errors[1]) > 3.5)  # 4 for second order, 2 if a term were missing
 

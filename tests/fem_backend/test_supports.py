@@ -16,7 +16,7 @@ from fem_backend.contact import tractions
 from fem_backend.solver import newton
 from fem_backend.supports.walls import Plane, Wall
 from rso.cli.checking import check
-from rso.contract import Case, Programme, run_key
+from rso.contract import Case, Programme, SimulationFailed, run_key
 from rso.study.errors import StudyError
 from rso.study.loader import load
 
@@ -153,6 +153,63 @@ def test_walls_stiffen_in_order():
     )
     assert np.all(gap <= slip * (1.0 + 1e-6)) and np.all(slip < 0.999 * rubs) and np.all(rubs < 0.99 * bonded)
     assert np.all(force({**well, "base": "slip"}) < slip)
+
+
+@pytest.mark.parametrize(
+    ("specimen", "wall"), [(SLAB, "slip"), (SLAB, "bonded"), (SLAB, "gap"), (PUCK, "gap")], ids=str
+)
+def test_the_error_of_a_well_is_another_well(specimen, wall):
+    """What is cast in it is as wide; a puck keeps its width and has more room.  Grids differ: stated errors count."""
+    radius = 10.3 if specimen is PUCK else 6.0
+    well = {"kind": "well", "wall": wall, "radius": radius}
+    for off in (-0.25, 0.25):
+        moved = BACKEND(VALUES | {"delta_well": off}, case({**well, "radius": radius - off}, specimen))
+        wanted = BACKEND(VALUES, case(well, specimen))
+        left = np.abs(moved.channels["Fz"] - wanted.channels["Fz"])
+        assert np.all(left <= moved.error["Fz"] + wanted.error["Fz"])
+    felt = force({**well, "radius": radius - 0.25}, specimen) / force(well, specimen) - 1.0
+    assert felt[1] > 5e-3  # a quarter of a millimetre is felt
+
+
+def test_the_error_of_a_well_counts_where_it_has_a_radius_of_its_own():
+    def key(support, specimen=SLAB, **values):
+        return BACKEND.canonical({**VALUES, **values}, case(support, specimen))
+
+    for support in ({"kind": "well", "radius": 6.0}, {"kind": "well", "radius": 6.0, "wall": "gap"}):
+        assert key(support, delta_well=0.1) != key(support)
+        low, high = BACKEND.plausible({"specimen": SLAB, "support": support}).get("delta_well", (-0.3, 0.3))
+        assert low == -high
+    for support in ({"kind": "well"}, {"kind": "well", "radius": 10.0}, {"kind": "well", "wall": "gap"}):
+        assert key(support, PUCK, delta_well=0.1) == key(support, PUCK)
+        assert BACKEND.plausible({"specimen": PUCK, "support": support})["delta_well"] is None
+    with pytest.raises(SimulationFailed, match=r"delta_well = -0\.4 mm: the specimen, of radius 10 mm, is wider"):
+        BACKEND(VALUES | {"delta_well": -0.4}, case({"kind": "well", "radius": 10.2, "wall": "gap"}, PUCK))
+    with pytest.raises(SimulationFailed, match="delta_well = -5 mm: a well of radius 1 mm"):
+        BACKEND(VALUES | {"delta_well": -5.0}, case({"kind": "well", "radius": 6.0}))
+
+
+def test_no_closed_form_has_the_wall_of_a_well():
+    """Beside four thicknesses and the ball it counts for less than 0.1 %: there the formulas of a layer hold again."""
+    slab, ball = {"shape": "slab", "thickness": 3.0}, {"shape": "sphere", "radius": 3.0}
+    asked = Programme.ramp((0.1, 0.9))
+
+    def reasons(radius):
+        well = {"kind": "well", "radius": radius, "wall": "bonded"}
+        found = BACKEND.formulas(
+            {"mu": 0.01, "D1": 0.2}, Case("a", asked, {"specimen": slab, "indenter": ball, "support": well})
+        )
+        return [f.invalid[0] for f in found]
+
+    assert all("the wall of the well, 7.5 mm from the axis" in why for why in reasons(7.5))
+    assert not any("wall" in why for why in reasons(15.5))
+    far, bonded = ({"kind": "well", "radius": 15.5, "wall": "bonded"}, {"kind": "bonded"})
+    assert force(far, slab, (0.1, 0.9)) == pytest.approx(force(bonded, slab, (0.1, 0.9)), rel=2e-3)  # two grids
+    u = np.linspace(0.0, 0.5, 21)
+    settings = {"specimen": slab, "indenter": ball, "support": {"kind": "well", "radius": 4.0}}
+    told = BACKEND.first_parameters(settings, u, 0.05 * u**1.5)["mu"]
+    plain = BACKEND.first_parameters({**settings, "support": {"kind": "bonded"}}, u, 0.05 * u**1.5)["mu"]
+    assert "the wall of the well makes that too much" in told.remark and "wall" not in plain.remark
+    assert float(told.value["low"].split()[0]) < 0.4 * float(plain.value["low"].split()[0])
 
 
 # ------------------------------------------------------------------------------------------------- yielding substrate

@@ -20,7 +20,7 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS, law
 from fem_backend.laws.law import Derivatives, Isotropic
 from fem_backend.meshing import BadMesh, Mesh
-from fem_backend.specimens import SPECIMENS
+from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.specimens.specimen import Meshing
 from fem_backend.supports import SUPPORTS
 from fem_backend.supports.fixed import Fixed
@@ -95,13 +95,19 @@ class Block:
         return self
 
     def absent(self):
-        return frozenset(("delta_layer", "layer_ratio"))
+        return frozenset(("delta_layer", "layer_ratio")) | own_laws.everything()
 
     def beyond(self, length):
         return 0.0
 
+    laws: ClassVar[tuple] = ()
+    ratios: ClassVar[tuple] = ()
+
     def stiffness(self, X):
         return None
+
+    def layer(self, X):
+        return np.zeros(len(X), int)
 
     def actual(self, knobs):
         return replace(self, height=self.height + knobs.delta_brick)

@@ -56,6 +56,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "prevented": ((), lambda v: v == {"the tests again with oil": ("friction",)}),
     "gauges": ((SETTINGS,), lambda v: v["delta_t"][1] == 0.02),
     "sketch": ((SETTINGS, 1.0), lambda v: v.words and v.drawn[0].role == "specimen"),
+    "derived": ((SETTINGS, ("mu",)), lambda v: v[0].name == "E" and v[0].of({"mu": np.array([2.0])})[0] == 6.0),
     "options": ((), lambda v: [o.name for o in v] == ["thickness"]),
     "first_settings": (({"thickness": (5.0,)}, [1.0]), lambda v: v["thickness"].value == 5.0 and v["base"].guess),
     "first_parameters": ((SETTINGS, U, U), lambda v: v["mu"].value.keys() == {"low", "high", "scale"}),

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from rso.inference.intervals import pieces
+from rso.report.calibration.derived import derived_table
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, WARM, canvas, parameter_axis, svg
 from rso.report.layout.digits import (
     DASH,
@@ -48,6 +49,8 @@ def identification_section(results: Results) -> Section:
     if profiled(results):
         blocks.append(Picture("profile", _caption(data)))
     blocks.append(_intervals(results, data, rows))
+    if (quantities := derived_table(results)) is not None:
+        blocks.append(quantities)
     for p, d in rows:
         if d.get("reason"):
             blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))

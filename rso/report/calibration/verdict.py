@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rso.inference.verdict import REFUTED
+from rso.report.calibration.derived import derived_facts, derived_sentences
 from rso.report.calibration.gap import gap_fact, gap_sentences
 from rso.report.calibration.identification import allowed, identified, spans
 from rso.report.calibration.predictions import prediction_fact, prediction_sentences
@@ -72,7 +73,7 @@ def unfinished(results: Results) -> list[str]:
 def sentences(results: Results) -> list[str]:
     """One paragraph per question; questions without an answer yet are left out."""
     paragraphs = [
-        " ".join(_material(results)),
+        " ".join([*_material(results), *derived_sentences(results)]),
         " ".join(prediction_sentences(results)),
         *gap_sentences(results),
         " ".join(_reason(results)),
@@ -290,6 +291,7 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             agrees = "all agree with the data" if _refuted(results) is None else "the model misses the data"
             note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
             facts.append(Fact(p.letter, word, note, "warn"))
+    facts += derived_facts(results)
     if any(s.get("met") is False for s in listed(results, "searches")):
         facts.append(Fact("Targets", "not met", "by no recomputed candidate, within their tolerances", "warn"))
     if best:

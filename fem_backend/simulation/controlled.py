@@ -1,0 +1,112 @@
+"""An indentation test whose programme is controlled by force as well as by travel."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import indentation
+from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import FINAL, SHORTER, Result
+from fem_backend.simulation.initial_state import InitialState, initial_state
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver import controlled_steps
+from fem_backend.solver.controlled_steps import OUT_OF_REACH, Bench, Drive, Followed
+from fem_backend.solver.load_steps import Instant, Stopped
+from fem_backend.solver.newton import Counters
+
+COARSER = 2.0  # times the size of the elements of a meridian, for its error
+
+
+def solve(
+    settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, drive: Drive
+) -> tuple[Result, list[Instant]]:
+    """Curves at what a programme asks for, and every instant of its way with the travel found there.
+
+    As :func:`fem_backend.simulation.indentation.solve` tried twice; raises Stopped with the result so far, NotModelled.
+    """
+    started = time.process_time()
+    try:
+        return _attempt(settings, knobs, placement, model, drive, started)
+    except Stopped as stopped:
+        if stopped.cause in (*FINAL, OUT_OF_REACH):
+            raise
+        first = stopped
+    control = settings.control
+    shorter = replace(control, **{n: SHORTER * getattr(control, n) for n in ("first", "largest", "path")})
+    try:
+        return _attempt(replace(settings, control=shorter), knobs, placement, model, drive, started)
+    except Stopped as stopped:
+        raise (stopped if len(stopped.points) > len(first.points) else first) from None
+
+
+def _attempt(
+    settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, drive: Drive, started: float
+) -> tuple[Result, list[Instant]]:
+    counters = Counters(deadline=started + settings.control.time_limit_s)
+    at = initial_state(settings, knobs, placement, model, counters)
+    try:
+        u, history, touching = indentation.begun(at, counters)
+        followed = controlled_steps.follow(_bench(at, counters), drive, u, history, touching)
+    except Stopped as stopped:
+        reached = stopped.reached if isinstance(stopped.reached, Followed) else Followed([], [], [], [], [])
+        stopped.reached = _collected(at, reached, counters, time.process_time() - started)
+        raise
+    return _collected(at, followed, counters, time.process_time() - started), followed.way
+
+
+def _bench(at: InitialState, counters: Counters) -> Bench:
+    share, prony = float(modelling.multiplicity(at.placement)), at.system.material.prony
+
+    def along(force: np.ndarray) -> float:
+        return -share * float(force @ at.placement.direction)
+
+    tau = np.inf if prony is None else min(prony.tau)
+    return Bench(at.system, at.start, at.settings.control, counters, along, share, tau)
+
+
+def _collected(at: InitialState, followed: Followed, counters: Counters, cpu_s: float) -> Result:
+    result = indentation.collect(at, followed.points, counters, cpu_s)
+    return replace(
+        result, given=np.array(followed.given, bool), slopes=np.array(followed.slopes), left=np.array(followed.left)
+    )
+
+
+def checked(settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, drive: Drive) -> Result:
+    """Result of a programme; of a meridian beside the channels of coarser elements at the travels that were found.
+
+    Raises Stopped and NotModelled.
+    """
+    result, way = solve(settings, knobs, placement, model, drive)
+    if not placement.meridian:
+        return result
+    crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
+    try:
+        other = modelling.model_for(crude, knobs, placement, None)
+        first = indentation.solve(crude, knobs, placement, other, way)
+    except (NotModelled, Stopped):
+        return result
+    return replace(result, coarser=first.channels, cpu_s=result.cpu_s + first.cpu_s)
+
+
+def moved(error: dict[str, np.ndarray], result: Result) -> dict[str, np.ndarray]:
+    """Errors (k,) of channels where the force was given: that of the force is one of the travel,
+
+        δs = δF / (dF/ds),   δc ← δc + |c| δs/s,
+
+    and of the force is left the share to which it was met.  What is given is the force along the way, Fz of a
+    vertical one.  Of a channel c its growth with the travel is taken for that of a straight line, which contact radius
+    (s^½) and area (s) of a smooth indenter do not exceed.
+    """
+    if result.given is None or not result.given.any():
+        return error
+    here, s = result.given, np.maximum(np.abs(result.travel), 1e-300)
+    assert result.slopes is not None and result.left is not None
+    off = np.where(here, error["Fz"] / np.maximum(result.slopes, 1e-300), 0.0)
+    out = {n: v + np.abs(result.channels[n]) * off / s for n, v in error.items() if n not in ("time", "travel", "Fz")}
+    held = np.where(here, result.left * np.abs(result.channels["Fz"]), error["Fz"])
+    return {**error, **out, "travel": off, "Fz": held}

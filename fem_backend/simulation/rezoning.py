@@ -1,0 +1,176 @@
+"""Remeshing on the way: when the mesh of a meridian is worn, the new one, and what the change of meshes does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from fem_backend import meshing, post
+from fem_backend.contact import tractions
+from fem_backend.remeshing import location
+from fem_backend.remeshing.section import DeformedSection, NoMesh, rezoned
+from fem_backend.remeshing.triangulation import quality
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation.initial_state import InitialState
+from fem_backend.solver import load_steps
+from fem_backend.solver.load_steps import Guess, LoadPoint, Stopped, Watch, Wear, Worn
+from fem_backend.solver.newton import Counters, Evaluation, NotConverged
+
+LONGER = 1.6  # times the wanted length: an edge that the indenter may touch is too long
+FINER = 0.7  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
+GROWTH = 0.3  # of the length of new edges per distance from the surface
+AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
+AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
+
+
+@runtime_checkable
+class Moving(Protocol):
+    """What watches a run and can go on with another system of the same body, as derivatives do."""
+
+    def on(self, at: InitialState, /) -> Watch:
+        """The same watcher of a run that goes on with `at`."""
+        ...
+
+
+@dataclass(frozen=True)
+class MeshLeg:
+    """A part of the way on one mesh: what is solved there, who watches, where it began (mm), and by which share the
+    force changed there with the mesh."""
+
+    at: InitialState
+    watch: Watch | None
+    began: float = 0.0
+    jump: float = 0.0
+
+
+def allowed(at: InitialState) -> bool:
+    """Whether the mesh of a run may be made anew: a meridian with exact contact, no weight carried by multipliers."""
+    settings = at.settings
+    return settings.remesh != "never" and at.placement.meridian and settings.multipliers and at.carrying is None
+
+
+def travel(
+    legs: list[MeshLeg],
+    asked: Sequence[float],
+    counters: Counters,
+    u: np.ndarray,
+    guess: Guess | None = None,
+) -> list[LoadPoint]:
+    """As `load_steps.travel` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped."""
+    points: list[LoadPoint] = []
+    here = since = 0.0
+    control = legs[0].at.settings.control
+    while True:
+        leg, known = legs[-1], len(legs) - 1
+        left = [s for s in asked if not points or s > points[-1].travel]
+        try:
+            found = load_steps.travel(
+                leg.at.system, leg.at.start, left, control, counters, u, guess if known == 0 else None, leg.watch,
+                here, wear(leg.at, since) if allowed(leg.at) else None,
+            )  # fmt: skip
+            return points + [replace(p, leg=known) for p in found]
+        except Worn as worn:
+            points += [replace(p, leg=known) for p in worn.points]
+            u, here = worn.u, worn.travel
+            try:
+                new, u = _changed(leg, u, here, counters)
+                legs.append(new)
+                since = here
+            except (NoMesh, NotConverged) as error:
+                if isinstance(error, NotConverged) and error.cause == "time_limit":
+                    raise load_steps.stopped(error, here, points, counters) from error
+                since = here + AGAIN * leg.at.placement.indenter.length
+        except Stopped as stopped:
+            stopped.points = points + [replace(p, leg=known) for p in stopped.points]
+            raise
+
+
+def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tuple[MeshLeg, np.ndarray]:
+    """The next leg and its displacement; the force is found on both meshes.  Raises NoMesh and NotConverged."""
+    at, control = leg.at, leg.at.settings.control
+    old = load_steps.equilibrate(at.system, [u], at.start(here), here, control, counters)
+    new, carried = renewed(at, old.stages[0].equilibrium.evaluation)
+    found = load_steps.equilibrate(new.system, [carried], new.start(here), here, control, counters)
+    before, after = (abs(float(p.force @ at.placement.direction)) for p in (old, found))
+    watch = leg.watch.on(new) if isinstance(leg.watch, Moving) else leg.watch
+    jump = abs(after - before) / max(before, 1e-300)
+    return MeshLeg(new, watch, here, jump), found.stages[0].equilibrium.evaluation.u
+
+
+def wear(at: InitialState, since: float = 0.0) -> Wear:
+    """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
+
+    An edge that the indenter may touch has grown to 1.8 times the length that is wanted where it is now, and was not so
+    long before; or the corners of a cell, well shaped in the undeformed body, have turned over.
+    """
+    body, facets = at.model.body, at.system.pressing.surface.facets
+    first = np.maximum(_lengths(at, facets, body.nodes + at.seated), 1.0)
+    upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
+
+    def worn(state: Evaluation, travel: float) -> bool:
+        x = body.nodes + state.u
+        if travel <= since:
+            return False
+        if (_lengths(at, facets, x) > LONGER * first).any():
+            return True
+        return bool((quality(x[:, [0, 2]][body.cells[:, :3]])[upright] <= 0.0).any())
+
+    return worn
+
+
+def _lengths(at: InitialState, edges: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Lengths (f,) of edges over what is wanted where they are."""
+    ends = x[edges[:, :2]]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / _wanted(at, x[edges[:, 2]][:, [0, 2]])
+
+
+def _wanted(at: InitialState, x: np.ndarray) -> np.ndarray:
+    """Wanted edge length (k,) mm on the surface at places now (k, 2)."""
+    return FINER * at.settings.fineness * at.settings.indenter.spacing(np.maximum(x[:, 0], 0.0))
+
+
+def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarray]:
+    """The experiment on a new mesh, and the displacement (n, 3) carried over to it; raises NoMesh."""
+    body = at.model.body
+    section = _section(at, state.u)
+    new = rezoned(section, _near(at, section, state), lambda x: _wanted(at, x), GROWTH)
+    try:
+        model = modelling.remeshed(at.settings, at.knobs, at.placement, new)
+        cell, xi = location.located(section.X, section.cells, new.points)
+    except (meshing.BadMesh, location.Lost) as error:
+        raise NoMesh(str(error)) from error
+    u, seated = (location.at_nodes(v, body.cells, cell, xi) for v in (state.u, at.seated))
+    for v in (u, seated):
+        v[model.body.free.reshape(-1, 3) < 0] = 0.0
+    system = modelling.system(at.settings, at.knobs, at.placement, model)
+    probes = None
+    if at.probes is not None:
+        marks = np.array(at.settings.profile) - (at.settings.point if at.placement.specimen.alike else (0.0, 0.0))
+        probes = post.surface_points(model.body.nodes, model.facets, marks, at.placement.planes)
+    return replace(at, model=model, system=system, seated=seated, probes=probes), u
+
+
+def _section(at: InitialState, u: np.ndarray) -> DeformedSection:
+    body = at.model.body
+    fixed = body.free.reshape(-1, 3) < 0
+    middle = body.nodes[body.cells[:, 6]]
+    ratio = at.placement.specimen.stiffness(middle)
+    part = np.zeros(len(middle), int) if ratio is None else np.unique(ratio, return_inverse=True)[1]
+    return DeformedSection(
+        body.nodes[:, [0, 2]], u[:, [0, 2]], body.cells, at.model.facets, fixed[:, 0] + 2 * fixed[:, 2], part
+    )
+
+
+def _near(at: InitialState, section: DeformedSection, state: Evaluation) -> np.ndarray:
+    """Cells (m,) around the way of the indenter."""
+    touched = tractions.contact_points(at.system.pressing.surface, at.model.body.nodes + state.u)
+    touched = touched[state.contact.pressure > 0.0]
+    radius = max(at.placement.indenter.length, float(touched[:, 0].max(initial=0.0)))
+    top = float(at.placement.specimen.top[2])
+    tip = float(touched[:, 2].min(initial=top))
+    middle = section.x[section.cells[:, 6]]
+    beside = middle[:, 1] - np.clip(middle[:, 1], tip, top)
+    return np.hypot(middle[:, 0], beside) < AROUND * radius

@@ -1,0 +1,127 @@
+"""Quantities that follow from the parameters: most likely value and profile interval of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from rso.core.distributions import chi2_ppf
+from rso.inference.identifiability import LEVEL, Determination
+from rso.inference.least_squares import fit_at
+from rso.inference.likelihood import Misfit
+
+Quantity = Callable[[np.ndarray], np.ndarray]  # of points (m, d) of the unit cube: (m,)
+STARTS = 3  # points of each end from which it is sought
+STEP = 1e-5  # of the unit cube, for the slopes of a quantity
+ON_BOUND = 1e-4  # of the unit cube
+KNOWN = 0.25  # of its value that an interval may reach to either side of its middle to state a value
+
+
+@dataclass(frozen=True, eq=False)
+class DerivedInterval:
+    """Most likely value and interval of a quantity; names of the parameters whose range, not the data, makes an end."""
+
+    value: float
+    low: float
+    high: float
+    low_by: tuple[str, ...] = ()
+    high_by: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> bool:
+        """Whether the data tell a value: the interval is within `KNOWN` of its middle, and no range makes an end."""
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        return not (self.low_by or self.high_by) and half <= KNOWN * abs(middle)
+
+
+def derived_interval(d: Determination, quantity: Quantity, level: float = LEVEL) -> DerivedInterval:
+    """Profile-likelihood interval of a function q(θ) of the parameters, from what determines these.
+
+        [min q(θ), max q(θ)]   over all θ of the ranges with χ²(θ) − χ²_min ≤ quantile of χ²₁
+
+    which is the interval that the profile of q would have.  Both ends are sought by sequential quadratic programming
+    from the points of all profiles and of the posterior's draws that the data allow: no branch they know is missed.
+    q must be continuous; errors are those of the intervals of the parameters, widened where these are.
+    Source: Venzon & Moolgavkar, Appl. Stat. 37 (1988) 87, eq. 1, for a parameter; q may be one of a new set of them.
+    """
+    misfit = replace(d.misfit, scale=d.misfit.scale * d.wider)
+    fit = fit_at(misfit, d.fit.x)
+    paths = [k.profile.path[k.profile.rise <= chi2_ppf(level, 1)] for k in d.known]
+    drawn = np.empty((0, len(fit.x))) if d.draws is None else d.draws.X
+    X = np.concatenate([fit.x[None], *paths, *_allowed(misfit, fit.chi2, drawn, level)])
+    q = quantity(X)
+    low, at_low = _end(misfit, fit.chi2, quantity, X, q, level, -1.0)
+    high, at_high = _end(misfit, fit.chi2, quantity, X, q, level, 1.0)
+    names = misfit.model.box.names
+    here = float(quantity(fit.x[None])[0])
+    return DerivedInterval(
+        here,
+        min(low, here),
+        max(high, here),
+        _pressed(names, quantity, at_low, -1.0),
+        _pressed(names, quantity, at_high, 1.0),
+    )
+
+
+def _allowed(misfit: Misfit, least: float, X: np.ndarray, level: float) -> Sequence[np.ndarray]:
+    """Those of draws X (m, d) that the data allow."""
+    return [X[misfit.chi2(X) - least <= chi2_ppf(level, 1)]] if len(X) else []
+
+
+def _end(
+    misfit: Misfit, least: float, quantity: Quantity, X: np.ndarray, q: np.ndarray, level: float, sign: float
+) -> tuple[float, np.ndarray]:
+    """Largest sign · q over the allowed region, times sign, and where (d,): no less than at any point X (m, d)."""
+    order = np.argsort(-sign * q)
+    best, place = float(q[order[0]]), X[order[0]]
+    scale = max(float(np.ptp(q)), 1e-9 * abs(best), 1e-300)
+    limit = chi2_ppf(level, 1)
+
+    def room(x: np.ndarray) -> float:
+        return float(limit - (misfit.chi2(x[None])[0] - least))
+
+    def room_slope(x: np.ndarray) -> np.ndarray:
+        return np.asarray(-2.0 * misfit.jacobian(x).T @ misfit.residuals(x[None])[0])
+
+    for start in _apart(X[order]):
+        found = minimize(
+            lambda x: -sign * float(quantity(x[None])[0]) / scale,
+            start,
+            jac=lambda x: -sign * _slope(quantity, x) / scale,
+            bounds=[(0.0, 1.0)] * len(start),
+            constraints=[{"type": "ineq", "fun": room, "jac": room_slope}],
+            method="SLSQP",
+            options={"maxiter": 60, "ftol": 1e-8},
+        )
+        x = np.clip(found.x, 0.0, 1.0)
+        value = float(quantity(x[None])[0])
+        if sign * value > sign * best and room(x) >= -1e-3 * limit:
+            best, place = value, x
+    return best, place
+
+
+def _apart(X: np.ndarray) -> list[np.ndarray]:
+    """The first `STARTS` of points (m, d) that lie apart from each other."""
+    kept: list[np.ndarray] = []
+    for x in X:
+        if all(float(np.abs(x - v).max()) > 0.05 for v in kept):
+            kept.append(x)
+        if len(kept) == STARTS:
+            break
+    return kept
+
+
+def _slope(quantity: Quantity, x: np.ndarray) -> np.ndarray:
+    """∂q/∂x (d,) by differences that stay in the cube."""
+    up, down = np.clip(x + STEP * np.eye(len(x)), 0, 1), np.clip(x - STEP * np.eye(len(x)), 0, 1)
+    return np.asarray((quantity(up) - quantity(down)) / np.diag(up - down))
+
+
+def _pressed(names: Sequence[str], quantity: Quantity, x: np.ndarray, sign: float) -> tuple[str, ...]:
+    """Parameters on a bound at x (d,) beyond which the quantity would go on by more than a thousandth."""
+    slope, size = sign * _slope(quantity, x), 1e-3 * abs(float(quantity(x[None])[0]))
+    out = np.where(x <= ON_BOUND, -slope, np.where(x >= 1 - ON_BOUND, slope, 0.0))
+    return tuple(n for n, s in zip(names, out, strict=True) if 0.1 * s > size)  # over a tenth of the range beyond

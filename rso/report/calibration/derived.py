@@ -1,0 +1,95 @@
+"""Quantities that people think in (Young's modulus, Poisson's ratio, …): the first page's facts and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rso.report.layout.digits import Unit, between, clean, fixed, percent, places, rounded, shown
+from rso.report.layout.document import Fact, Table, column, table, words
+from rso.report.reading import Results, number, pair
+
+TILES = 2  # on the first page
+
+
+def derived_rows(results: Results) -> list[Mapping[str, Any]]:
+    """Entries of identification.derived that have an interval."""
+    found = results.get("identification") or {}
+    return [q for q in found.get("derived") or () if pair(q.get("interval"))]
+
+
+def derived_facts(results: Results) -> list[Fact]:
+    """One tile for each of the first of them."""
+    return [_fact(results, q) for q in derived_rows(results)[:TILES]]
+
+
+def derived_sentences(results: Results) -> list[str]:
+    """What the data fix, and what they leave open, in one sentence each; then what is unlikely."""
+    rows = derived_rows(results)
+    if not rows:
+        return []
+    fixed = [q for q in rows if q.get("known") is True]
+    said = []
+    if fixed:
+        each = [f"{clean(q['description'])} {clean(q['letter'])} = {_value(q)} ({_span(q)})" for q in fixed[:1]]
+        said.append(f"The data fix the {each[0]}{_level(results)}.")
+    said += [
+        f"They leave the {clean(q['description'])} {clean(q['letter'])} between {_span(q).replace(' to ', ' and ')}."
+        for q in rows[:TILES]
+        if q.get("known") is not True
+    ]
+    return [*said, *(f"Look again: {clean(q['unlikely'])}." for q in rows if q.get("unlikely"))]
+
+
+def derived_table(results: Results) -> Table | None:
+    """All of them with their intervals and what makes an end that the data do not; None without any."""
+    rows = derived_rows(results)
+    if not rows:
+        return None
+    level = percent(number((results.get("identification") or {}).get("level")))
+    columns = [
+        column("", words([clean(q["letter"]) for q in rows]), number=False),
+        column("", words([clean(q["description"]) for q in rows]), number=False),
+        column("most likely", words([_value(q) for q in rows])),
+        column("profile", words([_span(q) for q in rows]), level),
+        column("ends by a range", words([_ends(q) for q in rows]), number=False),
+    ]
+    note = "Each has a profile interval of its own: the parameters may go wherever the data let them."
+    return table("Derived quantities", columns, note)
+
+
+def _fact(results: Results, q: Mapping[str, Any]) -> Fact:
+    note = f"{clean(q['description'])}; {_level(results).strip(', ') or 'interval'}: {_span(q)}"
+    value = _value(q) if q.get("known") is True else _span(q)
+    return Fact(clean(q["letter"]), value, note, "good" if q.get("known") is True else "warn")
+
+
+def _unit(q: Mapping[str, Any]) -> Unit:
+    low, high = q["interval"]
+    return shown("" if q["unit"] == "1" else clean(q["unit"]), max(abs(low), abs(high)))
+
+
+def _value(q: Mapping[str, Any]) -> str:
+    unit, (low, high) = _unit(q), q["interval"]
+    return f"{rounded(q['value'] * unit.factor, 0.5 * (high - low) * unit.factor)}{unit.after}"
+
+
+def _span(q: Mapping[str, Any]) -> str:
+    """Both ends to two digits of their half-width: a Poisson's ratio of 0.26 to 0.46 is not one of 0.3 to 0.5."""
+    unit, (low, high) = _unit(q), q["interval"]
+    a, b = low * unit.factor, high * unit.factor
+    if not 0.0 < b - a < 0.9 * abs(b):
+        return between(low, high, unit)
+    decimals = places(0.5 * (b - a), 2)
+    return f"{fixed(a, decimals)} to {fixed(b, decimals)}{unit.after}"
+
+
+def _ends(q: Mapping[str, Any]) -> str:
+    low, high = q.get("ends_by") or ((), ())
+    each = [("lower", low), ("upper", high)]
+    return "; ".join(f"{name}: the range of {', '.join(map(clean, by))}" for name, by in each if by)
+
+
+def _level(results: Results) -> str:
+    level = number((results.get("identification") or {}).get("level"))
+    return "" if level is None else f", with {percent(level)} confidence"
