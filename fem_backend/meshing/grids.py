@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from skfem import MeshTet, MeshTet2
 
-from fem_backend.meshing import prestretched
 from fem_backend.meshing.meridian import graded
 from fem_backend.meshing.mesh import BadMesh, Mesh, volumes
 from fem_backend.meshing.placing import mirrored, scaled_jacobian
@@ -129,13 +128,11 @@ def on_grid(
     planes: tuple[bool, bool],
     form: Form | None = None,
     round_from: float = np.inf,
-    deep: float = 0.0,
 ) -> MeshTet2:
     """Quadratic mesh of a body from the grid of a recipe, its finest elements at the place `at` (x, y) mm of the box.
 
     `actual` are the planes of the recipe where they are now, `planes` as of a specimen.  `form` maps the box to the
     body; edges farther from its axis than `round_from` (mm, in the larger of x and y) take the curvature of that.
-    `deep` is the length (mm) of an indenter that goes deep, for which nodes are gathered (see `prestretched`).
     Raises BadMesh where elements are turned over.
     """
     data = json.loads(recipe)
@@ -151,9 +148,6 @@ def on_grid(
             np.interp(box[:, 2], data["z"], actual[2]),
         ]
     )
-    if deep:
-        inner = float(actual[0][1]), float(actual[1][1])
-        grid = prestretched.in_box(grid, float(actual[2][-1]), _within(at, inner), inner, deep)
     points, (i, j) = grid if form is None else form(grid), linear.edges
     middle = 0.5 * (points[i] + points[j])
     if form is not None:
@@ -176,19 +170,10 @@ def _moved(x: np.ndarray, nominal: Along, actual: Along, at: float) -> np.ndarra
     if at == 0.0:
         return v
     inner = actual[1]
-    at = _nearest(at, inner)
+    at = float(np.clip(at, -(1.0 - NEAREST) * inner, (1.0 - NEAREST) * inner))
     room = np.where(v >= 0.0, inner - at, inner + at)
     inside = at + v / (1.0 + np.abs(v) * (1.0 / room - 1.0 / inner))
     return np.where(np.abs(v) < inner, inside, v)
-
-
-def _nearest(at: float, inner: float) -> float:
-    """Where the middle goes: no nearer to the side than NEAREST of the way to it."""
-    return float(np.clip(at, -(1.0 - NEAREST) * inner, (1.0 - NEAREST) * inner))
-
-
-def _within(at: tuple[float, float], inner: tuple[float, float]) -> tuple[float, float]:
-    return _nearest(at[0], inner[0]), _nearest(at[1], inner[1])
 
 
 def disc(points: np.ndarray, radius: float) -> np.ndarray:

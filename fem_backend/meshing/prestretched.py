@@ -56,19 +56,3 @@ def in_ball(X: np.ndarray, semi_axes: np.ndarray, length: float) -> np.ndarray:
     out[inside, 2] = (1.0 - depth[inside] / rest[inside]) * new[inside]
     out[X[:, 2] == 0.0, 2] = 0.0
     return out
-
-
-def in_box(
-    points: np.ndarray, top: float, at: tuple[float, float], inner: tuple[float, float], length: float
-) -> np.ndarray:
-    """Nodes (n, 3) mm of a box gathered about the vertical through `at`, heights as they are: layers stay plane.
-
-    Nothing moves where |x| or |y| is at least `inner` (mm).
-    """
-    off = points[:, :2] - at
-    share = np.clip(1.0 - (points[:, :2] / inner) ** 2, 0.0, None)
-    room = share[:, 0] ** 2 * share[:, 1] ** 2 / ((1.0 - (np.array(at) / inner) ** 2) ** 2).prod()
-    factor = gathered(top - points[:, 2], np.hypot(*off.T), np.minimum(room, 1.0), length)
-    out = points.copy()
-    out[:, :2] += off * (factor - 1.0)[:, None]
-    return out

@@ -181,7 +181,7 @@ class Cylinder(FlatTopped):
         turn = 0.0 if any(planes) else math.atan2(point[1], point[0])
         at = point if any(planes) else (math.hypot(*point), 0.0)
         beyond = (self.radius - self.fillet) * (1.0 - ON)
-        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond, deep)
+        made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond)
         if turn == 0.0:
             return made
         c, s = math.cos(turn), math.sin(turn)

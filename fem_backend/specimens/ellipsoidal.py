@@ -142,7 +142,12 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
         own = meshing.nominal(recipe)
-        return meshing.assemble(mesh, own, self, point, planes, upright, deep=deep * own.c / self.c)
+        try:
+            return meshing.assemble(mesh, own, self, point, planes, upright, deep=deep * own.c / self.c)
+        except meshing.BadMesh:
+            if not deep:
+                raise
+        return meshing.assemble(mesh, own, self, point, planes, upright)
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

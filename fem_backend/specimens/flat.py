@@ -251,7 +251,7 @@ class FlatTopped:
         self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
     ) -> MeshTet2:
         """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""
-        return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes, deep=deep)
+        return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes)
 
     def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
         """Planes x, y and z (mm) that the grid in three dimensions must hit, from the axis and the base on."""

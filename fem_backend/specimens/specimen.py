@@ -176,7 +176,10 @@ class Specimen(Protocol):
     def quadratic(
         self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
     ) -> MeshTet2:
-        """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
+        """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh.
+
+        `deep` is the length (mm) of an indenter that goes deep, for which a mesh may be graded in advance; 0 for none.
+        """
 
     def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
         """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
