@@ -286,8 +286,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms derived displacements gap gauss_newton hold_panels influence maps",
-        "identification range_extension",
+        "background closed_forms derived displacements drawn_runs gap gauss_newton hold_panels influence",
+        "identification maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",

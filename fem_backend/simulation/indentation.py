@@ -142,7 +142,7 @@ def _attempt(
     legs: list[MeshLeg] = []
     try:
         if slopes is None:
-            points = along(at, instants, counters)
+            points = along(at, instants, counters, legs)
         else:
             points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
@@ -198,14 +198,18 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
     return k, cause, why
 
 
-def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
-    """Points of a body for which the way counts: the programme is followed step by step."""
+def along(
+    at: InitialState, instants: Sequence[Instant], counters: Counters, legs: list[MeshLeg] | None = None
+) -> list[LoadPoint]:
+    """Points of a body for which the way counts: the programme is followed step by step; `legs` takes up the meshes."""
     u, history, touching = begun(at, counters)
     control = at.settings.control
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
-        points = history_steps.follow(at.system, at.start, way, control, counters, u, history, touching)
+        legs = [] if legs is None else legs
+        legs.append(MeshLeg(at, None))
+        points = rezoning.follow(legs, way, counters, u, history, touching)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
@@ -244,7 +248,7 @@ def elastic(
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         legs = [] if legs is None else legs
-        legs.append(MeshLeg(at, watch))
+        legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
         found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in stopped.points}

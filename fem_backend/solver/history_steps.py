@@ -11,7 +11,7 @@ from fem_backend.contact import tractions
 from fem_backend.contact.tractions import Before
 from fem_backend.materials.stress import History
 from fem_backend.solver import load_steps, rigid_motions
-from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped, Wear, Worn
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
@@ -45,6 +45,8 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
+    going_on: Reached | None = None,
+    worn: Wear | None = None,
 ) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
@@ -55,13 +57,18 @@ def follow(
     Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
     travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against a wall of its support;
     so it does where even that does not hold it.
+
+    It may go on from a state that was reached, `going_on`, and raises Worn at one that is `worn`.
     """
     here, first = begin(system, start, control, counters, u, history, touching)
     points: list[LoadPoint] = []
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
+    here = here if going_on is None else going_on
     for instant in instants:
         share, began = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
+            if worn is not None and worn(here.u, here.travel):
+                raise Worn(points, here.u, here.travel, here)
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)

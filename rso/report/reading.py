@@ -22,6 +22,7 @@ from rso.report.layout.digits import (
     shown,
     significant,
     symbol,
+    unit_text,
 )
 
 Results = Mapping[str, Any]
@@ -197,11 +198,13 @@ def parameters(results: Results, free: bool = False) -> tuple[ParameterView, ...
 
 
 def lettered(results: Results, text: object) -> str:
-    """A sentence of the program with the literature's letters: D1 → D₁."""
+    """A sentence of the program as people write it: D1 → D₁, 1/MPa → MPa⁻¹, mu * D1 <= 3 → μ D₁ ≤ 3."""
     said = sentence(text)
     for p in parameters(results):
         said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
-    return said
+    said = re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", said)
+    said = said.replace("K/mu", "K/μ").replace(" <= ", " ≤ ").replace(" >= ", " ≥ ")
+    return re.sub(r"(?<=\w) \* (?=[^\W\d])", " ", said)
 
 
 def outputs(results: Results) -> dict[str, OutputView]:
