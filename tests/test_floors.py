@@ -75,7 +75,7 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.remeshing": (
-        "location triangulation",
+        "location tetrahedra triangulation",
         "section",
     ),
     "fem_backend.post": (

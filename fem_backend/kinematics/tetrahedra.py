@@ -36,7 +36,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Volume:
+class MeanVolume:
     """Mean volume change of the elements of a state: pressure p (m,) MPa, energy (N mm)."""
 
     p: np.ndarray
@@ -171,14 +171,14 @@ def _stiffness(G, w, F, S, C, place, nnz):  # type: ignore[no-untyped-def]
     return data
 
 
-def volume(body: Body, H: np.ndarray, K: float, scale: np.ndarray | None, small: bool) -> Volume:
+def volume(body: Body, H: np.ndarray, K: float, scale: np.ndarray | None, small: bool) -> MeanVolume:
     """Pressure and energy of the mean volume change v̄ of each element, K/2 ∫ s v̄² dV; K in MPa.
 
     v = J − 1, or tr H where strains are `small`; `scale` s (m, q) multiplies K.  The mean dilatation of Nagtegaal,
     Parks and Rice (1974); quadratic tetrahedra with one pressure each satisfy the inf-sup condition.
     """
     H = H if H.flags.c_contiguous else np.ascontiguousarray(H)
-    return Volume(*_volume(body.w, H, K, np.ones((1, 1)) if scale is None else scale, small))
+    return MeanVolume(*_volume(body.w, H, K, np.ones((1, 1)) if scale is None else scale, small))
 
 
 @numba.njit(cache=True)

@@ -96,7 +96,7 @@ def _mean_state(
     history: History | None,
     dt: float,
     scale: np.ndarray | None,
-) -> tuple[PointState, tetrahedra.Volume]:
+) -> tuple[PointState, tetrahedra.MeanVolume]:
     """Stress of tetrahedra that take the mean of their volume change beyond K = LOCAL μ, and that."""
     (pointwise, K, s), small = projected(body, material, scale, LOCAL_MEAN), material.small_strain
     found = stress.evaluate(pointwise, H, moduli, history, dt, scale)

@@ -1,7 +1,7 @@
 """A mesh graded in advance for a deep indentation: gathered towards the axis of the indenter, stretched along it.
 
 Two lengths deep, the column below a ball is wider by 2 and shorter by 4, three lengths deep by 3.5 and 10: elements
-that are well shaped before are slabs then, too few across the column and too many along its skin.  So nodes are moved
+that are well shaped before are flat then, too few across the column and too many along its skin.  So nodes are moved
 the other way before the body is loaded, by a smooth map that keeps the surface, the planes of symmetry and the base.
 It is the same for all depths: what it gains it gains from two lengths on, and loses nothing before.
 """
@@ -40,7 +40,7 @@ def gathered(depth: np.ndarray, r: np.ndarray, room: np.ndarray, length: float) 
 
 
 def in_ball(X: np.ndarray, semi_axes: np.ndarray, length: float) -> np.ndarray:
-    """Nodes X (n, 3) of the unit ball that stands for an ellipsoid (semi-axes in mm), gathered below its pole.
+    """Nodes X (n, 3) of the unit ball that stands for a body of semi-axes a, b, c (mm), gathered below its pole.
 
     Surface, rim z = 0 and the planes x = 0, y = 0 stay where they are.
     """

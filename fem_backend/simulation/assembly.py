@@ -34,6 +34,7 @@ from fem_backend.solver.condensation import Condense
 from fem_backend.solver.load_steps import Control
 from fem_backend.solver.newton import Load, System
 from fem_backend.specimens import Specimen, own_laws
+from fem_backend.specimens.specimen import GradedInAdvance
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
@@ -227,8 +228,18 @@ def build(
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
-    deep = settings.indenter.length if settings.large_strain and gathers(settings.indenter) else 0.0
-    quadratic = specimen.quadratic(mesh, settings.recipe, settings.point, planes, deep)
+    at = mesh, settings.recipe, settings.point, planes
+    if settings.large_strain and gathers(settings.indenter) and isinstance(specimen, GradedInAdvance):
+        quadratic = specimen.gathered(*at, settings.indenter.length)
+    else:
+        quadratic = specimen.quadratic(*at)
+    return of_tetrahedra(settings, quadratic, specimen, planes, symmetric)
+
+
+def of_tetrahedra(
+    settings: Settings, quadratic: MeshTet2, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool
+) -> AssembledModel:
+    """Model of a specimen by a quadratic mesh of it; raises meshing.BadMesh."""
     X = quadratic.doflocs.T
     facets = quadratic_facets(quadratic, quadratic.boundary_facets())
     for axis in (0, 1):
@@ -297,6 +308,12 @@ def remeshed(settings: Settings, knobs: Knobs, placement: Placement, mesh: Merid
     """The specimen of an experiment by another mesh of its meridian; raises meshing.BadMesh."""
     shared = replace(_shared(settings, knobs, placement), point=(0.0, 0.0))
     return of_meridian(shared, placement.specimen, mesh, _symmetric(settings, knobs))
+
+
+def rezoned(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeshTet2) -> AssembledModel:
+    """The specimen of an experiment in space by another mesh of it."""
+    shared = _shared(settings, knobs, placement)
+    return of_tetrahedra(shared, mesh, placement.specimen, placement.planes, _symmetric(settings, knobs))
 
 
 def _symmetric(settings: Settings, knobs: Knobs) -> bool:

@@ -171,9 +171,7 @@ class Cylinder(FlatTopped):
         """The map to a disc makes one face of the sides, and the rounded edge of side and top."""
         return "all" if self.fillet else "upright"
 
-    def quadratic(
-        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
-    ) -> MeshTet2:
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The grid of a recipe on a disc, turned so that the point lies on one of its axes; raises BadMesh.
 
         The rounded edge has the curvature of quadratic elements, one of them across it at least.

@@ -136,18 +136,20 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         sizing = replace(meshing.SIZINGS[made], hmax=1.15 * similar.smallest)
         return Meshing(meshing.tetwild_recipe(similar, sizing), used, h0, level)
 
-    def quadratic(
-        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
-    ) -> MeshTet2:
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
-        own = meshing.nominal(recipe)
+        return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
+
+    def gathered(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], length: float
+    ) -> MeshTet2:
+        """The same with its nodes gathered below an indenter of a length (mm), as it is where that spoils elements."""
+        own, upright = meshing.nominal(recipe), meshing.mesher(recipe) == "tetwild"
         try:
-            return meshing.assemble(mesh, own, self, point, planes, upright, deep=deep * own.c / self.c)
+            return meshing.assemble(mesh, own, self, point, planes, upright, deep=length * own.c / self.c)
         except meshing.BadMesh:
-            if not deep:
-                raise
-        return meshing.assemble(mesh, own, self, point, planes, upright)
+            return self.quadratic(mesh, recipe, point, planes)
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

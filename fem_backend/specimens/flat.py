@@ -247,9 +247,7 @@ class FlatTopped:
         recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
         return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS.get(level, 1.0))
 
-    def quadratic(
-        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
-    ) -> MeshTet2:
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""
         return grids.on_grid(mesh, recipe, self.grid_planes(), point, planes)
 

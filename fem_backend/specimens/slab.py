@@ -120,13 +120,11 @@ class Slab(FlatTopped):
         """As wide as a well."""
         return replace(self, wide=radius)
 
-    def quadratic(
-        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
-    ) -> MeshTet2:
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """As of every flat specimen; BadMesh in a well, which is round."""
         if self.walled:
             raise BadMesh("a slab in a well is modelled on its axis only; beside it take a cylinder as wide")
-        return super().quadratic(mesh, recipe, point, planes, deep)
+        return super().quadratic(mesh, recipe, point, planes)
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""

@@ -173,13 +173,8 @@ class Specimen(Protocol):
     def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
         """How it is meshed for an indenter of a `length`."""
 
-    def quadratic(
-        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
-    ) -> MeshTet2:
-        """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh.
-
-        `deep` is the length (mm) of an indenter that goes deep, for which a mesh may be graded in advance; 0 for none.
-        """
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
 
     def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
         """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
@@ -221,6 +216,16 @@ class NotConvex(Protocol):
 
     def first_touched(self, indenter: Any, through: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Point (3,) of the surface that it touches there."""
+
+
+@runtime_checkable
+class GradedInAdvance(Protocol):
+    """A specimen whose mesh in space can be graded in advance for an indenter that goes deep."""
+
+    def gathered(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], length: float
+    ) -> MeshTet2:
+        """As `quadratic`, gathered below an indenter of a `length` (mm), see `meshing.prestretched`; raises BadMesh."""
 
 
 @runtime_checkable

@@ -432,9 +432,7 @@ class Surface(InSpace):
         recipe = scans.scan_recipe(self.file, UNITS[self.unit], self.sha256, self.region, on, sizing)
         return Meshing(recipe, (("mesher", mesher), ("level", level)), sizing.h0, level)
 
-    def quadratic(
-        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], deep: float = 0.0
-    ) -> MeshTet2:
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The mesh of the recipe, fine elements at `point`, edges curved, in the size of the body; raises BadMesh."""
         smooth, place = self.scan.smooth, np.array(scans.place_of(recipe))
         to = self._in(self.above(*point)[0])
