@@ -48,7 +48,7 @@ def assemble(
             raise ValueError(f"point = {point} mm is not on the symmetry plane {'xy'[axis]} = 0 of the model")
     X, tets = quarter.vertices / nominal.semi_axes, quarter.tets
     if deep:
-        X = prestretched.in_ball(X, nominal.semi_axes, deep)
+        X = prestretched.below_pole(X, nominal.semi_axes, deep)
     for axis in (0, 1):
         if not planes[axis]:
             X, tets = mirrored(X, tets, axis)

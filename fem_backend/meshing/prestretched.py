@@ -39,7 +39,7 @@ def gathered(depth: np.ndarray, r: np.ndarray, room: np.ndarray, length: float) 
     return 1.0 - (1.0 - GATHERED) * room * fade
 
 
-def in_ball(X: np.ndarray, semi_axes: np.ndarray, length: float) -> np.ndarray:
+def below_pole(X: np.ndarray, semi_axes: np.ndarray, length: float) -> np.ndarray:
     """Nodes X (n, 3) of the unit ball that stands for a body of semi-axes a, b, c (mm), gathered below its pole.
 
     Surface, rim z = 0 and the planes x = 0, y = 0 stay where they are.

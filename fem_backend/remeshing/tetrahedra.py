@@ -9,12 +9,12 @@ smoothing: Freitag 1997), so nothing turns over.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 from skfem import ElementTetP2, MeshTet2
 
-from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import Mesh, quadratic
 
 CANDIDATES = 60  # cells whose centres are nearest
@@ -24,7 +24,10 @@ REVERTED = 6  # times that vertices are put back where elements became worse
 
 @dataclass(frozen=True)
 class Rezoned:
-    """A new mesh of the undeformed body, displacements u (n, 3) mm at its nodes, least quality before and after."""
+    """A new mesh of the undeformed body, displacements u (n, 3) mm at its nodes, mean quality of what may move.
+
+    The quality is that in the deformed picture, before and after.
+    """
 
     mesh: MeshTet2
     u: np.ndarray
@@ -40,13 +43,11 @@ def shape(x: np.ndarray, tets: np.ndarray) -> np.ndarray:
     return 6.0 * np.sqrt(2.0) * volume / np.sqrt(((p[:, i] - p[:, j]) ** 2).sum(-1).mean(1)) ** 3
 
 
-def rezoned(
-    body: EllipsoidShape, mesh: MeshTet2, u: np.ndarray, at: np.ndarray, reach: float, rounds: int = 8
-) -> Rezoned:
+def rezoned(body: Any, mesh: MeshTet2, u: np.ndarray, at: np.ndarray, reach: float, rounds: int = 8) -> Rezoned:
     """Rezoned mesh of a body or a part of it between planes of symmetry, from displacements u (n, 3) mm.
 
-    Vertices within `reach` (mm) of the point `at` (3,) move; planes of symmetry and the rim stay, the surface is that
-    of the body.
+    Vertices within `reach` (mm) of the point `at` (3,) move; planes of symmetry and the rim stay.  The `body` says what
+    is `on_surface` and projects onto it.
     """
     count, tets = mesh.nvertices, mesh.t.T
     nodes, cells = mesh.doflocs.T, mesh.dofs.element_dofs.T
@@ -59,7 +60,8 @@ def rezoned(
     outer = np.zeros(edges.shape[1], bool)
     outer[np.unique(mesh.f2e[:, mesh.boundary_facets()])] = True
     within = [X[:, k] == 0.0 for k in (0, 1)]
-    before = float((sign[:, 0] * shape(x, tets)).min())
+    near = moves[tets].any(1)
+    before = float((sign[:, 0] * shape(x, tets))[near].mean())
     for _ in range(rounds):
         step = SHARE * _pulled_back(X, x, tets, _to_the_middle(x, edges, outer, skin, within))
         step[~moves] = 0.0
@@ -71,7 +73,7 @@ def rezoned(
     for k in (0, 1):
         if within[k].any() and not (X[:, k] < 0.0).any():  # a plane of symmetry, not one through a whole body
             placed[new.doflocs[k] == 0.0, k] = 0.0
-    return Rezoned(new, placed, before, float((sign[:, 0] * shape(x, tets)).min()))
+    return Rezoned(new, placed, before, float((sign[:, 0] * shape(x, tets))[near].mean()))
 
 
 def _to_the_middle(
@@ -99,7 +101,7 @@ def _pulled_back(X: np.ndarray, x: np.ndarray, tets: np.ndarray, step: np.ndarra
 
 
 def _accepted(
-    body: EllipsoidShape,
+    body: Any,
     old: tuple[np.ndarray, np.ndarray, np.ndarray],
     X: np.ndarray,
     x: np.ndarray,
