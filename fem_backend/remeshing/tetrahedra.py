@@ -2,8 +2,8 @@
 
 Vertices move in the deformed picture to the middle of their neighbours, those of the surface along it, and are pulled
 back to the undeformed body by F⁻¹; displacements are those of the old mesh at the new nodes, and the total Lagrangian
-description goes on.  A vertex moves only where the worst of its elements does not become worse (smart Laplacian
-smoothing: Freitag 1997), so nothing turns over.
+description goes on.  A vertex moves only where its elements become better in the mean, and the worst of them not worse
+(smart Laplacian smoothing: Freitag 1997), so nothing turns over.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fem_backend.meshing.mesh import Mesh, quadratic
 
 CANDIDATES = 60  # cells whose centres are nearest
 SHARE = 0.5  # of the way to the middle in a round
-REVERTED = 6  # times that vertices are put back where elements became worse
+REVERTED = 12  # times that vertices are put back where elements became worse
 
 
 @dataclass(frozen=True)
@@ -120,9 +120,11 @@ def _accepted(
         now[moved] = new[moved] + _displacements(*old, new[moved])
         quality = np.minimum(sign * shape(now, tets), sign * shape(new, tets))
         worse = quality < np.minimum(was, _least(was, tets, len(X))[tets].min(1))
-        if not worse.any():
+        lost = _sum(quality - was, tets, len(X)) < 0.0
+        lost[np.unique(tets[worse])] = True
+        if not (lost & step.any(1)).any():
             return new, now
-        step[np.unique(tets[worse])] = 0.0
+        step[lost] = 0.0
     return X, x
 
 
@@ -131,6 +133,11 @@ def _least(quality: np.ndarray, tets: np.ndarray, count: int) -> np.ndarray:
     out = np.full(count, np.inf)
     np.minimum.at(out, tets.ravel(), np.repeat(quality, 4))
     return out
+
+
+def _sum(quality: np.ndarray, tets: np.ndarray, count: int) -> np.ndarray:
+    """The sum (n,) over the elements at each vertex."""
+    return np.bincount(tets.ravel(), np.repeat(quality, 4), count)
 
 
 def _displacements(nodes: np.ndarray, cells: np.ndarray, u: np.ndarray, points: np.ndarray) -> np.ndarray:
