@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import platform
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -237,6 +237,8 @@ class FiniteElements:
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
         if any(kept.get(name) for name in MISALIGNED):
             plain["mesh"]["follows"] = experiment.MARKS["follows"]
+        if _read(case).large_strain and not _placed(settings, kept, lambda at: at.meridian):
+            plain["mesh"]["large_strain"] = experiment.MARKS["large_strain"]
         if by_force:  # contact is exact there, and no derivative is made
             plain.pop("multipliers", None)
             plain["derivatives"] = False
@@ -365,7 +367,7 @@ class FiniteElements:
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
-        settings = experiment.read_settings(case.settings)
+        settings = _read(case)
         knobs = self.knobs(values, settings)
         if _of_revolution(settings, knobs):
             return {}  # a grid of the meridian is made in no time
@@ -398,7 +400,7 @@ class FiniteElements:
     def solve(self, values: Mapping[str, float], case: Case) -> Solved:
         """As a call, but with the states themselves, for files and pictures."""
         self.check(case)
-        settings = experiment.read_settings(case.settings)
+        settings = _read(case)
         knobs = self.knobs(values, settings)
         path, anchor = case.artefact("mesh"), case.artefact("anchor")
         if programmes.controlled(case.programme):
@@ -407,6 +409,7 @@ class FiniteElements:
             placement = modelling.place(settings, knobs)
             if placement.meridian:
                 settings = cohesive.resolved(settings, knobs, max(case.programme.travel_mm))
+            settings = dataclasses.replace(settings, large_strain=settings.large_strain and not placement.meridian)
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
             instants, end = _before(
                 instants, admissible_depth.inadmissible(settings, knobs, max(case.programme.travel_mm))
@@ -420,7 +423,7 @@ class FiniteElements:
                 guess = two_grid.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
             how = two_grid.limit if settings.level == meshing.LIMIT else indentation.solve
-            how = two_grid.checked if placement.meridian else how
+            how = two_grid.checked if placement.meridian or settings.large_strain else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             if (lost := indentation.doubtful(result)) is not None:
@@ -551,14 +554,25 @@ def _from_zero(programme: Programme) -> Programme:
 
 def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
     """Whether a body is loose on its support and not both planes are planes of symmetry."""
-    if not settings.support.loose:
-        return False
+    return settings.support.loose and _placed(settings, kept, lambda at: not all(at.planes))
+
+
+def _placed(settings: Settings, kept: Mapping[str, float], asked: Callable[[Placement], bool]) -> bool:
+    """What is asked of the placement of a run with these values; False where there is none."""
     known = {f.name for f in dataclasses.fields(every())}
     try:
         knobs = every()(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
-        return not all(modelling.place(settings, knobs).planes)
+        return asked(modelling.place(settings, knobs))
     except NotModelled:
         return False  # the run itself will say why
+
+
+def _read(case: Case) -> Settings:
+    """The settings of a case, with mesh and element for its deepest travel; where force leads that is not known."""
+    settings = experiment.read_settings(case.settings)
+    if programmes.controlled(case.programme):
+        return settings
+    return experiment.for_travel(settings, max(*case.programme.travel_mm, settings.earlier))
 
 
 def _through(settings: Settings) -> float:

@@ -75,14 +75,14 @@ LAYERS = {
         "response zones",
     ),
     "fem_backend.meshing": (
-        "closed_surface mesh nearest_facets surface_files",
+        "closed_surface mesh nearest_facets prestretched surface_files",
         "mapped meridian placing smooth_surface surface templates",
         "grids recipes refined remeshed tetwild",
         "scans",
         "__init__",
     ),
     "fem_backend.remeshing": (
-        "location triangulation",
+        "location tetrahedra triangulation",
         "section",
     ),
     "fem_backend.post": (

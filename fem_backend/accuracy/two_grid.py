@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from skfem import ElementTetP2
 
+from fem_backend import meshing
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
 from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
@@ -25,9 +26,10 @@ from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
-TWICE = "the run with elements of twice the size, which tells the errors,"
+COARSE = "the run on a coarser mesh, which tells the errors,"
 AS_OTHERS = "they are several times those of a specimen whose meshes are calibrated"
 BEYOND = "a power of the travel"
+ROUGHER = {"coarse": meshing.CRUDE, "standard": meshing.CRUDE, "fine": "coarse", "reference": "coarse"}
 COARSER = 2.0  # times the size of the elements of a meridian, for its error
 CANDIDATES = 60  # cells whose centres are nearest
 KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
@@ -57,7 +59,8 @@ def coarse(
 def _on_coarse(settings: Settings) -> Settings:
     """The same experiment on the coarse mesh, without marks on the surface."""
     plain = experiment.plain_settings(settings)
-    return experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
+    crude = experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
+    return replace(crude, large_strain=settings.large_strain)
 
 
 def guess(
@@ -142,26 +145,43 @@ def checked(
     start: Guess | None = None,
     slopes: Sequence[str] = (),
 ) -> Result:
-    """Result of a meridian beside the channels of one with elements of twice the size, which tell its error.
+    """Result of a run beside the channels of one on a coarser mesh, which tell its error.
 
-    Where the other ends early, its channels are nan from there on, and the result says so.  Raises NotModelled and
-    Stopped, as the run itself does; without the other where that has no mesh or no answer at all.
+    A meridian has elements of twice the size there, a body in space those of a level below.  Where the other ends
+    early, its channels are nan from there on, and the result says so.  Raises NotModelled and Stopped, as the run
+    itself does; without the other where that has no mesh or no answer at all.
     """
     result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
-    crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
+    crude = _twice(settings) if placement.meridian else rougher(settings)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.solve(crude, knobs, placement, other, instants)
     except NotModelled as error:
-        return replace(result, unchecked=f"{TWICE} has no mesh ({error}): {AS_OTHERS}")
+        return replace(result, unchecked=f"{COARSE} has no mesh ({error}): {AS_OTHERS}")
     except Stopped as stopped:
         if stopped.reached is None or not stopped.points:
-            return replace(result, unchecked=f"{TWICE} has no answer ({stopped}): {AS_OTHERS}")
+            return replace(result, unchecked=f"{COARSE} has no answer ({stopped}): {AS_OTHERS}")
         first = stopped.reached
-        result = replace(result, unchecked=f"{TWICE} ended early ({stopped}): errors beyond grow with {BEYOND}")
+        result = replace(result, unchecked=f"{COARSE} ended early ({stopped}): errors beyond grow with {BEYOND}")
     lost = len(result.travel) - len(first.travel)
     coarser = {n: np.concatenate([v, np.full(lost, np.nan)]) for n, v in first.channels.items()}
-    return replace(result, coarser=coarser, cpu_s=result.cpu_s + first.cpu_s)
+    finer = len(model.body.nodes) / len(other.body.nodes)
+    return replace(result, coarser=coarser, finer=finer, cpu_s=result.cpu_s + first.cpu_s)
+
+
+def _twice(settings: Settings) -> Settings:
+    return replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
+
+
+def rougher(settings: Settings) -> Settings:
+    """The settings with a third to two thirds of the nodes in space: a level below, or a mapped mesh of ⅔ n."""
+    mesh, length = dict(settings.mesh), settings.indenter.length
+    if settings.level not in ROUGHER:
+        n = max(4, 2 * mesh["n"] // 3)
+        made = settings.specimen.meshing(length, mesh["mesher"], "", n, mesh["slip"])
+    else:
+        made = settings.specimen.meshing(length, mesh.get("mesher", "tetwild"), ROUGHER[settings.level], 0, 0.0)
+    return replace(settings, recipe=made.recipe, mesh=made.used, h0=made.h0, level=made.level, fineness=made.fineness)
 
 
 def located(coarse: AssembledModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

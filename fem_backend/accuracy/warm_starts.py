@@ -47,6 +47,7 @@ def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
             "planes": placement.planes,
             "K_over_mu": decade,
             **settings.support.anchored(knobs),
+            **({"large_strain": True} if settings.large_strain else {}),
             "asked_mm": list(asked_mm),
         },
         sort_keys=True,
@@ -65,7 +66,7 @@ def make(recipe: str) -> bytes:
     Poisson's ratio; `ratio` itself.  Raises meshing.BadMesh.
     """
     data = json.loads(recipe)
-    settings = experiment.read_settings(data["settings"])
+    settings = replace(experiment.read_settings(data["settings"]), large_strain=data.get("large_strain", False))
     knobs = known()(mu=1.0, D1=2.0 / data["K_over_mu"], **settings.support.from_anchor(data))
     placement = replace(modelling.place(settings, knobs), planes=tuple(data["planes"]))
     model = modelling.model_for(settings, knobs, placement, None)

@@ -14,6 +14,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
+from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class Body:
     """A discretised body: nodes (n, 3) mm, cells (m, 10), gradients G (m, q, 10, 3) 1/mm, weights w (m, q) mm³.
 
     `free` (3n,) numbers the free dofs, −1 is held; `place` (m, 30, 30) is where a cell's entries go in the matrix.
+    `mean` says whether elements take the mean of their volume change, see :func:`volume`.
     """
 
     nodes: np.ndarray
@@ -30,9 +32,18 @@ class Body:
     free: np.ndarray
     pattern: Pattern
     place: np.ndarray
+    mean: bool = False
 
 
-def discretise(mesh: MeshTet2, held: np.ndarray, symmetric: bool = True) -> Body:
+@dataclass(frozen=True)
+class MeanVolume:
+    """Mean volume change of the elements of a state: pressure p (m,) MPa, energy (N mm)."""
+
+    p: np.ndarray
+    energy: float
+
+
+def discretise(mesh: MeshTet2, held: np.ndarray, symmetric: bool = True, mean: bool = False) -> Body:
     """Body from a quadratic mesh; `held` (n, 3) marks displacement components fixed at zero.
 
     `symmetric` stores tangents as upper triangles; friction needs both.
@@ -49,7 +60,7 @@ def discretise(mesh: MeshTet2, held: np.ndarray, symmetric: bool = True) -> Body
     free = numbering(cells, held)
     pattern = pattern_of(cells, free, symmetric)
     place = pattern.find(_dofs(cells, free))
-    return Body(nodes, cells, np.ascontiguousarray(G), np.abs(det) * weights, free, pattern, place)
+    return Body(nodes, cells, np.ascontiguousarray(G), np.abs(det) * weights, free, pattern, place, mean)
 
 
 def shape_functions() -> np.ndarray:
@@ -158,3 +169,99 @@ def _stiffness(G, w, F, S, C, place, nnz):  # type: ignore[no-untyped-def]
                 if k >= 0:
                     data[k] += K[p, r]
     return data
+
+
+def volume(body: Body, H: np.ndarray, K: float, scale: np.ndarray | None, small: bool) -> MeanVolume:
+    """Pressure and energy of the mean volume change v̄ of each element, K/2 ∫ s v̄² dV; K in MPa.
+
+    v = J − 1, or tr H where strains are `small`; `scale` s (m, q) multiplies K.  The mean dilatation of Nagtegaal,
+    Parks and Rice (1974); quadratic tetrahedra with one pressure each satisfy the inf-sup condition.
+    """
+    H = H if H.flags.c_contiguous else np.ascontiguousarray(H)
+    return MeanVolume(*_volume(body.w, H, K, np.ones((1, 1)) if scale is None else scale, small))
+
+
+@numba.njit(cache=True)
+def _volume(w, H, K, s, small):  # type: ignore[no-untyped-def]
+    m, n = w.shape
+    p, energy = np.zeros(m), 0.0
+    one = s.shape[0] != m
+    for e in range(m):
+        change, whole, factor = 0.0, 0.0, 0.0
+        for q in range(n):
+            h = H[e, q]
+            v = h[0, 0] + h[1, 1] + h[2, 2]
+            if not small:  # det(I + H) − 1 without the 1: K v would be round-off
+                v += h[0, 0] * h[1, 1] - h[0, 1] * h[1, 0] + h[0, 0] * h[2, 2] - h[0, 2] * h[2, 0]
+                v += h[1, 1] * h[2, 2] - h[1, 2] * h[2, 1]
+                v += h[0, 0] * (h[1, 1] * h[2, 2] - h[1, 2] * h[2, 1])
+                v += h[0, 1] * (h[1, 2] * h[2, 0] - h[1, 0] * h[2, 2])
+                v += h[0, 2] * (h[1, 0] * h[2, 1] - h[1, 1] * h[2, 0])
+            change += w[e, q] * v
+            whole += w[e, q]
+            factor += w[e, q] * (K if one else K * s[e, q])
+        p[e] = factor * change / (whole * whole)
+        energy += 0.5 * p[e] * change
+    return p, energy
+
+
+def pressed(F: np.ndarray, S: np.ndarray, C: np.ndarray | None, p: np.ndarray, small: bool) -> tuple:
+    """Stresses S + p J C⁻¹ (m, q, 6), and moduli ℂ + p J (C⁻¹ ⊗ C⁻¹ − 2 C⁻¹ ⊙ C⁻¹) where they are asked for."""
+    return _pressed(F, S, np.zeros((0, 0, 6, 6)) if C is None else C, p, small)
+
+
+@numba.njit(cache=True)
+def _pressed(F, S, C, pressure, small):  # type: ignore[no-untyped-def]
+    m, n = F.shape[0], F.shape[1]
+    S, C, turned = S.copy(), C.copy(), C.shape[0] == m and not small
+    c, inverse, B = np.empty(6), np.empty(6), np.empty((3, 3))
+    for e in range(m):
+        for q in range(n):
+            f = F[e, q]
+            J = f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]) - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
+            J += f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
+            cauchy_green(f, J, c, inverse)
+            spread(inverse, B)
+            pull = pressure[e] * J
+            for a in range(6):
+                i, j = ROW[a], COL[a]
+                S[e, q, a] += pull * B[i, j]
+                if turned:
+                    for b in range(6):
+                        k, l = ROW[b], COL[b]
+                        C[e, q, a, b] += pull * (B[i, j] * B[k, l] - B[i, k] * B[j, l] - B[i, l] * B[j, k])
+    return S, C
+
+
+def volume_stiffness(body: Body, F: np.ndarray, K: float, scale: np.ndarray | None, data: np.ndarray) -> None:
+    """Add Σ K̄/V v̄ᵤ ⊗ v̄ᵤ to `data`, v̄ᵤ = ∫ ∂v/∂u dV of an element of volume V."""
+    s = np.ones((1, 1)) if scale is None else scale
+    _volume_stiffness(body.G, body.w, F, K, s, body.place, data)
+
+
+@numba.njit(cache=True)
+def _volume_stiffness(G, w, F, K, s, place, data):  # type: ignore[no-untyped-def]
+    m, n = w.shape
+    one = s.shape[0] != m
+    V, c = np.empty(30), np.empty((3, 3))
+    for e in range(m):
+        V[:] = 0.0
+        whole, factor = 0.0, 0.0
+        for q in range(n):
+            f, wq = F[e, q], w[e, q]
+            for i in range(3):  # cofactors: ∂J/∂F
+                j, k = (i + 1) % 3, (i + 2) % 3
+                for a in range(3):
+                    b, d = (a + 1) % 3, (a + 2) % 3
+                    c[i, a] = f[j, b] * f[k, d] - f[j, d] * f[k, b]
+            for a in range(10):
+                for i in range(3):
+                    V[3 * a + i] += wq * (c[i, 0] * G[e, q, a, 0] + c[i, 1] * G[e, q, a, 1] + c[i, 2] * G[e, q, a, 2])
+            whole += wq
+            factor += wq * (K if one else K * s[e, q])
+        factor /= whole * whole
+        for p in range(30):
+            for r in range(30):
+                k = place[e, p, r]
+                if k >= 0:
+                    data[k] += factor * V[p] * V[r]

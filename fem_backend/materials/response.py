@@ -17,6 +17,7 @@ from fem_backend.materials.regions import Regions, Substance
 from fem_backend.materials.stress import History, PointState
 
 LOCAL = 20.0  # K/μ up to which quadratic triangles do not lock, see `split`
+LOCAL_MEAN = 5.0  # the same of tetrahedra that take the mean of their volume change
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ def answer(
     """The answer to displacements u (n, 3) mm at the end of a step of Δt = dt s; raises stress.Inverted."""
     if isinstance(body, tetrahedra.Body):
         H = tetrahedra.displacement_gradients(body, u)
+        if body.mean:
+            return _mean_answer(body, material, H, history, dt, scale)
         state = stress.evaluate(material, H, False, history, dt, scale)
         force = tetrahedra.internal_force(body, state.F, state.S)
         return Answer(H, float((body.w * state.energy).sum()), force, state.history)
@@ -51,6 +54,8 @@ def state(
 ) -> PointState:
     """Stress at the quadrature points, with the pressure that a meridian's elements project: S + p J C⁻¹."""
     if isinstance(body, tetrahedra.Body):
+        if body.mean:
+            return _mean_state(body, material, H, False, history, dt, scale)[0]
         return stress.evaluate(material, H, False, history, dt, scale)
     pointwise, K, s = projected(body, material, scale)
     found = stress.evaluate(pointwise, H, False, history, dt, scale)
@@ -66,14 +71,51 @@ def tangent(
 ) -> np.ndarray:
     """Tangent of the nodal forces at displacement gradients H (m, q, 3, 3) as `data` of the pattern, N/mm."""
     if isinstance(body, tetrahedra.Body):
-        state = stress.evaluate(material, H, True, history, dt, scale)
+        if body.mean:
+            state = _mean_state(body, material, H, True, history, dt, scale)[0]
+        else:
+            state = stress.evaluate(material, H, True, history, dt, scale)
         assert state.C is not None  # which was asked for
-        return tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
+        data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
+        if body.mean:
+            _, K, s = projected(body, material, scale, LOCAL_MEAN)
+            tetrahedra.volume_stiffness(body, state.F, K, s, data)
+        return data
     (pointwise, K, s), small = projected(body, material, scale), material.small_strain
     state = stress.evaluate(pointwise, H, True, history, dt, scale)
     volume = axisymmetric.volume(body, H, K, s, small)
     assert state.C is not None
     return axisymmetric.stiffness(body, state.F, state.S_geometric, state.C, volume.p, K, s, small)
+
+
+def _mean_state(
+    body: tetrahedra.Body,
+    material: Substance,
+    H: np.ndarray,
+    moduli: bool,
+    history: History | None,
+    dt: float,
+    scale: np.ndarray | None,
+) -> tuple[PointState, tetrahedra.MeanVolume]:
+    """Stress of tetrahedra that take the mean of their volume change beyond K = LOCAL μ, and that."""
+    (pointwise, K, s), small = projected(body, material, scale, LOCAL_MEAN), material.small_strain
+    found = stress.evaluate(pointwise, H, moduli, history, dt, scale)
+    volume = tetrahedra.volume(body, H, K, s, small)
+    S, C = tetrahedra.pressed(found.F, found.S, found.C, volume.p, small)
+    return replace(found, S=S, C=C if moduli else None, S_geometric=found.S_geometric if small else S), volume
+
+
+def _mean_answer(
+    body: tetrahedra.Body,
+    material: Substance,
+    H: np.ndarray,
+    history: History | None,
+    dt: float,
+    scale: np.ndarray | None,
+) -> Answer:
+    state, volume = _mean_state(body, material, H, False, history, dt, scale)
+    force = tetrahedra.internal_force(body, state.F, state.S)
+    return Answer(H, float((body.w * state.energy).sum()) + volume.energy, force, state.history)
 
 
 @dataclass(frozen=True)
@@ -123,12 +165,12 @@ def carried(body: MeridianBody, at: Linearised, step: np.ndarray) -> Turning:
 
 
 def projected(
-    body: MeridianBody, material: Substance, scale: np.ndarray | None
+    body: Body, material: Substance, scale: np.ndarray | None, most: float = LOCAL
 ) -> tuple[Substance, float, np.ndarray | None]:
     """What acts at points, the bulk modulus (MPa) that elements project, and its factor (m, q)."""
     if not isinstance(material, Regions):
-        return *split(material), scale
-    parts = [split(m) for m in material.materials]
+        return *split(material, most), scale
+    parts = [split(m, most) for m in material.materials]
     K = np.array([k for _, k in parts])[material.of][:, None]
     s = K * (np.ones_like(body.w) if scale is None else scale)
     return Regions(tuple(m for m, _ in parts), material.of), 1.0, s
@@ -141,11 +183,11 @@ def modulus_at_points(body: Body, material: Substance) -> float:
 
 
 @functools.lru_cache(maxsize=64)
-def split(material: Material) -> tuple[Material, float]:
-    """The material with a bulk modulus of at most LOCAL μ, and the rest of it (MPa), which elements project.
+def split(material: Material, most: float = LOCAL) -> tuple[Material, float]:
+    """The material with a bulk modulus of at `most` that many μ, and the rest of it (MPa), which elements project.
 
     Only by the projection, J would be free to go up and down within an element at large strain.
     """
     K = material.bulk_modulus
-    local = min(K, LOCAL * material.shear_modulus)
+    local = min(K, most * material.shear_modulus)
     return replace(material, law=replace(material.law, D1=2.0 / local)), K - local  # type: ignore[type-var]

@@ -24,14 +24,16 @@ from fem_backend.meshing.recipes import (
     tetwild_recipe,
 )
 from fem_backend.meshing.refined import refined
-from fem_backend.meshing.templates import LEVELS, RADIUS, template_fits, template_mesh
+from fem_backend.meshing.templates import CRUDE, LEVELS, RADIUS, SIZINGS, template_fits, template_mesh
 
 __all__ = [
+    "CRUDE",
     "FARTHEST",
     "LEVELS",
     "LIMIT",
     "MAKERS",
     "RADIUS",
+    "SIZINGS",
     "BadMesh",
     "MeridianMesh",
     "Mesh",

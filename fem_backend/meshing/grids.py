@@ -18,9 +18,10 @@ from skfem import MeshTet, MeshTet2
 from fem_backend.meshing.meridian import graded
 from fem_backend.meshing.mesh import BadMesh, Mesh, volumes
 from fem_backend.meshing.placing import mirrored, scaled_jacobian
+from fem_backend.meshing.templates import CRUDE
 
 NAME = "grid"  # of the mesher in a recipe
-FINENESS = {"coarse": 2.2, "standard": 1.7, "fine": 1.25, "reference": 0.9}  # factor on all sizes
+FINENESS = {"coarse": 2.2, "standard": 1.7, "fine": 1.25, "reference": 0.9, CRUDE: 3.0}  # factor on all sizes
 NEAR = 0.15  # of the indenter's length: elements up to REACH of it from the middle, at unit fineness
 REACH = 1.2
 BESIDE, BELOW = 0.4, 0.2  # growth of the elements per distance, from there on and from the top on

@@ -14,11 +14,13 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend.geometry import EllipsoidShape
+from fem_backend.meshing import prestretched
 from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
 
 FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
 LEAST = -1.0  # share of the projective map: a tower's elements fold with less
 REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]])
+GATHERED = 0.2  # of WORST: columns of gathered elements are long and thin until the body is loaded
 WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
 
 
@@ -30,19 +32,23 @@ def assemble(
     planes: tuple[bool, bool] = (True, True),
     upright: bool = False,
     least: float = WORST,
+    deep: float = 0.0,
 ) -> MeshTet2:
     """Quadratic mesh of `body` with the fine elements at `point` (x, y) mm, from a quarter mesh of `nominal`.
 
     `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
     whole body.  Nodes of the quarter come first, then their mirror images.  `upright` elements stay so under the point
-    (see `moved`), whatever the shape of the body; without it they lean by its flatness.  Raises ValueError when a point
-    is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt, a
+    (see `moved`), whatever the shape of the body; without it they lean by its flatness.  `deep` is the length (mm) of
+    an indenter that goes deep, for which nodes are gathered (see `prestretched`).  Raises ValueError when a point is
+    off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt, a
     scaled Jacobian below `least`.
     """
     for axis in (0, 1):
         if planes[axis] and point[axis] != 0.0:
             raise ValueError(f"point = {point} mm is not on the symmetry plane {'xy'[axis]} = 0 of the model")
     X, tets = quarter.vertices / nominal.semi_axes, quarter.tets
+    if deep:
+        X = prestretched.below_pole(X, nominal.semi_axes, deep)
     for axis in (0, 1):
         if not planes[axis]:
             X, tets = mirrored(X, tets, axis)
@@ -52,7 +58,7 @@ def assemble(
         raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
     ball = quadratic(EllipsoidShape(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
-    worst = float(scaled_jacobian(placed).min())
+    worst, least = float(scaled_jacobian(placed).min()), GATHERED * least if deep else least
     if worst < least:
         raise BadMesh(f"elements are spoilt at point = {point} mm: scaled Jacobian {worst:.3f}, at least {least}")
     return placed

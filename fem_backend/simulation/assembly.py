@@ -34,6 +34,7 @@ from fem_backend.solver.condensation import Condense
 from fem_backend.solver.load_steps import Control
 from fem_backend.solver.newton import Load, System
 from fem_backend.specimens import Specimen, own_laws
+from fem_backend.specimens.specimen import GradedInAdvance
 from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
@@ -230,7 +231,18 @@ def build(
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
-    quadratic = specimen.quadratic(mesh, settings.recipe, settings.point, planes)
+    at = mesh, settings.recipe, settings.point, planes
+    if settings.large_strain and gathers(settings.indenter) and isinstance(specimen, GradedInAdvance):
+        quadratic = specimen.gathered(*at, settings.indenter.length)
+    else:
+        quadratic = specimen.quadratic(*at)
+    return of_tetrahedra(settings, quadratic, specimen, planes, symmetric)
+
+
+def of_tetrahedra(
+    settings: Settings, quadratic: MeshTet2, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool
+) -> AssembledModel:
+    """Model of a specimen by a quadratic mesh of it; raises meshing.BadMesh."""
     X = quadratic.doflocs.T
     facets = quadratic_facets(quadratic, quadratic.boundary_facets())
     for axis in (0, 1):
@@ -242,12 +254,18 @@ def build(
             held[:, axis] = X[:, axis] == 0.0
     carried = settings.support.held(specimen, X, np.unique(facets))
     held |= carried
-    discrete = tetrahedra.discretise(quadratic, held, symmetric)
+    discrete = tetrahedra.discretise(quadratic, held, symmetric, settings.large_strain)
     rolls = settings.support.loose and not all(planes)
     factor = krylov.KrylovSolver(discrete.pattern, settings.solver).factor if rolls else None
     factor = factor or direct.solver(discrete.pattern, settings.solver)
     condenser = condensation.condenser(discrete.pattern, settings.solver)
     return AssembledModel(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
+
+
+def gathers(indenter: Indenter) -> bool:
+    """Whether contact grows from the axis of an indenter: the finest elements are wanted there, coarser ones beside."""
+    size = indenter.spacing(indenter.length * np.linspace(0.0, 2.0, 201))
+    return bool(size[0] < size[-1] and size[0] <= size.min())
 
 
 def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
@@ -311,6 +329,12 @@ def remeshed(settings: Settings, knobs: Knobs, placement: Placement, mesh: Merid
     return of_meridian(shared, placement.specimen, mesh, _symmetric(settings, knobs))
 
 
+def rezoned(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeshTet2) -> AssembledModel:
+    """The specimen of an experiment in space by another mesh of it."""
+    shared = _shared(settings, knobs, placement)
+    return of_tetrahedra(shared, mesh, placement.specimen, placement.planes, _symmetric(settings, knobs))
+
+
 def _symmetric(settings: Settings, knobs: Knobs) -> bool:
     plain = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
     return plain and knobs.permeability == 0.0
@@ -328,6 +352,7 @@ def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
         solver=settings.solver,
         fineness=settings.fineness,
         fine=settings.fine if placement.meridian else None,
+        large_strain=settings.large_strain and not placement.meridian,
     )
 
 

@@ -28,7 +28,10 @@ from fem_backend.supports import SUPPORTS, Support
 
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
-MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
+OF_THE_MESH = {"follows": 1, "large_strain": 1}
+MARKS = {**OF_THE_MESH, **SUPPORTS.marks, **SPECIMENS.marks}
+LARGE = 2.0  # lengths of the indenter: travel from which large strains need another element and mesh
+THROUGH = 0.6  # of the thickness: the same of thin specimens
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 SEALED, POROUS = DRAINAGE = "sealed", "porous"
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
@@ -47,7 +50,7 @@ class Settings:
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
     `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
     `remesh` says whether its mesh is made anew where it is outworn; `drainage` are those under the indenter and at the
-    support.
+    support; `large_strain` says that mesh and element in space are those of deep indentations, see `for_travel`.
     """
 
     specimen: Specimen
@@ -73,6 +76,7 @@ class Settings:
     fine: tuple[float, float] | None = None
     remesh: str = "never"
     drainage: tuple[str, str] = (SEALED, SEALED)
+    large_strain: bool = False
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -133,7 +137,7 @@ class MeshTable(members.MemberTable):
         """The table without the backend's mark; a key of the other mesher would be ignored."""
         if not isinstance(value, Mapping):
             raise refused(f": a table with the keys {', '.join(cls.model_fields)} is expected")
-        known = {"follows": MARKS["follows"]}
+        known = {name: MARKS[name] for name in OF_THE_MESH}
         value = {k: v for k, v in value.items() if not members.marked(k, v, known)}
         mesher = value.get("mesher", "tetwild")
         for other, keys in OF_A_MESHER.items() if isinstance(mesher, str) and mesher in OF_A_MESHER else ():
@@ -287,6 +291,17 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         remesh=mesh.remesh,
         drainage=(read.drainage.indenter, read.drainage.support),
     )
+
+
+def for_travel(settings: Settings, deepest: float) -> Settings:
+    """The settings for travels to `deepest` (mm): beyond 2 lengths or 0.6 of the thickness those of large strain.
+
+    Not of the level limit, whose extrapolation is that of one family of meshes.
+    """
+    down = np.array([0.0, 0.0, -1.0])
+    way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else down
+    least = min(LARGE * settings.indenter.length, THROUGH * settings.specimen.thickness_along(way))
+    return replace(settings, large_strain=deepest > least and settings.level != LIMIT)
 
 
 def with_multipliers(settings: Settings) -> Settings:

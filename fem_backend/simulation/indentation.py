@@ -42,9 +42,9 @@ class Result:
     attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
-    `coarser` are the channels of the same run with elements of twice the size, where that was made, `unchecked` says
-    how errors are told where that ended early; `on` says with what
-    each point was solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
+    `coarser` are the channels of the same run on a coarser mesh, where that was made, `unchecked` says how errors are
+    told where that ended early, `finer` how many times as many nodes this one has; `on` says with what each point was
+    solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
     `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
     the share of the force that is not met there; None without any.
     """
@@ -61,6 +61,7 @@ class Result:
     system: System | None = field(default=None, repr=False)
     coarser: Mapping[str, np.ndarray] | None = None
     unchecked: str = ""
+    finer: float = 4.0
     on: tuple[InitialState, ...] = field(default=(), repr=False)
     legs: tuple[tuple[float, float], ...] = ()
     given: np.ndarray | None = None

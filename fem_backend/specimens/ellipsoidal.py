@@ -124,7 +124,7 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         made = (
             "reference" if level == meshing.LIMIT else level
         )  # its forces are extrapolated from that and a coarse one
-        h0 = meshing.LEVELS[made].h0 * (length / meshing.RADIUS)
+        h0 = meshing.SIZINGS[made].h0 * (length / meshing.RADIUS)
         used = (("mesher", mesher), ("level", level))
         if meshing.template_fits(self, length):
             return Meshing(meshing.template_recipe(made, self), used, h0, level)
@@ -133,13 +133,23 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         # similar specimens share one mesh, made for the size that levels are tuned for: the mesher knows millimetres
         axes = self.semi_axes * (meshing.RADIUS / length)
         similar = geometry.EllipsoidShape(*(float(f"{v:.12g}") for v in axes))
-        sizing = replace(meshing.LEVELS[made], hmax=1.15 * similar.smallest)
+        sizing = replace(meshing.SIZINGS[made], hmax=1.15 * similar.smallest)
         return Meshing(meshing.tetwild_recipe(similar, sizing), used, h0, level)
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
         return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
+
+    def gathered(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], length: float
+    ) -> MeshTet2:
+        """The same with its nodes gathered below an indenter of a length (mm), as it is where that spoils elements."""
+        own, upright = meshing.nominal(recipe), meshing.mesher(recipe) == "tetwild"
+        try:
+            return meshing.assemble(mesh, own, self, point, planes, upright, deep=length * own.c / self.c)
+        except meshing.BadMesh:
+            return self.quadratic(mesh, recipe, point, planes)
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""

@@ -11,7 +11,7 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import MeridianMesh, Mesh, Size, graded, grids, triangulated
+from fem_backend.meshing import CRUDE, MeridianMesh, Mesh, Size, graded, grids, triangulated
 from fem_backend.specimens import own_laws
 from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
@@ -242,10 +242,10 @@ class FlatTopped:
         """A level of the meridian and of the grid in three dimensions; other meshers and levels are refused."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
-        if level not in LEVELS:
+        if level not in (*LEVELS, CRUDE):
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
         recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
-        return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS[level])
+        return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS.get(level, 1.0))
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""

@@ -220,6 +220,16 @@ class NotConvex(Protocol):
 
 
 @runtime_checkable
+class GradedInAdvance(Protocol):
+    """A specimen whose mesh in space can be graded in advance for an indenter that goes deep."""
+
+    def gathered(
+        self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], length: float
+    ) -> MeshTet2:
+        """As `quadratic`, gathered below an indenter of a `length` (mm), see `meshing.prestretched`; raises BadMesh."""
+
+
+@runtime_checkable
 class OfOnePlace(Protocol):
     """A specimen without a map that moves the fine elements: it has a mesh of its own for every place of a test."""
 

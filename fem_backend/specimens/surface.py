@@ -424,10 +424,10 @@ class Surface(InSpace):
         """A mesh of its own for each place and size of the indenter, by fTetWild."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a scanned surface is meshed by tetwild alone")
-        if level not in meshing.LEVELS:
+        if level not in meshing.SIZINGS:
             known = ", ".join(meshing.LEVELS)
             raise ValueError(f"mesh.level = {level!r}: not for a scanned surface; choose from {known}")
-        sizing = replace(meshing.LEVELS[level].scaled(length / meshing.RADIUS), hmax=1.15 * self.smallest)
+        sizing = replace(meshing.SIZINGS[level].scaled(length / meshing.RADIUS), hmax=1.15 * self.smallest)
         on, _ = self.above(*self.place)
         recipe = scans.scan_recipe(self.file, UNITS[self.unit], self.sha256, self.region, on, sizing)
         return Meshing(recipe, (("mesher", mesher), ("level", level)), sizing.h0, level)
