@@ -235,8 +235,7 @@ def _section(at: InitialState, u: np.ndarray) -> DeformedMeridian:
     body = at.model.body
     fixed = body.free.reshape(-1, 3) < 0
     middle = body.nodes[body.cells[:, 6]]
-    ratio = at.placement.specimen.stiffness(middle)
-    part = np.zeros(len(middle), int) if ratio is None else np.unique(ratio, return_inverse=True)[1]
+    part = np.asarray(at.placement.specimen.layer(middle))
     return DeformedMeridian(
         body.nodes[:, [0, 2]], u[:, [0, 2]], body.cells, at.model.facets, fixed[:, 0] + 2 * fixed[:, 2], part
     )
