@@ -496,12 +496,15 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     """The last change since the first answers that counts here, 0 where none does.
 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
-    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.
+    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: the mesh of a
+    meridian was never made anew.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
     other = settings.support.revised(settings.specimen)
+    if max(programme.travel_mm) > experiment.remeshed_from(settings):
+        return 3
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))

@@ -246,7 +246,7 @@ def elastic(
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         legs = [] if legs is None else legs
-        legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
+        legs.append(MeshLeg(at, watch))
         found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in stopped.points}
