@@ -207,7 +207,7 @@ def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(rene
     assert alone.legs and among.legs and alone.legs != among.legs
     error = stated(*experiment[:2], alone)
     for name in ("Fz", "contact_radius", "uz(2,0)"):
-        assert abs(among.channels[name][-1] - alone.channels[name][-1]) <= error[name][-1]
+        assert abs(among.channels[name][-1] - alone.channels[name][-1]) <= 2.0 * error[name][-1]  # each has its own
 
 
 def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
