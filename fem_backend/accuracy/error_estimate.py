@@ -12,7 +12,7 @@ from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.experiment import Settings, element_size, on_axis, profile_name
+from fem_backend.simulation.experiment import SEALED, Settings, element_size, on_axis, profile_name
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
@@ -30,6 +30,7 @@ CREEPING = 2.0  # times that is the share of what a body creeps by under its wei
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 COMPARED = 0.35  # of the difference to elements of twice the size, see `compared`
 AHEAD = 1.1  # times the travel: deeper differences say nothing of a deep one
+LASTED = 2.0  # times as long: two moments of a rest that are neighbours
 UNKNOWN = 6.0  # power of the travel by which the difference grows beyond the end of the coarser run
 BESIDE = 1.25  # times the travel: as far a new mesh says something of the error
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
@@ -81,6 +82,9 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
     Beyond a travel of 1.5 lengths of the indenter s_j ≤ 1.1 s_k: errors grow fast there.
     Where the mesh was made anew within a quarter of s, at least half of what the force changed by counts.
+
+    With pore flow steps are twice as long there, too, and neighbours are also near in the time since a rest began.
+    Where the indenter is sealed the edge of what drains is as wide as an element, of first order: m = 1.
     """
     assert result.coarser is not None
     travel, c = np.maximum(np.abs(result.travel), 1e-300), calibration(settings)
@@ -90,6 +94,9 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     h0 = element_size(settings, True)
     a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
     share = np.minimum(COMPARED * (1.0 + (4.0 * h0 / a) ** 2), 1.0)
+    if knobs.permeability:
+        near &= _as_long(result)
+        share = np.ones_like(share) if settings.drainage[0] == SEALED else share
     out = {}
     for name, fine in result.channels.items():
         if name in ("time", "travel"):
@@ -104,6 +111,8 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
             last = int(known.sum()) - 1
             mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** UNKNOWN
         out[name] = share * largest * mean
+    if knobs.adhesion:
+        out |= attracted(result)
     for began, jump in result.legs:
         beside = (travel > began / BESIDE) & (travel < began * BESIDE)
         out["Fz"] = np.where(beside, np.maximum(out["Fz"], 0.5 * jump * np.abs(result.channels["Fz"])), out["Fz"])
@@ -115,6 +124,34 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     penetration = c.penetration * settings.indenter.length * (1.0 + stiffness(knobs))
     out["uz_max"] = np.maximum(out["uz_max"] - penetration, 1e-6 * travel)
     return out
+
+
+def attracted(result: Result) -> dict[str, np.ndarray]:
+    """Error of each channel (k,) of a body that is attracted, beside elements of twice the size: the difference, and
+    at least its root mean square over the instants at which both touch or neither does.
+
+    The edge of an adhering contact is a crack: its forces converge no faster than h² and go up and down as it passes
+    from element to element.  Between the jumps of the two the difference is the whole pull, and so is the error.
+    """
+    assert result.coarser is not None
+    on = np.stack([c["contact_radius"] > 0.0 for c in (result.channels, result.coarser)])
+    same = (on[:, :, None] == on[:, None, :]).all(0) & (on[0] == on[1])
+    out = {}
+    for name, fine in result.channels.items():
+        off = np.abs(fine - result.coarser[name])
+        mean = np.sqrt((same * off**2).sum(1) / np.maximum(same.sum(1), 1))
+        out[name] = np.zeros_like(fine) if name in ("time", "travel") else np.maximum(off, mean)
+    return out
+
+
+def _as_long(result: Result) -> np.ndarray:
+    """Whether two instants (k, k) both move, or have rested for times within a factor of `LASTED`."""
+    time, travel = result.channels["time"], result.travel
+    moves = np.concatenate([[True], np.abs(np.diff(travel)) > 1e-9 * np.abs(travel).max()])
+    began = np.maximum.accumulate(np.where(moves, np.arange(len(time)), 0))
+    since = np.where(moves, 0.0, time - time[began])
+    both = moves[:, None] == moves
+    return both & (since[:, None] <= LASTED * since) & (since <= LASTED * since[:, None])
 
 
 def mesh_factor(settings: Settings, knobs: Knobs) -> float:
@@ -171,7 +208,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
     left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
-    pull *= min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
+    pull *= 0.0 if result.coarser is not None else min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
     back = recovering(settings, knobs, result)
     points = {n: v + back[n] for n, v in points.items()}
@@ -224,7 +261,7 @@ def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     of what a point has moved under the weight.
     """
     deepest = np.maximum.accumulate(result.travel)
-    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(deepest, 1e-300)
+    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(np.abs(deepest), 1e-300)
     back, touched = result.travel < deepest, whole_force(result) > 0.0
     left = np.where(back & ~touched, share, 0.0)
     creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, CREEPING * share)

@@ -30,7 +30,7 @@ class NoMesh(ValueError):
 
 
 @dataclass(frozen=True)
-class DeformedSection:
+class DeformedMeridian:
     """A deformed meridian: nodes X (n, 2) = (r, z) mm and u (n, 2) mm, cells (m, 7), outline edges (f, 3).
 
     `held` (n,) says by a number which components of a node are held, `part` (m,) which layer a cell is of: an edge
@@ -51,7 +51,7 @@ class DeformedSection:
 
 
 @dataclass(frozen=True)
-class BoundaryChain:
+class EdgeChain:
     """Edges (e, 3) that follow each other, ends and middle; `fixed` keeps them as they are."""
 
     edges: np.ndarray
@@ -68,7 +68,7 @@ class Cut:
 
 
 def rezoned(
-    section: DeformedSection, near: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray], growth: float
+    section: DeformedMeridian, near: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray], growth: float
 ) -> MeridianMesh:
     """A mesh of the undeformed body whose cells are well shaped now; those of `near` (m,) are replaced.
 
@@ -112,7 +112,7 @@ def _loop(cells: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def _chains(section: DeformedSection, near: np.ndarray, loop: np.ndarray) -> list[BoundaryChain]:
+def _chains(section: DeformedMeridian, near: np.ndarray, loop: np.ndarray) -> list[EdgeChain]:
     """The loop in chains: what is cut from the rest stays; outline and axis are free between corners."""
     outline = set(section.outline[:, 2].tolist())
     X, kinds = section.X, []
@@ -134,12 +134,12 @@ def _chains(section: DeformedSection, near: np.ndarray, loop: np.ndarray) -> lis
     if not breaks:
         raise NoMesh("the part to be meshed anew has no corner")
     return [
-        BoundaryChain(np.roll(loop, -k, axis=0)[: (following - k) % len(loop) or len(loop)], kinds[k][0] == 0)
+        EdgeChain(np.roll(loop, -k, axis=0)[: (following - k) % len(loop) or len(loop)], kinds[k][0] == 0)
         for k, following in zip(breaks, [*breaks[1:], breaks[0]], strict=True)
     ]
 
 
-def _between(section: DeformedSection, near: np.ndarray) -> np.ndarray:
+def _between(section: DeformedMeridian, near: np.ndarray) -> np.ndarray:
     """Edges (e, 3) between cells of two parts, both of them to be replaced."""
     cells, part = section.cells[near], section.part[near]
     edges = np.concatenate([cells[:, list(e)] for e in EDGES])
@@ -150,7 +150,7 @@ def _between(section: DeformedSection, near: np.ndarray) -> np.ndarray:
     return edges[same]
 
 
-def _meeting(section: DeformedSection, near: np.ndarray) -> set[int]:
+def _meeting(section: DeformedMeridian, near: np.ndarray) -> set[int]:
     """Nodes where such edges end on the loop: they stay."""
     edges = _between(section, near)
     if not len(edges):
@@ -159,14 +159,14 @@ def _meeting(section: DeformedSection, near: np.ndarray) -> set[int]:
     return set(nodes[count == 1].tolist())
 
 
-def _interfaces(section: DeformedSection, near: np.ndarray) -> list[BoundaryChain]:
+def _interfaces(section: DeformedMeridian, near: np.ndarray) -> list[EdgeChain]:
     """Chains of edges between two parts, each from one of its ends to the other."""
     left = [(int(a), int(b), int(c)) for a, b, c in _between(section, near)]
     at: dict[int, list[tuple[int, int, int]]] = {}
     for e in left:
         at.setdefault(e[0], []).append(e)
         at.setdefault(e[1], []).append(e)
-    out: list[BoundaryChain] = []
+    out: list[EdgeChain] = []
     seen: set[int] = set()
     for start in sorted(n for n, es in at.items() if len(es) == 1):
         here, chain = start, []
@@ -180,12 +180,12 @@ def _interfaces(section: DeformedSection, near: np.ndarray) -> list[BoundaryChai
             chain.append((here, there, middle))
             here = there
         if chain:
-            out.append(BoundaryChain(np.array(chain), False))
+            out.append(EdgeChain(np.array(chain), False))
     return out
 
 
 def _sizes(
-    section: DeformedSection, chains: list[BoundaryChain], wanted: Callable[[np.ndarray], np.ndarray]
+    section: DeformedMeridian, chains: list[EdgeChain], wanted: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (k, 2) on chains and the edge lengths (k,) there: as they are where they stay, `wanted` on the outline."""
     places, sizes, free = [], [], []
@@ -214,7 +214,7 @@ def _quadratic(t: np.ndarray) -> np.ndarray:
     return np.column_stack([(1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0), 4.0 * t * (1.0 - t)])
 
 
-def _cut(section: DeformedSection, chain: BoundaryChain, size: Callable[[np.ndarray], np.ndarray]) -> Cut:
+def _cut(section: DeformedMeridian, chain: EdgeChain, size: Callable[[np.ndarray], np.ndarray]) -> Cut:
     """A chain in edges of the wanted size now, at equal shares of ∫ ds/h."""
     X, x, edges = section.X, section.x, chain.edges
     if chain.fixed:
@@ -243,7 +243,7 @@ def _on(nodes: np.ndarray, edges: np.ndarray, way: np.ndarray) -> np.ndarray:
     return np.einsum("ka,kai->ki", _quadratic(way - k), nodes[edges[k]])
 
 
-def _before(section: DeformedSection, cut: list[Cut], points: np.ndarray) -> np.ndarray:
+def _before(section: DeformedMeridian, cut: list[Cut], points: np.ndarray) -> np.ndarray:
     """Where points (n, 2) now, those of the loop first, were before; raises Lost."""
     given = np.concatenate([c.X[:-1] for c in cut])
     cell, xi = location.located(section.x, section.cells, points[len(given) :])
@@ -264,7 +264,7 @@ def _areas(corners: np.ndarray) -> np.ndarray:
 
 
 def _joined(
-    section: DeformedSection, near: np.ndarray, cut: list[Cut], vertices: np.ndarray, triangles: np.ndarray
+    section: DeformedMeridian, near: np.ndarray, cut: list[Cut], vertices: np.ndarray, triangles: np.ndarray
 ) -> MeridianMesh:
     """The mesh of the undeformed body from the triangles of its part, and the rest as it is."""
     count = sum(len(c.middles) for c in cut)

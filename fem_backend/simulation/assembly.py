@@ -26,7 +26,7 @@ from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.materials.regions import Regions, Substance
 from fem_backend.meshing import MeridianMesh, Mesh
-from fem_backend.simulation import symmetry
+from fem_backend.simulation import cohesive, symmetry
 from fem_backend.simulation.experiment import Settings, element_size
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
@@ -38,7 +38,7 @@ from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
 STIFF = 100.0  # the same of a meridian, over μ/h
-FIRM = 3000.0  # that of friction and adhesion, which act per undeformed area: see `penalty`
+FIRM = 3000.0  # that of friction and adhesion, which act per undeformed area, and of pore flow: see `penalty`
 FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
@@ -202,7 +202,9 @@ class AssembledModel:
 
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
-    mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
+    many = cohesive.samples(settings, max(specimen.half_width, float(specimen.top[2] - specimen.lowest[2])))
+    places = () if many is None else (many,)
+    mesh = settings.specimen.meridian(specimen, cohesive.spacing(settings), settings.fineness, *places)
     return of_meridian(settings, specimen, mesh, symmetric)
 
 
@@ -265,6 +267,8 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
         )
+    if knobs.permeability:
+        _admit_pore_flow(settings, knobs, placement)
     h0 = element_size(settings, placement.meridian)
     if knobs.adhesion and knobs.adhesion_range < h0 / FINEST_RANGE:
         raise NotModelled(
@@ -272,6 +276,20 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
             f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {h0:.3g} mm at the "
             f"contact resolve ranges of {h0 / FINEST_RANGE:.3g} mm and more",
         )
+
+
+def _admit_pore_flow(settings: Settings, knobs: Knobs, placement: Placement) -> None:
+    """Raise NotModelled for a body with pore flow that is not of revolution, rubs, sticks or lies loose."""
+    asked = f"permeability = {knobs.permeability:g} mm^4/N/s: pore flow is modelled"
+    if not placement.meridian:
+        raise NotModelled(
+            "not_supported",
+            f"{asked} for bodies of revolution only: specimen, indenter, support, place and all effects alike",
+        )
+    if knobs.friction or knobs.adhesion or settings.support.friction(vars(knobs)):
+        raise NotModelled("not_supported", f"{asked} without friction and adhesion; leave one of the two out")
+    if settings.support.loose:
+        raise NotModelled("not_supported", f"{asked} for specimens that their support holds")
 
 
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> AssembledModel:
@@ -293,7 +311,8 @@ def remeshed(settings: Settings, knobs: Knobs, placement: Placement, mesh: Merid
 
 
 def _symmetric(settings: Settings, knobs: Knobs) -> bool:
-    return knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+    plain = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+    return plain and knobs.permeability == 0.0
 
 
 def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
@@ -307,6 +326,7 @@ def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
         control=Control(),
         solver=settings.solver,
         fineness=settings.fineness,
+        fine=settings.fine if placement.meridian else None,
     )
 
 
@@ -348,8 +368,8 @@ def system(
         raise NotModelled("bad_geometry", str(error)) from error
     if held is not None and knobs.weight:
         raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
-    follows = held is None and adhesion is None and knobs.friction == 0.0
-    epsilon = penalty(placement, body, surface, mu, not follows)
+    follows = held is None and knobs.friction == 0.0
+    epsilon = penalty(placement, body, surface, mu, not follows or knobs.permeability > 0.0)
     if held is not None:  # a layer between two that hold it is as stiff as K
         epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
@@ -368,18 +388,19 @@ def system(
     return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
 
-def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float, rubs: bool) -> np.ndarray:
+def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float, firm: bool) -> np.ndarray:
     """ε (f, q) MPa/mm: on a meridian by the length of each edge, as fine elements give way to a soft penalty.
 
     Pressed by p on a foundation of ε per undeformed area, a surface of modulus μ buckles in waves shorter than p²/(με):
-    no element may be that short up to p = √FIRM μ where it `rubs`, friction or adhesion.  Without them contact acts per
-    area now, and multipliers make it exact.
+    no element may be that short up to p = √FIRM μ where it is `firm`, with friction or adhesion.  Without them contact
+    acts per area now, and multipliers make it exact.  With pore flow it is firm, too: what multipliers move comes
+    within one step, in which little drains.
     """
     if not placement.meridian:
         return np.full(surface.weights.shape, PENALTY * mu / placement.indenter.length)
     ends = body.nodes[surface.facets[:, :2]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    factor = FIRM if rubs else STIFF
+    factor = FIRM if firm else STIFF
     return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
 
 

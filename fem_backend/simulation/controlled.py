@@ -29,6 +29,10 @@ def solve(
 
     As :func:`fem_backend.simulation.indentation.solve` tried twice; raises Stopped with the result so far, NotModelled.
     """
+    if knobs.permeability:
+        raise NotModelled(
+            "not_supported", "pore flow follows travel over time alone: time_s and travel_mm, no segments and forces"
+        )
     started = time.process_time()
     try:
         return _attempt(settings, knobs, placement, model, drive, started)

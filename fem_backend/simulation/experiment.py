@@ -30,6 +30,7 @@ from fem_backend.supports import SUPPORTS, Support
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
 MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
+SEALED, POROUS = DRAINAGE = "sealed", "porous"
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
 SMOOTH_FROM, EDGED_FROM = 1.5, 0.5  # lengths of the indenter, see `remeshed_from`
 REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
@@ -45,8 +46,9 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian; `remesh` says whether its mesh is made anew
-    where it is outworn.
+    `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
+    `remesh` says whether its mesh is made anew where it is outworn; `drainage` are those under the indenter and at the
+    support.
     """
 
     specimen: Specimen
@@ -69,7 +71,9 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    fine: tuple[float, float] | None = None
     remesh: str = "when_needed"
+    drainage: tuple[str, str] = (SEALED, SEALED)
 
 
 # ----------------------------------------------------------------------------------------------------------- tables
@@ -144,6 +148,15 @@ class MeshTable(members.MemberTable):
         return value
 
 
+class DrainageTable(members.MemberTable):
+    """drainage: where liquid leaves a body with pore flow; all of its surface that nothing touches is open."""
+
+    indenter: Annotated[str, BeforeValidator(members.one_of(DRAINAGE))] = SEALED
+    """sealed: no liquid passes where the indenter touches; porous: as where nothing does."""
+    support: Annotated[str, BeforeValidator(members.one_of(DRAINAGE))] = SEALED
+    """sealed | porous, of all that the support holds or may touch."""
+
+
 class SettingsTable(members.MemberTable):
     """The settings of one experiment beside the tables of the open sets."""
 
@@ -163,6 +176,8 @@ class SettingsTable(members.MemberTable):
     """Deepest travel at this place before the test (softening), mm."""
     mesh: MeshTable = MeshTable()
     """The mesh."""
+    drainage: DrainageTable = DrainageTable()
+    """Where liquid leaves a body with pore flow."""
     solver: Annotated[str, BeforeValidator(members.one_of(("auto", "pardiso", "superlu")))] = "auto"
     """auto | pardiso | superlu."""
     derivatives: members.Flag = True
@@ -212,6 +227,7 @@ def _read_again(model: Any, text: str, stamps: tuple[tuple[str, int, int], ...])
 
 def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     known = {(): [*SETS, *SettingsTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
+    known["drainage",] = [*DrainageTable.model_fields]
     try:
         read = _validator(model).validate_python(dict(settings))
     except ValidationError as error:
@@ -270,6 +286,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         read.multipliers,
         meshed.fineness,
         remesh=mesh.remesh,
+        drainage=(read.drainage.indenter, read.drainage.support),
     )
 
 
@@ -296,7 +313,10 @@ def remeshed_from(settings: Settings) -> float:
 
 def element_size(settings: Settings, meridian: bool) -> float:
     """Size (mm) of the smallest elements at the contact, of a meridian or in space."""
-    return settings.fineness * float(settings.indenter.spacing(np.zeros(1))[0]) if meridian else settings.h0
+    if not meridian:
+        return settings.h0
+    own = float(settings.indenter.spacing(np.zeros(1))[0])
+    return settings.fineness * (own if settings.fine is None else min(own, settings.fine[0]))
 
 
 def profile_name(place: tuple[float, float]) -> str:
@@ -316,8 +336,13 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "profile": [list(p) for p in settings.profile],
         "earlier": settings.earlier,
         "mesh": dict(settings.mesh),
+        **({} if settings.drainage == (SEALED, SEALED) else _drainage(*settings.drainage)),
         **({} if settings.multipliers else {"multipliers": False}),
     }
+
+
+def _drainage(indenter: str, support: str) -> dict[str, Any]:
+    return {"drainage": {"indenter": indenter, "support": support}}
 
 
 def _distinct(places: Sequence[tuple[float, float]]) -> list[str]:

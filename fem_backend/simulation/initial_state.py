@@ -46,9 +46,9 @@ class InitialState:
 
     @property
     def path_dependent(self) -> bool:
-        """Whether the answer depends on the way: friction, relaxation, softening, adhesion (jumps)."""
+        """Whether the answer depends on the way: friction, relaxation, softening, adhesion (jumps), pore flow."""
         rubbing = any(p.friction for p in self.system.pairs) or self.system.pressing.adhesion is not None
-        return rubbing or self.system.material.path_dependent
+        return rubbing or self.system.material.path_dependent or self.knobs.permeability > 0.0
 
 
 def initial_state(

@@ -17,7 +17,7 @@ from rso.contract import knob
 
 @dataclass(frozen=True)
 class Common:
-    """Zones of another stiffness, weight, friction and adhesion; lengths in mm, moduli in MPa.
+    """Zones of another stiffness, weight, friction, adhesion and pore flow; lengths in mm, moduli in MPa.
 
     Defaults and plausible ranges that hold a length are those of the usual specimen and indenter; at another size they
     go in proportion, see `fem_backend.adapter.priors`.
@@ -124,6 +124,15 @@ class Common:
         label="adhesion",
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
+    permeability: float = knob(
+        "permeability of the body for the liquid in its pores; 0: no pore flow, the drained solid alone",
+        "mm^4/N/s",
+        0.0,
+        1e12,
+        default=0.0,
+        group="pore flow",
+        label="pore flow",
+    )
 
 
 @dataclass(frozen=True)
@@ -215,4 +224,5 @@ SWITCHES = {  # a group has no influence while one of these knobs has the value 
     "skin": {"skin_ratio": 1.0, "skin_thickness": 0.0},
     "inclusion": {"inclusion_ratio": 1.0, "inclusion_radius": 0.0},
     "adhesion": {"adhesion": 0.0},
+    "pore flow": {"permeability": 0.0},
 }

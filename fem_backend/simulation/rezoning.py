@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -14,13 +13,14 @@ from fem_backend.kinematics import bodies
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.materials.stress import History
 from fem_backend.remeshing import location
-from fem_backend.remeshing.section import DeformedSection, NoMesh, rezoned
+from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.experiment import remeshed_from
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
 from fem_backend.solver.history_steps import Reached
+from fem_backend.solver.jumps import SuddenJumps
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
@@ -33,25 +33,18 @@ AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is t
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
 
 
-@runtime_checkable
-class Moving(Protocol):
-    """What watches a run and can go on with another system of the same body, as derivatives do."""
-
-    def on(self, at: InitialState, /) -> Watch:
-        """The same watcher of a run that goes on with `at`."""
-        ...
-
-
 @dataclass(frozen=True)
 class MeshLeg:
     """A part of the way on one mesh: what is solved there, who watches, where it began (mm), by which share the force
-    changed there with the mesh, and u (n, 3) there, None of the first."""
+    changed there with the mesh, and u (n, 3) there; None of the first.  `watches` says who
+    watches on the next mesh."""
 
     at: InitialState
     watch: Watch | None
     began: float = 0.0
     jump: float = 0.0
     u: np.ndarray | None = None
+    watches: Callable[[InitialState], Watch] | None = None
 
 
 def allowed(at: InitialState) -> bool:
@@ -102,10 +95,10 @@ def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tu
     new, carried = renewed(at, old.stages[0].equilibrium.evaluation)
     found = load_steps.equilibrate(new.system, [carried], new.start(here), here, control, counters)
     before, after = (abs(float(p.force @ at.placement.direction)) for p in (old, found))
-    watch = leg.watch.on(new) if isinstance(leg.watch, Moving) else leg.watch
+    watch = leg.watch if leg.watches is None else leg.watches(new)
     jump = abs(after - before) / max(before, 1e-300)
     u = found.stages[0].equilibrium.evaluation.u
-    return MeshLeg(new, watch, here, jump, u), u
+    return MeshLeg(new, watch, here, jump, u, leg.watches), u
 
 
 def follow(
@@ -115,6 +108,8 @@ def follow(
     u: np.ndarray,
     history: History | None,
     touching: float | None,
+    jumps: SuddenJumps | None = None,
+    begin_at: float = 0.0,
 ) -> list[LoadPoint]:
     """As `history_steps.follow` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped.
 
@@ -128,7 +123,7 @@ def follow(
         left = [i for i in way if begin is None or i.time > begin.time]
         try:
             found = history_steps.follow(
-                at.system, at.start, left, control, counters, u, history, touching, begin,
+                at.system, at.start, left, control, counters, u, history, touching, jumps, begin_at, begin,
                 wear(legs[-1], since) if plain else None,
             )  # fmt: skip
             return points + [replace(p, leg=known) for p in found]
@@ -188,8 +183,8 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
     An edge that the indenter may touch has grown to 3.8 times the length that is wanted where it is now (3.3 below an
-    edge or a tip, 1.7 of a mesh made anew) and was not so long when the mesh was made; or the corners of a cell, well shaped in the undeformed
-    body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
+    edge or a tip, 1.7 of a mesh made anew) and was not so long when the mesh was made; or the corners of a cell, well
+    shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
     at, since = leg.at, max(since, remeshed_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
@@ -241,17 +236,17 @@ def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarr
     return replace(at, model=model, system=system, seated=seated, probes=probes), u
 
 
-def _section(at: InitialState, u: np.ndarray) -> DeformedSection:
+def _section(at: InitialState, u: np.ndarray) -> DeformedMeridian:
     body = at.model.body
     fixed = body.free.reshape(-1, 3) < 0
     middle = body.nodes[body.cells[:, 6]]
     part = np.asarray(at.placement.specimen.layer(middle))
-    return DeformedSection(
+    return DeformedMeridian(
         body.nodes[:, [0, 2]], u[:, [0, 2]], body.cells, at.model.facets, fixed[:, 0] + 2 * fixed[:, 2], part
     )
 
 
-def _near(at: InitialState, section: DeformedSection, state: Evaluation) -> np.ndarray:
+def _near(at: InitialState, section: DeformedMeridian, state: Evaluation) -> np.ndarray:
     """Cells (m,) around the way of the indenter."""
     touched = tractions.contact_points(at.system.pressing.surface, at.model.body.nodes + state.u)
     touched = touched[state.contact.pressure > 0.0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,6 +11,8 @@ import numpy as np
 from fem_backend.solver.load_steps import Instant, LoadPoint
 
 SLOWER = 3.0  # times as long as the step before it is a step of a rest
+FIRST = 0.02  # of the time between two corners of a programme: the first step of a body that drains
+GROWING = 0.2  # of the time since a corner: each step of one
 SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
 
 
@@ -47,22 +50,23 @@ def each(groups: Sequence[Sequence[Instant]], points: Sequence[LoadPoint]) -> li
 def merged(travels: Sequence[float]) -> dict[float, float]:
     """Each travel (mm) and the least of those within round-off of it, in increasing order."""
     out: dict[float, float] = {}
-    near = SAME * max(travels, default=0.0)
+    near = SAME * max(map(abs, travels), default=0.0)
     for s in sorted(set(travels)):
         least = next(reversed(out.values()), s)
         out[s] = least if s - least <= near else s
     return out
 
 
-def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False) -> list[Instant]:
+def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False, begin_at: float = 0.0) -> list[Instant]:
     """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel).
 
+    The way begins at the travel `begin_at` (mm).
     What `relaxes` does so in a rest, too: see `resting`.
     """
     last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
     still = SAME * max((abs(i.travel) for i in instants), default=0.0)
     out: list[Instant] = []
-    t, s, began = 0.0, 0.0, 0.0
+    t, s, began = 0.0, begin_at, 0.0
     for i in instants[: last + 1]:
         count = max(1, int(np.ceil(abs(i.travel - s) / largest - 1e-9)))
         for k in range(1, count):
@@ -74,6 +78,42 @@ def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False) ->
         out.append(i)
         t, s = i.time, i.travel
     return out
+
+
+def flowing(instants: Sequence[Instant], largest: float, pace: float) -> list[Instant]:
+    """The instants up to the last asked one and, between them, steps that grow with the time since the last corner.
+
+    A body drains as √t after every change of the rate: steps are `GROWING` times `pace` of the time since then, from a
+    share `FIRST` of the time to the next corner or a third of that to the first instant, and no longer than `largest`
+    mm of travel times the pace.
+    """
+    last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
+    path = [Instant(0.0, 0.0, False), *instants[: last + 1]]
+    slopes = [(b.travel - a.travel) / (b.time - a.time) for a, b in itertools.pairwise(path)]
+    near = SAME * max((abs(v) for v in slopes), default=0.0)
+    corners = [0, *(k for k in range(1, len(slopes)) if abs(slopes[k] - slopes[k - 1]) > near), len(slopes)]
+    out: list[Instant] = []
+    for a, b in itertools.pairwise(corners):
+        began, rate = path[a], slopes[a]
+        first = pace * min(FIRST * (path[b].time - began.time), (path[a + 1].time - began.time) / 3.0)
+        most = pace * largest / abs(rate) if abs(rate) > near else np.inf
+        since = 0.0
+        for goal in path[a + 1 : b + 1]:
+            until = goal.time - began.time
+            for moment in _growing(since, until, first, pace * GROWING, most):
+                out.append(Instant(began.time + moment, began.travel + rate * moment, False))
+            out.append(goal)
+            since = until
+    return out
+
+
+def _growing(since: float, until: float, first: float, share: float, most: float) -> list[float]:
+    """Times (s) between two others, each later by a share of itself, at least by `first` and at most by `most`."""
+    times = [since]
+    while times[-1] < until:
+        times.append(times[-1] + min(max(first, share * times[-1]), most))
+    stretch = (until - since) / (times[-1] - since)  # so that the last one is reached
+    return [since + stretch * (v - since) for v in times[1:-1]]
 
 
 def resting(since: float, until: float) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -19,6 +20,7 @@ from rso.data import Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
+from rso.evaluation.decks import load_deck
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -133,7 +135,11 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
 
 def source_of(study: Study) -> Source:
     """Where the backend of a study comes from; nothing of it is loaded."""
-    return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
+    b, deck = study.backend, study.deck()
+    if deck is not None:
+        with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
+            deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
+    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
 
 
 def make_plan(
@@ -157,7 +163,8 @@ def make_plan(
     refuse_what_is_not_modelled(study, backend, resolved, curves)
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     forces = [e.name for e in study.experiments if e.kind == "force"]
-    found = {n: hold for n in forces if (hold := hold_in(study, n, curves[n]))}
+    there = [n for n in forces if not curves[n].back]
+    found = {n: hold for n in there if (hold := hold_in(study, n, curves[n]))}
     holds = followed(study, backend, middle(resolved), found, beside)
     main = Search("main", study.search.targets or _default_targets(curves, fitted, holds), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
@@ -179,7 +186,7 @@ def make_plan(
     searches = tuple(_search(study, s, box, curves, units, holds) for s in wanted)
     constraints = tuple(_constraint(c, units) for c in study.search.constraints)
     outputs = [
-        Output(e.name, channel, u, units[channel], since)
+        Output(e.name, channel, u, units[channel], since, e.branch == "unloading")
         for e in fitted
         for channel in e.compared
         for u, since in _readings(asked[e.name], holds.get(e.name))
@@ -452,7 +459,7 @@ def _search(
         e, curve, hold = study.experiment(t.experiment), curves[t.experiment], holds.get(t.experiment)
         if t.channel != curve.channel or t.since:
             curve = combine(
-                study.measurement(e.name), study.noise_of(e.name), t.channel, hold=hold if t.since else None
+                study.measurement(e.name), study.noise_of(e.name), t.channel, e.branch, hold if t.since else None
             )
         depth, since = place_of_target(study, t, hold)
         value, sigma = value_at(curve, t.depth) if not since else value_at_rest(curve, since)
@@ -463,7 +470,7 @@ def _search(
             text = f"the target {t.channel} of {e.name!r} at {t.depth:g} mm is 0 without uncertainty: state a noise"
             raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
         goals.append(Goal(t.experiment, t.channel, depth, value, sigma, units[t.channel], t.value is None, since))
-        outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since))
+        outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since, e.branch == "unloading"))
     return SearchPlan(search.name, tuple(goals), tuple(outputs), *ends_in(search.axes, box), search.axes)
 
 

@@ -24,7 +24,7 @@ from rso.calibration.stages import Design, FittedSurrogates, Run, why
 from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
-from rso.core.curves import ahead, rests
+from rso.core.curves import ahead, rests, way_back
 from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
@@ -481,6 +481,8 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     found = {}
     for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
         loading = ahead(curve.travel_mm)
+        if record.back and len(back := way_back(curve.travel_mm)) > 1:
+            loading = back[::-1]
         found[name] = {
             "experiment": experiment,
             "channel": curve.channel,

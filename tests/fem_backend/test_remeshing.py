@@ -12,7 +12,7 @@ from fem_backend.contact.self_contact import met_itself
 from fem_backend.kinematics import axisymmetric
 from fem_backend.meshing import triangulated
 from fem_backend.remeshing import location
-from fem_backend.remeshing.section import DeformedSection, NoMesh, rezoned
+from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import NoTriangles, filled, inside, quality, size_field
 from fem_backend.simulation import assembly, indentation, rezoning
 from fem_backend.simulation.experiment import read_settings
@@ -96,7 +96,7 @@ def test_a_sheared_section_is_meshed_anew_well_shaped_with_the_same_volume(layer
     u = np.column_stack([X[:, 0] * X[:, 1] ** 2, -0.35 * X[:, 1] ** 2])
     part = np.zeros(len(mesh.cells), int) if layers == 1 else (X[mesh.cells[:, 6], 1] > 0.5).astype(int)
     held = np.where(X[:, 1] == 0.0, 3, 0)
-    section = DeformedSection(X, u, mesh.cells, mesh.outline(), held, part)
+    section = DeformedMeridian(X, u, mesh.cells, mesh.outline(), held, part)
     new = rezoned(section, np.ones(len(mesh.cells), bool), lambda x: np.full(len(x), 0.25), 0.3)
     body = axisymmetric.discretise(new.points, new.cells, np.zeros((len(new.points), 3), bool))
     assert body.w.sum() == pytest.approx(4.0 * np.pi, rel=1e-9)
@@ -117,7 +117,7 @@ def test_a_part_with_a_hole_is_refused():
     middle = mesh.points[mesh.cells[:, 6]]
     near = np.hypot(middle[:, 0] - 1.0, middle[:, 1] - 0.5) > 0.2
     flat = np.zeros_like(mesh.points)
-    section = DeformedSection(
+    section = DeformedMeridian(
         mesh.points, flat, mesh.cells, mesh.outline(), np.zeros(len(flat), int), np.zeros(len(near), int)
     )
     with pytest.raises(NoMesh):

@@ -188,7 +188,8 @@ def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
 
 def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
-    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], FINE), u[(u > 0) & (u < x[-1])]]))
+    low = min(x[0], 0.0)
+    at = np.unique(np.concatenate([np.linspace(low, x[-1], FINE), u[(u > low) & (u < x[-1])]]))
     return at, drawn_at(x, f, at)
 
 
@@ -233,7 +234,7 @@ def _curves(
         axes.text(0.985, 0.04, word, transform=axes.transAxes, ha="right", color=GREY)
     axes.set_ylabel(f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     axes.set_title(short(clean(e["name"]), 60), color=GREY)
-    axes.set_xlim(0, None)
+    axes.set_xlim(min(0.0, float(u.min())) if len(u) else 0.0, None)
     fine = unit
     if rest is None:
         axes.set_xlabel("depth (mm)")
@@ -255,7 +256,7 @@ def _residuals(
     """What is left along the depth, in the unit that is returned."""
     left = []
     for c, x, f in simulated:
-        inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
+        inside = ((u > 0) | (x[0] < 0)) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
         left.append((c, u[inside], y[inside] - np.interp(u[inside], x, f)))
     unit = shown(e.get("unit", ""), largest([float(v) for _, _, r in left for v in r]))
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)

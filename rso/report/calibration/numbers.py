@@ -29,7 +29,6 @@ from rso.report.layout.digits import (
     largest,
     percent,
     quantity,
-    sentence,
     shortest,
     shown,
     signed,
@@ -59,6 +58,7 @@ from rso.report.reading import (
     drawn_at,
     experiments,
     fitted_curves,
+    lettered,
     listed,
     number,
     on_the_way,
@@ -212,7 +212,7 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[CandidateV
     if each:
         said.append(f"Searched: {', '.join(each)}.")
     if s.get("story"):
-        said.append(sentence(s["story"]))
+        said.append(lettered(results, s["story"]))
     if s.get("infill"):
         said.append(f"{s['infill']} run{'s' if s['infill'] > 1 else ''} added until predicted = recomputed.")
     every = [o for c in chosen for o in c.data.get("outputs") or () if known(o.get("target")) and o.get("recomputed")]
@@ -252,7 +252,7 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     x, f = best.curve(e["name"]) if best else ((), ())
     if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
-    reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
+    reached = [(a, b) for a, b in zip(u, y, strict=True) if min(x[0], 0) < a <= x[-1] * (1 + 1e-9) or a == x[0]]
     if not reached:
         return f"{name}: {len(u)} measured points; {best.label} ends before the first of them."
     predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
