@@ -206,7 +206,7 @@ def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(rene
     among = run("when_needed", (1.0, 4.3, 5.2, 6.0), SOFT)
     assert alone.legs and among.legs and alone.legs != among.legs
     error = stated(*experiment[:2], alone)
-    for name in ("Fz", "contact_radius", "uz(2,0)"):
+    for name in ("Fz", "uz(5,0)"):
         assert abs(among.channels[name][-1] - alone.channels[name][-1]) <= 2.0 * error[name][-1]  # each has its own
 
 
