@@ -172,7 +172,7 @@ LAYERS = {
         "keys",
         "__init__",
     ),
-    "rso.core": ("curves default_backend disk distributions power_law printable similarity units",),
+    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -181,6 +181,7 @@ LAYERS = {
         "files",
         "holds loading_rate outliers",
         "repeats",
+        "creep",
         "__init__",
     ),
     "rso.data.files": (
@@ -334,7 +335,7 @@ LAYERS = {
         "keys loader resolve",
         "cases",
         "holds laboratory_folder",
-        "new_study",
+        "creep new_study",
     ),
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms

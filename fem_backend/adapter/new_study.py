@@ -160,7 +160,12 @@ def _adhesion(pull: Mapping[str, float]) -> dict[str, Line]:
         return {}
     w = float(pull["adhesion"])
     said = f"Fz pulls: adhesion; JKR says about {_two(w)} N/mm, contact at {pull['contact']:.3g} mm in the file"
-    return {"adhesion": _range(w / AROUND, w * AROUND, "N/mm", said)}
+    found = {"adhesion": _range(w / AROUND, w * AROUND, "N/mm", said)}
+    if "adhesion_range" not in pull:
+        return found
+    reach = f"{_two(pull['adhesion_range'])} mm"
+    short = "or shorter and dearer, of no influence once it is short enough; rso run at two of them tells"
+    return {**found, "adhesion_range": Line({"value": reach}, short, True)}
 
 
 def _adheres(force: np.ndarray) -> bool:

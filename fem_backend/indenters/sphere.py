@@ -23,6 +23,7 @@ REACH = 3.0  # facets within REACH·R of the first contact may touch
 SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
 GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
 FINE, COARSE, GRADED = 0.05, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
+TABOR = 1.0  # where the range of an attraction is a guess: nearer to JKR is dearer
 VERIFIED = 2.0  # of R: depth up to which runs reach more than that
 
 
@@ -253,7 +254,8 @@ class Sphere:
         return closed_forms.hertz_modulus(force, depth, self.effective_radius(curvature), nu)
 
     def adhesive_fit(self, travel: np.ndarray, force: np.ndarray, curvature: float) -> dict[str, float]:
-        """μ (MPa), w (N/mm) and where contact is (mm) of Fz (n,) N over travel (n,) mm by JKR, incompressible.
+        """μ (MPa), w (N/mm), where contact is (mm) and a range of Tabor's parameter 1, of Fz (n,) N over travel
+        (n,) mm by JKR, incompressible.
 
         F = 4 E* a³/(3 R) − √(8π w E* a³),   δ = a²/R − √(2π w a/E*),   E* = 4 μ.  Least squares over w/E* and the
         contact, E* in closed form, of the readings from the strongest pull on.  Small strains, a half-space (Johnson,
@@ -277,7 +279,10 @@ class Sphere:
                 left = float(np.sum((F - E * f) ** 2))
                 if E > 0.0 and left < best[0]:
                     best = left, E, E * ratio, contact
-        return {"mu": best[1] / 4.0, "adhesion": best[2], "contact": best[3]} if best[1] > 0.0 else {}
+        if not best[1] > 0.0:
+            return {}
+        reach = (R * (best[2] / best[1]) ** 2) ** (1.0 / 3.0) / TABOR
+        return {"mu": best[1] / 4.0, "adhesion": best[2], "contact": best[3], "adhesion_range": reach}
 
     def strain(self, depth: np.ndarray | float) -> np.ndarray | float:
         """Logarithmic strain |ln λ| that the sphere causes at least below itself at a depth (mm):

@@ -202,7 +202,8 @@ class AssembledModel:
 
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
-    many = cohesive.samples(settings, max(specimen.half_width, float(specimen.top[2] - specimen.lowest[2])))
+    wide = specimen.half_width if "base" in specimen.parts else specimen.largest
+    many = cohesive.samples(settings, max(wide, float(specimen.top[2] - specimen.lowest[2])))
     places = () if many is None else (many,)
     mesh = settings.specimen.meridian(specimen, cohesive.spacing(settings), settings.fineness, *places)
     return of_meridian(settings, specimen, mesh, symmetric)

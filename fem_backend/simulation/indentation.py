@@ -24,7 +24,7 @@ from fem_backend.simulation.pore_flow import pores_of
 from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, flowing, merged, one, steps, together
 from fem_backend.solver import biphasic, history_steps, load_steps, rigid_motions
-from fem_backend.solver.jumps import SuddenJumps
+from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
@@ -182,7 +182,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
-def jumps_of(at: InitialState) -> SuddenJumps | None:
+def jumps_of(at: InitialState) -> JumpRecord | None:
     """What counts as a jump of a body that is attracted; None of another.
 
     Pull and length of JKR's fold for the indenter's effective radius R, 2πwR and (w²R/E*²)^(1/3), E* = 4μ.
@@ -194,7 +194,7 @@ def jumps_of(at: InitialState) -> SuddenJumps | None:
     stiff = 4.0 * at.system.material.shear_modulus
     pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
     length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
-    return SuddenJumps(pull, length, SHORTEST * length)
+    return JumpRecord(pull, length, SHORTEST * length)
 
 
 def _begin_at(instants: Sequence[Instant]) -> float:
@@ -228,7 +228,7 @@ def along(
     instants: Sequence[Instant],
     counters: Counters,
     legs: list[MeshLeg] | None = None,
-    jumps: SuddenJumps | None = None,
+    jumps: JumpRecord | None = None,
 ) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step.
 
@@ -338,7 +338,7 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     return replace(virgin, W_max=history.W_max)
 
 
-def of_jumps(at: InitialState, jumps: SuddenJumps) -> dict[str, float]:
+def of_jumps(at: InitialState, jumps: JumpRecord) -> dict[str, float]:
     """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way.
 
     Forces (N) are along the way of the indenter and those of the whole specimen; energies N mm.
@@ -369,7 +369,7 @@ def collect(
     cpu_s: float,
     slopes: Slopes | None = None,
     legs: Sequence[MeshLeg] = (),
-    jumps: SuddenJumps | None = None,
+    jumps: JumpRecord | None = None,
 ) -> Result:
     """Result from the points reached, each on the mesh of its leg."""
     on = [legs[p.leg].at if legs else at for p in points]

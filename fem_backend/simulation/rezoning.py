@@ -20,7 +20,7 @@ from fem_backend.simulation.experiment import remeshed_from
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
 from fem_backend.solver.history_steps import Reached
-from fem_backend.solver.jumps import SuddenJumps
+from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
@@ -108,7 +108,7 @@ def follow(
     u: np.ndarray,
     history: History | None,
     touching: float | None,
-    jumps: SuddenJumps | None = None,
+    jumps: JumpRecord | None = None,
     begin_at: float = 0.0,
 ) -> list[LoadPoint]:
     """As `history_steps.follow` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped.

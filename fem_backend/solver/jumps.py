@@ -1,4 +1,4 @@
-"""SuddenJumps of an attracted body under a prescribed travel: where an equilibrium ends, and what it jumps to.
+"""JumpRecord of an attracted body under a prescribed travel: where an equilibrium ends, and what it jumps to.
 
 A body that is attracted follows a branch of stable equilibria, K = ∂²Π/∂u² positive definite.  With f = dΠ/ds the force
 at a travel s, that branch ends at a fold, where its slope
@@ -63,7 +63,7 @@ class OnBranch:
 
 
 @dataclass
-class SuddenJumps:
+class JumpRecord:
     """What counts as one: pull (N) of the modelled part, the length (mm) by which that draws the body up, the `least`
     step (mm); and those that were found."""
 
@@ -96,7 +96,7 @@ def on_branch(system: System, found: Equilibrium, load: Load, travel: float) -> 
     return OnBranch(travel, force, slope, at.energy, bool((at.contact.pressure > 0.0).any()))
 
 
-def unexplained(jumps: SuddenJumps, a: OnBranch | None, b: OnBranch) -> bool:
+def unexplained(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> bool:
     """Whether the change of force from a to b is more than ½(κ_a + κ_b)(s_b − s_a) explains."""
     if a is None:
         return False
@@ -104,12 +104,12 @@ def unexplained(jumps: SuddenJumps, a: OnBranch | None, b: OnBranch) -> bool:
     return not off <= SMOOTH * jumps.pull + CURVED * max(abs(a.force), abs(b.force))
 
 
-def at_fold(jumps: SuddenJumps, at: OnBranch | None) -> bool:
+def at_fold(jumps: JumpRecord, at: OnBranch | None) -> bool:
     """Whether the slope is as steep as it gets near a fold."""
     return at is not None and min(at.slope, at.trend) <= -STEEP * jumps.pull / jumps.length
 
 
-def longest(jumps: SuddenJumps, a: OnBranch | None, b: OnBranch) -> float:
+def longest(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> float:
     """The longest step (mm) on from b: a share of the way to the fold that 1/κ² points to, κ the trend at a and b."""
     if a is None or not at_fold(jumps, b) or not b.trend < a.trend < 0.0:
         return np.inf

@@ -30,9 +30,10 @@ def rows_of(plan: Plan, table: pd.DataFrame) -> list[Done]:
     """A stored run for each case of the study and each set of values in a table.
 
     A row is a point of a curve: a column for each open parameter (its name, in the unit of the backend, or with its
-    own in brackets), ``travel`` (mm), the channels (``Fz`` in N, or ``Fz [mN]``), and ``experiment`` where the study has
-    several.  Values at the asked travels are a monotone cubic between rows, and its difference from a straight line is
-    their stated error.  Raises ValueError naming column, row or value for what is missing or does not reach the asked travels.
+    own in brackets), ``travel`` (mm), the channels (``Fz`` in N, or ``Fz [mN]``), and ``experiment`` where the study
+    has several.  Values at the asked travels are a monotone cubic between rows, and its difference from a straight
+    line is their stated error.  Raises ValueError naming column, row or value for what is missing or does not reach
+    the asked travels.
     """
     columns = _in_units(plan, table)
     open_ = list(plan.box.names)

@@ -10,7 +10,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.readings import measured
 from rso.contract import Case, Response
-from rso.core.curves import ahead, at_readings, on_the_way_back, rests
+from rso.core.curves import ahead, at_readings, on_the_way_back, resting
 from rso.evaluation import Task
 from rso.study.cases import mark_channel
 
@@ -55,7 +55,8 @@ class HeldOutReadings:
             curve, mine = response.curve(channel), self.simulated == channel
             y = np.asarray(response.gradients[knob][channel]) if knob else curve.value
             depth, since = np.minimum(self.depth[mine], curve.travel_mm.max()), self._since(mine)
-            found[mine] = at_readings(response.channels["time"], curve.travel_mm, y, depth, since, self.back)
+            time = response.channels["time"]
+            found[mine] = at_readings(time, curve.travel_mm, y, depth, since, self.back, channel)
         return found
 
     def error(self, response: Response) -> np.ndarray:
@@ -70,7 +71,7 @@ class HeldOutReadings:
             found[mine] = np.interp(self.depth[mine], curve.travel_mm[on], curve.error[on])
             if since is not None and (held := mine & (self.since > 0.0)).any():  # type: ignore[operator]
                 time, depth = response.channels["time"], float(self.depth[held][0])
-                found[held] = curve.error[rests(time, curve.travel_mm, depth, since[since > 0.0])]
+                found[held] = curve.error[resting(channel, time, curve.travel_mm, depth, since[since > 0.0])]
         return found
 
     def _since(self, mine: np.ndarray) -> np.ndarray | None:

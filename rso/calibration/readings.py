@@ -8,10 +8,11 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import ahead, between, on_the_way_back, rests
+from rso.core.curves import CREEP, ahead, between, on_the_way_back, resting
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Emulator, Output
 from rso.inference import CurvePlace, Data, ModelErrors, emulated, outputs_of, resample
+from rso.study.creep import loading_of
 
 
 def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
@@ -64,7 +65,8 @@ def curve_data(plan: Plan, place: CurvePlace) -> Data:
     keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
-    return as_data(label, place.experiment, curve, keep)
+    test = loading_of(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
+    return as_data(label, test, curve, keep)  # one contact and one gain of loading and creep
 
 
 def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray) -> Data:
@@ -105,10 +107,10 @@ def model_errors(
     unknown (0) without one; the spline is that through the predicted `value` (m,) at `travel` (m,) mm; `emulator` (n,)
     is the standard deviation of what stands for simulations, None where nothing does.
     """
-    off = np.zeros(len(place.depth))
-    if not place.back:  # of a way back every travel that is compared is computed, or many are
+    off, spacing = np.zeros(len(place.depth)), 0.0
+    if not (place.back or place.held.all()):  # else every travel that is compared is computed, or many are
         off = np.where(place.held, 0.0, between(travel, value, place.depth))
-    spacing = float(np.median(np.diff(np.append(0.0, travel))))
+        spacing = float(np.median(np.diff(np.append(0.0, travel))))
     stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
     return ModelErrors(stated, off if off.any() else None, spacing, emulator)
 
@@ -125,13 +127,16 @@ def of_emulator(
 ) -> ModelErrors:
     """The same of the curve that an emulator has at x (d,)."""
     outputs = [o for o in outputs_of(emulator.outputs, place) if not o.since_s]
-    travel, value = np.array([o.depth_mm for o in outputs]), emulator.means(outputs, x[None])[0]
+    travel = np.array([o.depth_mm for o in outputs])
+    value = emulator.means(outputs, x[None])[0] if outputs else travel
     return model_errors(response, place, readings, travel, value, emulated(emulator, place)[1](x))
 
 
 def numerical(response: Response, place: CurvePlace, readings: np.ndarray) -> np.ndarray:
     """Estimated numerical error (n,) at the measured depths, in proportion to the size of the `readings` (n,)."""
     error = error_at(response, place)
+    if place.channel == CREEP:  # of a depth that is found: no share of another
+        return error
     largest = float(np.abs(resample(response, place, "")).max())
     return error if largest == 0.0 else error * float(np.abs(readings).max()) / largest
 
@@ -143,6 +148,8 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     It is no share of the value: a lateral force may vanish on its way, and its error does not.
     """
     curve = response.curve(place.channel)
+    if place.channel == CREEP and place.since is not None:
+        return curve.error[resting(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
     if place.back:
         return on_the_way_back(curve.travel_mm, curve.error, place.depth)
     used = ahead(curve.travel_mm)
@@ -150,6 +157,7 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
     if (held := place.held).any():
         assert place.since is not None
-        at = rests(response.channels["time"], curve.travel_mm, float(place.depth[held][0]), place.since[held])
+        time, depth = response.channels["time"], float(place.depth[held][0])
+        at = resting(place.channel, time, curve.travel_mm, depth, place.since[held])
         found[held] = curve.error[at]
     return found

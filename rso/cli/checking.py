@@ -227,7 +227,10 @@ def _things(plan: Plan) -> list[str]:
     for e in plan.study.experiments:
         curve = plan.curves[e.name]
         places = [] if curve.position is None else curve.position.tolist()
-        remarks = cases.remarks(plan.study, e.name, plan.of_hold(e.name))
+        remarks = plan.remarks(e.name)
+        if e.name in plan.creeps.followed:
+            lines += [f"  experiment {e.name!r} ({e.role}): {len(curve.depth)} moments", *(f"    {r}" for r in remarks)]
+            continue
         depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
         what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
         reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"

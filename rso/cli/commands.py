@@ -117,7 +117,7 @@ def _number(place: str, word: str, unit: str) -> float:
         raise ValueError(f"{place}{error}") from error
 
 
-CODES = ("loading", "hold", "unloading", "skip")
+CODES = ("loading", "hold", "creep", "unloading", "skip")
 FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": "contact"}}
 
 

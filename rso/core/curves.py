@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # Beyond the last computed travel by this share of it is round-off, not extrapolation.
 _ROUND_OFF = 1e-9
+CREEP = "travel"  # the channel that is read over the time of a hold at a force
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +141,26 @@ def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray)
     return at
 
 
+def resting(channel: str, time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
+    """Rows of a response over time (m,) s that lie `since` (n,) s after a hold began, at a depth (mm) or of CREEP."""
+    return creeping(time, since) if channel == CREEP else rests(time, travel, depth, since)
+
+
+def creeping(time: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Rows of a response over time (m,) s that lie `since` (n,) s after its force was reached, at its first moment.
+
+    KeyError where it has no such moment.
+    """
+    t, s = np.asarray(time, float), np.asarray(since, float)
+    at = np.argmin(np.abs(t[0] + s[:, None] - t), axis=1)
+    off = np.abs(t[at] - t[0] - s) > 1e-6 * np.abs(t).max()
+    if off.any():
+        raise KeyError(
+            f"the response has no travel {', '.join(f'{v:g}' for v in s[off])} s after its force was reached"
+        )
+    return at
+
+
 def at_readings(
     time: np.ndarray,
     travel: np.ndarray,
@@ -147,12 +168,15 @@ def at_readings(
     depth: np.ndarray,
     since: np.ndarray | None = None,
     back: bool = False,
+    channel: str = "",
 ) -> np.ndarray:
     """Values of a response at readings (n,): of loading by depth (mm), of a hold by the time `since` it began (s).
 
-    `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth.
-    `back`: all are readings of the way back.
+    `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth, but
+    for those of the `channel` CREEP, which are of a hold at a force.  `back`: all are readings of the way back.
     """
+    if channel == CREEP and since is not None:
+        return np.asarray(value)[creeping(time, since)]
     if back:
         return on_the_way_back(travel, value, depth)
     there = loading(travel, value)

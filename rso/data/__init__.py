@@ -2,6 +2,7 @@
 
 from rso.data import usual_errors
 from rso.data.branches import SEGMENTS
+from rso.data.creep import CreepHold, creep_curve, creep_of
 from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import CONTACT, Column
 from rso.data.files.reading import Measurement, Repeat, fingerprint, read
@@ -10,7 +11,7 @@ from rso.data.holds import Hold, hold_of
 from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.data.loading_rate import recorded_speed
 from rso.data.outliers import kept, step_of, without_spikes
-from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, value_at
+from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, pulls_off, value_at
 from rso.data.scatter import autocorrelation
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "SEGMENTS",
     "Chain",
     "Column",
+    "CreepHold",
     "Hold",
     "MeasuredCurve",
     "Measurement",
@@ -31,9 +33,12 @@ __all__ = [
     "autocorrelation",
     "combine",
     "correct",
+    "creep_curve",
+    "creep_of",
     "fingerprint",
     "hold_of",
     "kept",
+    "pulls_off",
     "read",
     "record",
     "recorded",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from rso.core.correlation import exponential
 from rso.core.distributions import student
 from rso.core.power_law import LEADING
 from rso.core.units import COLUMNS
@@ -18,6 +19,7 @@ from rso.data.outliers import without_spikes
 from rso.data.scatter import White, beyond_said, of_record, of_repeats, ratio_of
 from rso.data.variance_components import parts
 
+PULLS = 0.1  # of its range: a force that is negative by more pulls
 AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
 # Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
 MAX_POINTS = 200
@@ -198,7 +200,7 @@ def combine(
         u = np.append(u, hold.depth + hold.speed * hold.since)
     together = 1.0 if own_length > 0 else many
     stated = np.sqrt(np.mean(power / together, axis=0))
-    along = np.exp(-np.abs(u[:, None] - u) / own_length) if own_length > 0 else np.eye(len(u))
+    along = exponential(u, own_length) if own_length > 0 else np.eye(len(u))
     r = len(y)
     deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
     own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, y.shape), axis=0))
@@ -323,6 +325,21 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
     return *(np.bincount(block, weights=v) / count for v in each), count
 
 
+def pulls_off(measurement: Measurement) -> bool:
+    """Whether Fz pulls on the way back of every repeat by more than a tare or scatter may: by a tenth of its range.
+
+    Means over three readings count.
+    """
+    found = []
+    for r in measurement.repeats:
+        rows = r.segment == "unloading"
+        if "Fz" not in r.channels or rows.sum() < 6:
+            return False
+        mean = np.convolve(r.channels["Fz"][rows], np.ones(3) / 3.0, mode="valid")
+        found.append(float(mean.min()) < -PULLS * float(np.ptp(mean)))
+    return bool(found) and all(found)
+
+
 def _adhering(repeat: Repeat, channel: str, rows: np.ndarray) -> np.ndarray:
     """(n,) whether a reading of the way back lies before the strongest pull, where contact is for certain.
 
@@ -383,7 +400,7 @@ def _parts(
     found = {n: sizes[n] * s[:, None] for n, s in (("gain", smooth), ("contact", slope)) if sizes.get(n, 0.0) > 0.0}
     if sizes.get("correlation", 0.0) > 0.0 and len(u) > 1:
         length = length or usual_errors.OVER * float(np.ptp(u))
-        found["correlation"] = sizes["correlation"] * _root(np.exp(-np.abs(u[:, None] - u) / length))
+        found["correlation"] = sizes["correlation"] * _root(exponential(u, length))
     return found
 
 
@@ -438,7 +455,7 @@ def _scatter(
     for name, shape, row in (("gain", smooth, part[0]), ("contact", slope, part[1])):
         size = math.sqrt(shown[name] / max(float(row @ row), 1e-300))
         shared |= {f"{name} of repeat {k + 1}": a * size * shape for k, a in enumerate(row) if a * size != 0.0}
-    K = np.exp(-np.abs(u[:, None] - u) / p.length)
+    K = exponential(u, p.length)
     C = np.diag(mean) + shown["correlation"] * K + sum(np.outer(s, s) for s in shared.values())
     freedom = white.freedom / share**2 if share > 0 else math.inf
     return C, freedom, shared, _parts(u, smooth, slope, rest, p.length)

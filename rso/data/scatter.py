@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.core.correlation import of_neighbours, restored
 from rso.core.distributions import chi2_ppf
 
 FEWEST = 8  # readings of a record that tell its noise
@@ -101,15 +102,13 @@ def beyond_said(seen: White, ratio: float, said: np.ndarray) -> White:
 def autocorrelation(rest: np.ndarray, independent: int = 1) -> float:
     """Correlation ρ of neighbours in deviations (n, r), as many of the r curves `independent`; 0 where it may be none.
 
-    It counts from `REMEMBERS` standard errors on; what taking out the mean and two shapes cost is put back (Marriott &
-    Pope, Biometrika 41 (1954) 390).
+    It counts from `REMEMBERS` standard errors on; what taking out the mean and two shapes cost is put back.
     """
     n = len(rest)
-    power = float(np.sum(rest**2))
-    if n < 12 or power == 0.0:
+    if n < 12:
         return 0.0
-    ρ = float(np.sum(rest[1:] * rest[:-1])) / power
-    return min(ρ + (1.0 + 4.0 * ρ) / n, 0.98) if ρ > REMEMBERS / np.sqrt(n * independent) else 0.0
+    ρ = of_neighbours(rest.T)
+    return min(restored(ρ, n), 0.98) if ρ > REMEMBERS / np.sqrt(n * independent) else 0.0
 
 
 def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> White:

@@ -17,7 +17,7 @@ import numpy as np
 
 from rso import emulation
 from rso.contract import Response
-from rso.core.curves import on_the_way_back, rests, way_back
+from rso.core.curves import on_the_way_back, resting, way_back
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import (
@@ -67,7 +67,7 @@ class Output:
         """Index of this reading in a response that was asked for it; KeyError if it was not."""
         if self.since_s:
             time, travel = response.channels["time"], response.channels["travel"]
-            return int(rests(time, travel, self.depth_mm, np.array([self.since_s]))[0])
+            return int(resting(self.channel, time, travel, self.depth_mm, np.array([self.since_s]))[0])
         travel = response.curve(self.channel).travel_mm
         if self.back:
             rows = way_back(travel)

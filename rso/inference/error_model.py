@@ -11,28 +11,16 @@ A diagnosis has one part more, what another program or another mesher makes of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from rso.core.correlation import Kernel, exponential
 from rso.inference.likelihood import Data
 
 NUMERICAL, INTERPOLATION, EMULATOR = "numerical", "interpolation", "emulator"
 OF_THE_MODEL = (NUMERICAL, INTERPOLATION, EMULATOR)
-
-
-def exponential(at: np.ndarray, length: float) -> np.ndarray:
-    """Correlation (n, n) e^{−|Δu|/ℓ} of errors at u (n,): continuous and rough (Ornstein–Uhlenbeck)."""
-    return np.exp(-np.abs(at[:, None] - at) / length)
-
-
-def gaussian(at: np.ndarray, length: float) -> np.ndarray:
-    """Correlation (n, n) e^{−(Δu/ℓ)²/2} of errors at u (n,): smooth."""
-    return np.exp(-0.5 * ((at[:, None] - at) / length) ** 2)
-
-
-Kernel = Callable[[np.ndarray, float], np.ndarray]
 
 
 def correlated_along(

@@ -102,11 +102,12 @@ def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
     n, held = len(travel), place.held
     if place.back:
         return np.stack([np.interp(place.depth, travel, e) for e in np.eye(n)], axis=1)
-    if not held.any():
+    if n and not held.any():
         R = Resampling(travel, np.eye(n))(place.depth)
         return R if n == len(outputs) else np.hstack([R, np.zeros((len(R), len(outputs) - n))])
     R = np.zeros((len(held), len(outputs)))
-    R[~held, :n] = Resampling(travel, np.eye(n))(place.depth[~held])
+    if n:  # creep has no loading of its own
+        R[~held, :n] = Resampling(travel, np.eye(n))(place.depth[~held])
     moments = {o.since_s: n + k for k, o in enumerate(outputs[n:])}
     for k in np.flatnonzero(held):
         since = float(place.since[k])  # type: ignore[index]
@@ -162,4 +163,5 @@ def resample(response: Response, place: CurvePlace, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
-    return at_readings(response.channels["time"], curve.travel_mm, y, place.depth, place.since, place.back)
+    time, travel = response.channels["time"], curve.travel_mm
+    return at_readings(time, travel, y, place.depth, place.since, place.back, place.channel)

@@ -105,7 +105,7 @@ def ladder_plan(study: Study) -> Plan:
         ]
         study = study.model_copy(update={"experiments": tuple(every)})
     plan = make_plan(study)
-    return make_plan(study, beside(plan, levels_of(plan))) if plan.found else plan
+    return make_plan(study, beside(plan, levels_of(plan))) if plan.found or plan.creeps.found else plan
 
 
 def run_ladder(

@@ -212,7 +212,8 @@ def learn_item(
 def _read_of(item: Item, place: CurvePlace) -> list[tuple[float, float]]:
     """Travel (mm) and time in the hold (s) of everything that is read of a curve."""
     asked, held = item.case.programme.asked_mm, place.held
-    resting = [] if place.since is None else [(asked[-1], float(s)) for s in place.since[held]]
+    depth = asked[-1] if asked else float(place.depth[0])
+    resting = [] if place.since is None else [(depth, float(s)) for s in place.since[held]]
     return [*((u, 0.0) for u in asked), *resting]
 
 

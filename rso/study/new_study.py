@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.units import COLUMN_NAMES
-from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, read, recorded_speed, sheet_of
+from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, pulls_off, read, recorded_speed, sheet_of
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory_folder import inline, may_be_a_place, place
@@ -186,8 +186,14 @@ def _parameters(
     if force is None:
         return studies.first_parameters(values, np.empty(0), np.empty(0))
     curve = combine(force.measurement, Noise())
+    depth, value = curve.depth, curve.value
+    if pulls_off(force.measurement):  # with what comes after the strongest pull
+        r = force.measurement.repeats[0]
+        rows = np.nonzero(r.segment == "unloading")[0]
+        rows = rows[np.argsort(r.depth[rows], kind="stable")]
+        depth, value = r.depth[rows], r.channels["Fz"][rows]
     try:
-        return studies.first_parameters({**values, "point": list(force.point or TOP)}, curve.depth, curve.value)
+        return studies.first_parameters({**values, "point": list(force.point or TOP)}, depth, value)
     except ValueError as error:
         raise ValueError(f"{force.files[0]}: {error}") from error
 
@@ -200,6 +206,8 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
         f'role = "{e.role}"',
         f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
     ]
+    if m.kind == "force" and pulls_off(m):
+        lines += [f'branch = "unloading"  {GUESS} Fz pulls on the way back, which tells by how much it sticks']
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']

@@ -6,7 +6,7 @@ is the backend's to say: see :func:`rso.study.resolve.resolve`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -374,6 +374,12 @@ class Study(StudyFileTable):
         e, found = self.experiment(name), self.measurement(name).contact
         noise = e.noise.noise()
         return replace(noise, contact=found) if noise.contact is None and found > 0.0 else noise
+
+    def beside(self, experiments: Sequence[ExperimentTable], measurements: Mapping[str, Measurement]) -> Study:
+        """The study with more experiments, of which the measured files are given by name."""
+        made = self.model_copy(update={"experiments": (*self.experiments, *experiments)})
+        made._source = replace(self._source, measurements={**self._source.measurements, **measurements})
+        return made
 
     def settings_of(self, name: str) -> dict[str, Any]:
         """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""

@@ -14,7 +14,7 @@ from fem_backend.backend import BACKEND, passages
 from fem_backend.simulation import cohesive
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.solver import jumps
-from fem_backend.solver.jumps import OnBranch, SuddenJumps
+from fem_backend.solver.jumps import JumpRecord, OnBranch
 from rso.contract import Case, Programme, SimulationFailed
 
 HALF_SPACE = runpy.run_path(str(Path(__file__).parents[2] / "studies" / "pull_off" / "half_space.py"))
@@ -128,7 +128,7 @@ def along(*points: tuple[float, float, float]) -> list[OnBranch]:
 
 def test_a_smooth_step_is_no_jump_and_a_drop_is_one():
     """f = −√(s − s_f): near its fold, a short step is explained by its slopes; a drop of a fifth of the pull is not."""
-    here = SuddenJumps(pull=1.0, length=1.0, least=1e-3)
+    here = JumpRecord(pull=1.0, length=1.0, least=1e-3)
     f, k = (lambda s: -(s**0.5), lambda s: -0.5 / s**0.5)
     a, b = along((0.04, f(0.04), k(0.04)), (0.03, f(0.03), k(0.03)))
     assert not jumps.unexplained(here, a, b)
@@ -137,7 +137,7 @@ def test_a_smooth_step_is_no_jump_and_a_drop_is_one():
 
 def test_the_fold_is_foreseen_by_the_trend():
     """1/κ² falls linearly: steps end at a share of what is left to the fold, never beyond it."""
-    here, s = SuddenJumps(pull=1e-3, length=1.0, least=1e-6), 0.04
+    here, s = JumpRecord(pull=1e-3, length=1.0, least=1e-6), 0.04
     last = None
     for _ in range(12):
         now = OnBranch(s, -(s**0.5), -0.5 / s**0.5, 0.0, True).after(last)

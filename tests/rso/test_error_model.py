@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import soft_ball
 
+from rso.core.correlation import exponential, gaussian, of_neighbours, restored
 from rso.inference import Data, Misfit, Model, determine, fit_at, with_model_errors
 from rso.inference.error_model import (
     EMULATOR,
@@ -15,8 +16,6 @@ from rso.inference.error_model import (
     ModelErrors,
     correlated_along,
     covariance,
-    exponential,
-    gaussian,
     joined,
     shares,
 )
@@ -139,3 +138,15 @@ def test_the_formula_and_the_profile_agree_beside_scatter():
     width = known.profile_interval.high - known.profile_interval.low
     for end in ("low", "high"):
         assert abs(getattr(known.laplace, end) - getattr(known.profile_interval, end)) < 0.1 * width
+
+
+def test_the_correlation_of_neighbours_is_that_of_the_noise():
+    """AR(1) of ρ = 0.6, mean taken out, curves of 100 readings: 0.6 within 0.015 once what the mean cost is put back.
+
+    Without that it is 0.02 too small, the control.
+    """
+    rng = np.random.default_rng(2)
+    C = 0.6 ** np.abs(np.subtract.outer(np.arange(100), np.arange(100)))
+    x = rng.standard_normal((4000, 100)) @ np.linalg.cholesky(C).T
+    ρ = of_neighbours(x - x.mean(axis=1, keepdims=True))
+    assert restored(ρ, 100) == pytest.approx(0.6, abs=0.015) and ρ < 0.582

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ import pytest
 import sample_studies as studies
 import sticky_backend
 
+from fem_backend.backend import BACKEND as FEM
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
 from rso.core.curves import at_readings, on_the_way_back
-from rso.data import Measurement, Noise, Repeat, combine
+from rso.data import Measurement, Noise, Repeat, combine, pulls_off
 from rso.emulation.emulator import Output
 from rso.evaluation.store import RunStore
 from rso.inference import CurvePlace
@@ -21,6 +23,7 @@ from rso.inference.models import readings_matrix
 from rso.report import render
 from rso.study.cases import programme_back
 from rso.study.loader import load
+from rso.study.new_study import NewTest, begin
 
 MU, W = 0.01, 1.6e-5
 
@@ -137,3 +140,15 @@ def test_the_report_shows_the_way_back(sticking):
     assert depth[0] < 0.0 < depth[-1] and np.all(np.diff(depth) > 0.0)
     (page,) = render(results, folder, pdf=False)
     assert "The way back is compared" in page.read_text("utf-8")
+
+
+def test_a_record_that_pulls_off_is_begun_by_its_way_back(sticking):
+    """`rso new` compares the way back of a record whose way there does not pull, and guesses both knobs by JKR."""
+    folder, _ = sticking
+    text = begin(folder / "new.toml", FEM, NewTest({"half-space": (), "ball": (2.0,)}), [str(folder / "pull.csv")])
+    study = tomllib.loads(text)
+    assert study["experiments"][0]["branch"] == "unloading"
+    for name, unit, truth in (("mu", 1e-3, MU), ("adhesion", 1.0, W)):
+        low, high = (unit * float(study["parameters"][name][k].split()[0]) for k in ("low", "high"))
+        assert abs(np.sqrt(low * high) / truth - 1.0) < 0.2
+    assert pulls_off(measurement(*record())) and not pulls_off(measurement(*record(pulls=False)))

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
+from rso.core.correlation import of_neighbours, restored
 from rso.data import step_of
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.test_plan import TestPlan
@@ -28,8 +29,7 @@ def of_repeats(plan: TestPlan) -> float | None:
     Lag-1 correlation ρ of deviations from the mean of repeats, gain and contact taken out; length = −Δu / ln ρ.  It
     counts where it exceeds twice its standard error: a small one changes little.
     """
-    product = power = count = 0.0
-    steps = []
+    count, steps, deviations = 0.0, [], list[np.ndarray]()
     for e in plan.experiments:
         repeats = [r for r in e.measurement.repeats if e.measurement.kind == "force"]
         for c in FORCES:
@@ -41,18 +41,14 @@ def of_repeats(plan: TestPlan) -> float | None:
             B = np.stack([mean, np.gradient(mean), np.ones(len(mean))], axis=1)
             D = Y - mean
             D = D - D @ np.linalg.pinv(B).T @ B.T
-            product += float(np.sum(D[:, 1:] * D[:, :-1]))
-            power += float(np.sum(D**2))
+            deviations += list(D)
             count += D.size * (len(Y) - 1) / len(Y)
             steps.append(float(np.median(np.abs(np.diff(repeats[0].depth)))))
             readings = len(mean)
-    if power == 0.0 or count < 40:
+    ρ = of_neighbours(deviations)
+    if count < 40 or ρ < 2.0 / np.sqrt(count):
         return None
-    ρ = product / power
-    if ρ < 2.0 / np.sqrt(count):
-        return None
-    ρ += (1.0 + 4.0 * ρ) / readings  # what taking out the mean costs (Marriott & Pope 1954)
-    return -float(np.median(steps)) / float(np.log(min(ρ, 0.98)))
+    return -float(np.median(steps)) / float(np.log(min(restored(ρ, readings), 0.98)))
 
 
 def of_idle_channels(plan: TestPlan) -> float | None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
+from rso.core.correlation import of_neighbours
 from rso.core.distributions import gamma_logsf, gamma_ppf
 from rso.discrepancy.library.test_plan import TestPlan
 
@@ -165,14 +166,9 @@ def _line(f: np.ndarray, t: np.ndarray, depth: np.ndarray, v: np.ndarray, ρ: fl
 
 def _memory(records: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
     """Correlation of neighbouring residuals, 0 to 0.95."""
-    product = power = 0.0
-    for _, depth, v in records:
-        Q, _ = np.linalg.qr(_polynomials(depth).T)
-        r = v - Q @ (Q.T @ v)
-        product += float(r[1:] @ r[:-1])
-        power += float(r @ r)
+    bases = [np.linalg.qr(_polynomials(depth).T)[0] for _, depth, _ in records]
+    ρ = of_neighbours(v - Q @ (Q.T @ v) for Q, (_, _, v) in zip(bases, records, strict=True))
     n = np.mean([len(v) for _, _, v in records])
-    ρ = product / power if power else 0.0
     return float(np.clip(ρ + (DEGREE + 1) * (1.0 + ρ) / n, 0.0, 0.95))  # what taking out the polynomial costs
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rso.contract import DistortionDepth, capability
+from rso.core.correlation import exponential, gaussian
 from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
 from rso.discrepancy.detectors.autocorrelation import autocorrelation_length
@@ -21,6 +22,7 @@ from rso.discrepancy.detectors.sensor import count_of, hidden, of_bins
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test, TestPlan
+from rso.inference.error_model import correlated_along
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test, of a plan of the usual depth
@@ -260,7 +262,7 @@ def _beyond(known: NoiseLevel, found: np.ndarray, of_noise: np.ndarray, dof: int
 
 def _along(level: NoiseLevel, at: np.ndarray) -> np.ndarray:
     """Covariance (n, n) of the correlated noise of bins at travels `at` (n,)."""
-    return level.correlated**2 * np.exp(-np.abs(at[:, None] - at) / max(level.length, 1e-9))
+    return level.correlated**2 * exponential(at, max(level.length, 1e-9))
 
 
 def _bins(tests: Sequence[Test]) -> tuple[float, float]:
@@ -323,7 +325,7 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
         world[at], grain[at] = np.hypot(WORLD, stated) * size, GRAIN * size
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
-    along, near = (np.exp(-0.5 * ((u[:, None] - u) / (v * deepest)) ** 2) for v in (WORLD_LENGTH, GRAIN_LENGTH))
+    along, near = (gaussian(u, v * deepest) for v in (WORLD_LENGTH, GRAIN_LENGTH))
     meshes = capability(library.base.backend, DistortionDepth)
     distorted = max([deepest, *(meshes.deep(dict(p.settings)) for p in plan.places if meshes)])
     growing = DEEP * (u / distorted) ** STEEP * np.where(place < 100, force, 0.0)
@@ -338,8 +340,7 @@ def other_code(plan: TestPlan, force: np.ndarray) -> np.ndarray:
         if not isinstance(item, SurfaceProfile):
             u[at], channel[at], size[at] = item.depth, FORCES.index(c), CODE * force[at]
     deepest = max(p.deepest for p in plan.places)
-    along = np.exp(-0.5 * ((u[:, None] - u) / (CODE_LENGTH * deepest)) ** 2)
-    return np.outer(size, size) * along * (channel[:, None] == channel)
+    return correlated_along(u, size, CODE_LENGTH * deepest, gaussian) * (channel[:, None] == channel)
 
 
 def readings(plan: TestPlan, level: Mapping[str, NoiseLevel], slope: np.ndarray) -> np.ndarray:
@@ -386,7 +387,7 @@ def unexplained(library: Library, force: np.ndarray, amplitude: float, length: f
         speed[at] = round(1e3 * np.log(item.speed))
     same = lambda v: v[:, None] == v  # noqa: E731
     deepest = max(p.deepest for p in plan.places)
-    along = np.exp(-0.5 * ((u[:, None] - u) / (length * deepest)) ** 2 - 0.5 * (rest[:, None] - rest) ** 2)
+    along = gaussian(u, length * deepest) * gaussian(rest, 1.0)
     shared = same(channel) & same(place)
     mix = (shared + (shared & same(branch) & same(speed)) + (shared & same(test) & same(branch))) / 3.0
     return amplitude**2 * np.outer(size, size) * mix * along

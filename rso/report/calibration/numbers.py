@@ -250,6 +250,8 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     name, m = clean(e["name"]), on_the_way(whole)
     u, y = points(m.get("depth"), m.get("value"))
     x, f = best.curve(e["name"]) if best else ((), ())
+    if best is not None and not u:
+        return f"{name}: depth over time at a held force.{_hold_caption(whole, best.hold(e['name']), e['unit'])}"
     if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
     reached = [(a, b) for a, b in zip(u, y, strict=True) if min(x[0], 0) < a <= x[-1] * (1 + 1e-9) or a == x[0]]
@@ -277,7 +279,8 @@ def _hold_caption(measured: Mapping[str, Any], hold: Mapping[str, Any], unit: st
     if not both:
         return ""
     off, at = max(both)
-    return f" In the hold, right, at most by {quantity(off, unit, 2)}, {shortest(float(f'{at:.2g}'))} s after it began."
+    where = "In the hold, right," if on_the_way(measured).get("depth") else "The simulation is off"
+    return f" {where} at most by {quantity(off, unit, 2)}, {shortest(float(f'{at:.2g}'))} s after it began."
 
 
 def metric_rows(results: Results, name: str) -> list[tuple[str, Mark, Mapping[str, Any]]]:
