@@ -533,7 +533,8 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
     bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
-    meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.
+    meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
+    meridian was never made anew.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
@@ -541,6 +542,8 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     other = settings.support.revised(settings.specimen)
     if kept.get("adhesion") and on_axis(settings):
         return 3
+    if max(programme.travel_mm, default=0.0) > experiment.remeshed_from(settings):
+        return 4
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))

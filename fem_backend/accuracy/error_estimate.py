@@ -29,6 +29,7 @@ ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ betwe
 CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 COMPARED = 0.35  # of the difference to elements of twice the size, see `compared`
+AHEAD = 1.1  # times the travel: deeper differences say nothing of a deep one
 LASTED = 2.0  # times as long: two moments of a rest that are neighbours
 IN_SPACE = 1.1  # order of what is missed in space by the number of nodes: h^3.3
 LEAST_SHARE = 0.2  # of a calibrated error is stated where two meshes agree by accident
@@ -90,6 +91,7 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     force: the difference is four or five times what the finer ones miss, and hangs at each depth on where the edge of
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
     h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
+    Beyond a travel of 1.5 lengths of the indenter s_j ≤ 1.1 s_k: errors grow fast there.
     Where the mesh was made anew within a quarter of s, at least half of what the force changed by counts.
 
     With pore flow steps are twice as long there, too, and neighbours are also near in the time since a rest began.
@@ -102,6 +104,7 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     travel, c = np.maximum(np.abs(result.travel), 1e-300), calibration(settings)
     left, size = run_terms(settings, knobs, result), whole_force(result)
     near = (travel[:, None] <= 2.0 * travel) & (travel <= 2.0 * travel[:, None]) & (result.travel > 0.0)
+    near &= travel <= np.maximum(AHEAD * travel[:, None], c.deep * settings.indenter.length)
     h0 = element_size(settings, True)
     a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
     share = np.minimum(COMPARED * (1.0 + (4.0 * h0 / a) ** 2), 1.0)

@@ -23,7 +23,8 @@ def located(points: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.nd
     """
     corners = points[cells[:, :3]]
     middle = corners.mean(1)
-    near = cKDTree(middle).query(x, min(CANDIDATES, len(cells)))[1].reshape(len(x), -1)
+    count = min(CANDIDATES, len(cells))
+    near = cKDTree(middle).query(x, count)[1].reshape(len(x), count)
     nodes = points[cells[near]]  # (k, c, 7, 2)
     xi = np.full((*near.shape, 2), 1.0 / 3.0)
     for _ in range(STEPS):

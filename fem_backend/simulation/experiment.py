@@ -35,6 +35,7 @@ THROUGH = 0.6  # of the thickness: the same of thin specimens
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 SEALED, POROUS = DRAINAGE = "sealed", "porous"
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
+SMOOTH_FROM, EDGED_FROM = 1.5, 0.5  # lengths of the indenter, see `remeshed_from`
 REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
@@ -74,7 +75,7 @@ class Settings:
     multipliers: bool = True
     fineness: float = 1.0
     fine: tuple[float, float] | None = None
-    remesh: str = "never"
+    remesh: str = "when_needed"
     drainage: tuple[str, str] = (SEALED, SEALED)
     large_strain: bool = False
 
@@ -128,7 +129,7 @@ class MeshTable(members.MemberTable):
     """Subdivisions of the mapped mesh."""
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
-    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "never"
+    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "when_needed"
     """when_needed | never: whether the mesh of a body of revolution is made anew where it is outworn on the way."""
 
     @model_validator(mode="before")
@@ -315,6 +316,14 @@ def on_axis(settings: Settings) -> bool:
     """Whether the meridian alone is modelled as long as no knob tilts, moves or reinforces anything."""
     round_ = all(m.of_revolution for m in (settings.specimen, settings.indenter, settings.support))
     return round_ and (settings.specimen.alike or settings.point == (0.0, 0.0))
+
+
+def remeshed_from(settings: Settings) -> float:
+    """Travel (mm) up to which no mesh is made anew: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
+    smooth = np.isinf(settings.indenter.finest[1])
+    if settings.remesh == "never" or not on_axis(settings) or not settings.multipliers:
+        return np.inf
+    return (SMOOTH_FROM if smooth else EDGED_FROM) * settings.indenter.length
 
 
 def element_size(settings: Settings, meridian: bool) -> float:

@@ -16,6 +16,7 @@ from fem_backend.remeshing import location
 from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation.experiment import remeshed_from
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
 from fem_backend.solver.history_steps import Reached
@@ -23,7 +24,8 @@ from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
-LONGER = 3.3  # times the wanted length: an edge of the first mesh that the indenter may touch is too long
+LONGER = 3.8  # times the wanted length: an edge of the first mesh that the indenter may touch is too long
+LONGER_AT_EDGES = 3.3  # the same below an indenter with an edge or a tip
 AGAIN_LONGER = 1.7  # the same of later ones, which have no rows along the surface that thin out as it stretches
 FINER = 0.7  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
 GROWTH = 0.3  # of the length of new edges per distance from the surface
@@ -47,8 +49,7 @@ class MeshLeg:
 
 def allowed(at: InitialState) -> bool:
     """Whether the mesh of a run may be made anew: a meridian with exact contact, no weight carried by multipliers."""
-    settings = at.settings
-    return settings.remesh != "never" and at.placement.meridian and settings.multipliers and at.carrying is None
+    return at.placement.meridian and at.carrying is None and np.isfinite(remeshed_from(at.settings))
 
 
 def travel(
@@ -181,14 +182,15 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
 def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
-    An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (1.7 times of a
-    mesh made anew) and was not so long when the mesh was made; or the corners of a cell, well shaped in the undeformed
-    body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
+    An edge that the indenter may touch has grown to 3.8 times the length that is wanted where it is now (3.3 below an
+    edge or a tip, 1.7 of a mesh made anew) and was not so long when the mesh was made; or the corners of a cell, well
+    shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
-    at = leg.at
+    at, since = leg.at, max(since, remeshed_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
     begun = at.seated if leg.u is None else leg.u
-    limit = (LONGER if leg.u is None else AGAIN_LONGER) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
+    first = LONGER if np.isinf(at.settings.indenter.finest[1]) else LONGER_AT_EDGES
+    limit = (first if leg.u is None else AGAIN_LONGER) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
     upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
 
     def worn(u: np.ndarray, travel: float) -> bool:
@@ -238,8 +240,7 @@ def _section(at: InitialState, u: np.ndarray) -> DeformedMeridian:
     body = at.model.body
     fixed = body.free.reshape(-1, 3) < 0
     middle = body.nodes[body.cells[:, 6]]
-    ratio = at.placement.specimen.stiffness(middle)
-    part = np.zeros(len(middle), int) if ratio is None else np.unique(ratio, return_inverse=True)[1]
+    part = np.asarray(at.placement.specimen.layer(middle))
     return DeformedMeridian(
         body.nodes[:, [0, 2]], u[:, [0, 2]], body.cells, at.model.facets, fixed[:, 0] + 2 * fixed[:, 2], part
     )

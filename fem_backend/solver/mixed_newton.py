@@ -31,6 +31,7 @@ SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 NEW = 1e-300  # pressure of points that have come to touch: they count as active
 NEAR = 0.1  # relative residual below which an old factor is tried
 OLD = 8  # steps with one factor
+FLAT = 1e-6  # relative residual below which none gained in four iterations ends the search; errors state what is left
 AFAR = 1e4  # relative residual that grows beyond this will not come back
 
 Pressures = tuple[np.ndarray, ...]  # (f, q) MPa of each pair
@@ -87,9 +88,8 @@ def solve(
         history.append(_relative(body, at))
         if not history[-1] < AFAR * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
-        found = history[-1] <= tolerance or (
-            fresh and newton.at_round_off(history, partial(newton.round_off, system, at))
-        )
+        found = history[-1] <= tolerance or _flat(history)
+        found = found or (fresh and newton.at_round_off(history, partial(newton.round_off, system, at)))
         lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
         lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
         if found and frame is not None and (fresh or not attracted):
@@ -166,6 +166,12 @@ class Frame:
         """Of nodal fields (n, 3), with the contact at these points."""
         body = self._system.body
         return lambda v: newton.full(body, self.solve(newton.reduced(body, v), contact))
+
+
+def _flat(history: list[float]) -> bool:
+    """Whether four residuals in a row, small enough, have gained nothing: round-off of a large body hardly touched."""
+    last = history[-4:]
+    return len(last) == 4 and max(last) < FLAT and min(last) > 0.5 * max(last)
 
 
 def _relative(body: MeridianBody, at: Evaluation) -> float:

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fem_backend.accuracy import two_grid
+from fem_backend.accuracy.error_estimate import stated
 from fem_backend.backend import BACKEND
 from fem_backend.contact.self_contact import met_itself
 from fem_backend.kinematics import axisymmetric
@@ -135,8 +137,8 @@ def test_a_surface_that_crosses_itself_has_met_itself():
 DEPTHS, SOFT = (3.0, 6.0), {"mu": 0.01, "D1": 40.0}
 
 
-def run(remesh, depths, knobs, gradients=(), programme=None):
-    """A ball to twice its radius in a thick soft slab, on crude elements."""
+def ready(remesh, knobs):
+    """A ball on a thick soft slab, on crude elements."""
     settings = read_settings(
         {
             "specimen": {"shape": "slab", "thickness": 12.0},
@@ -149,9 +151,12 @@ def run(remesh, depths, knobs, gradients=(), programme=None):
     settings = replace(settings, fineness=3.0)
     values = BACKEND.knobs(knobs, settings)
     placement = assembly.place(settings, values)
-    model = assembly.model_for(settings, values, placement, None)
+    return settings, values, placement, assembly.model_for(settings, values, placement, None)
+
+
+def run(remesh, depths, knobs, gradients=(), programme=None):
     way = programme or [Instant(d, d, True) for d in depths]
-    return indentation.solve(settings, values, placement, model, way, None, gradients)
+    return indentation.solve(*ready(remesh, knobs), way, None, gradients)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +196,18 @@ def test_histories_are_carried_over(monkeypatch):
     assert new.legs and all(jump < 0.01 for _, jump in new.legs)
     assert new.Fz[2] < 0.95 * new.Fz[1]  # it relaxes on the new mesh, as before
     np.testing.assert_allclose(new.Fz, old.Fz, rtol=0.02)
+
+
+def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(renewed, monkeypatch):
+    """The mesh is made anew after other steps, so at other travels."""
+    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    experiment = ready("when_needed", SOFT)
+    alone = two_grid.checked(*experiment, [Instant(6.0, 6.0, True)])
+    among = run("when_needed", (1.0, 4.3, 5.2, 6.0), SOFT)
+    assert alone.legs and among.legs and alone.legs != among.legs
+    error = stated(*experiment[:2], alone)
+    for name in ("Fz", "uz(5,0)"):
+        assert abs(among.channels[name][-1] - alone.channels[name][-1]) <= 2.0 * error[name][-1]  # each has its own
 
 
 def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
