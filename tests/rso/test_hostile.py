@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.api import workspace
+from rso.api.workspace import executor
 from rso.calibration.plan import source_of
 from rso.calibration.result_files import write_runs
 from rso.cli import commands, main
-from rso.cli.commands import _executor
 from rso.contract import Case, Programme, Response
 from rso.core import disk
 from rso.core.printable import one, printable
@@ -113,7 +114,7 @@ def _lives(process: str) -> bool:
 )
 def test_the_time_out_of_a_backend_holds_for_an_object_too(tmp_path, backend, dispatch, limit):
     study = load(studies.write(tmp_path, backend=backend, dispatch=dispatch))
-    with _executor(study.dispatch, 1, source_of(study), tmp_path) as pool:
+    with executor(study.dispatch, 1, source_of(study), tmp_path) as pool:
         assert pool._timeout_s == limit  # a command is stopped by its own adapter
 
 
@@ -351,6 +352,7 @@ def disk_sha(data: bytes) -> str:
 WRITTEN = (
     "results.json",
     "runs.csv",
+    "posterior.csv",
     "report.html",
     "report.pdf",
     "study",
@@ -369,7 +371,7 @@ def test_a_run_overwrites_nothing_that_links_in_its_folder_lead_to(tmp_path, mon
         sensitivity="sobol = false\nlocal = false",
         report="html = true\npdf = false",
     )
-    monkeypatch.setattr(commands, "_executor", lambda *_: studies.Inline())  # workers write nothing there
+    monkeypatch.setattr(workspace, "executor", lambda *_: studies.Inline())  # workers write nothing there
     folder.mkdir()
     victims.mkdir()
     names = [*WRITTEN, *(f"{n}.tmp" for n in WRITTEN), *(f"{n}.part" for n in WRITTEN), "results.tmp", "study.tmp"]
