@@ -18,12 +18,13 @@ from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
+from fem_backend.export import files as export_files
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation import controlled, derivatives, experiment, indentation, outputs
+from fem_backend.simulation import cohesive, controlled, derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
@@ -167,7 +168,10 @@ class FiniteElements:
     def formulas(self, values: Mapping[str, float], case: Case) -> tuple[FormulaCurve, ...]:
         """Closed forms of the literature at the asked travels: :func:`fem_backend.adapter.formulas.formulas`."""
         settings = experiment.read_settings(case.settings)
-        asked = np.array(case.programme.asked_mm)
+        programme = case.programme
+        asked = np.array(programme.asked_mm)
+        if not programme.segments and programme.asked_s:  # moments of a way back
+            asked = np.unique([*asked, *np.interp(programme.asked_s, programme.time_s, programme.travel_mm)])
         return literature.formulas(settings, self.knobs(values, settings), asked)
 
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
@@ -196,8 +200,11 @@ class FiniteElements:
                     f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
                     "reaches along the way of the indenter"
                 )
-        if case.programme.travel_mm[0] != 0.0 or min(case.programme.travel_mm) < 0.0:
-            raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
+        if case.programme.travel_mm[0] > 0.0:
+            raise ValueError(
+                f"programme: travel_mm starts at 0 (first contact) or above the specimen, where it is negative, not at "
+                f"{case.programme.travel_mm[0]:g} mm"
+            )
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
@@ -242,7 +249,8 @@ class FiniteElements:
             plain["specimen"]["mended"] = revision
         if not by_force and not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
-            programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
+            asked = sorted(v for v in {*programme.asked_mm, *(float(v) for v in held)} if v > 0.0)
+            programme = Programme.ramp(tuple(asked or [max(programme.travel_mm)]), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def refused(self, values: Mapping[str, float], case: Case) -> str | None:
@@ -250,7 +258,9 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
-            modelling.admit(settings, knobs, modelling.place(settings, knobs))
+            placement = modelling.place(settings, knobs)
+            settings = cohesive.resolved(settings, knobs, deepest) if placement.meridian else settings
+            modelling.admit(settings, knobs, placement)
             end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
             return str(error)
@@ -308,13 +318,30 @@ class FiniteElements:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
 
+    def exports(self) -> Mapping[str, str]:
+        """Input files of other programs and material cards."""
+        return export_files.FORMATS
+
+    def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
+        """File → text; ValueError for what a format cannot say."""
+        self.check(case)
+        settings = experiment.read_settings(case.settings)
+        if programmes.controlled(case.programme):
+            raise ValueError("a programme that a force controls is not written for other programs")
+        path = case.artefact("mesh")
+        mesh = None if path is None else str(path)
+        try:
+            return export_files.exported(kind, settings, self.knobs(values, settings), case.programme, mesh, remarks)
+        except NotModelled as error:
+            raise ValueError(str(error)) from error
+
     def options(self) -> Sequence[Option]:
         """Options of `rso new`, those that members of the open sets declare."""
         return new_study.options()
 
     def first_settings(self, given: Given, depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
-        lines = new_study.geometry(given)
+        lines = new_study.geometry(given, depths)
         coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}
         return {**lines, "mesh": new_study.mesh(depths, lambda d: self.resolution(coarse, d))}
 
@@ -378,6 +405,8 @@ class FiniteElements:
             return self._by_force(case, settings, knobs, None if path is None else str(path))
         try:
             placement = modelling.place(settings, knobs)
+            if placement.meridian:
+                settings = cohesive.resolved(settings, knobs, max(case.programme.travel_mm))
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
             instants, end = _before(
                 instants, admissible_depth.inadmissible(settings, knobs, max(case.programme.travel_mm))
@@ -402,6 +431,8 @@ class FiniteElements:
                 return Solved(settings, knobs, placement, model, result)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
+        except cohesive.Unresolved as error:
+            failed = SimulationFailed("not_supported", str(error))
         except Stopped as stopped:
             partial, reached = None, stopped.reached
             if stopped.points:
@@ -498,12 +529,15 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     """The last change since the first answers that counts here, 0 where none does.
 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
-    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.
+    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
+    meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
     other = settings.support.revised(settings.specimen)
+    if kept.get("adhesion") and on_axis(settings):
+        return 3
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
@@ -543,23 +577,24 @@ def passages(programme: Programme) -> list[Instant]:
     """Every asked moment and every corner of a programme after its start, in order of the time since then.
 
     An asked travel within round-off of a corner's is that travel, and a moment that of the corner; one beyond the
-    deepest, which a programme allows, is the deepest, and none is taken for 0.
+    deepest, which a programme allows, is the deepest, and none is taken for 0.  The start is among them, and not asked
+    for, where the indenter is above the specimen then.
     """
     t, s = np.array(programme.time_s) - programme.time_s[0], np.array(programme.travel_mm)
     found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
     asked: dict[float, float] = {}
-    near_by = ADMITTED * float(s.max())
+    near_by = ADMITTED * float(np.abs(s).max())
 
     def add(moment: float, travel: float, rest: bool) -> None:
         """Two instants in one place would be none; on a steep ramp what is near in time is not near in travel."""
         corner = float(t[1:][np.argmin(np.abs(t[1:] - moment))])
         near = abs(corner - moment) <= ULPS * np.spacing(abs(programme.time_s[0]) + moment)
-        near = near and abs(found[corner] - travel) <= near_by and (rest or found[corner] > 0.0)
+        near = near and abs(found[corner] - travel) <= near_by and (rest or found[corner] != 0.0)
         asked[corner if near else moment] = found[corner] if near else travel
 
-    below = np.minimum(programme.asked_mm, s.max())
+    below = np.clip(programme.asked_mm, min(float(s.min()), 0.0), s.max())
     travels = [s[np.argmin(np.abs(s - a))] for a in below]
-    travels = [float(c if c > 0.0 and abs(c - a) <= near_by else a) for c, a in zip(travels, below, strict=True)]
+    travels = [float(c if c != 0.0 and abs(c - a) <= near_by else a) for c, a in zip(travels, below, strict=True)]
     for k in range(len(t) - 1):
         for a in travels:
             low, high = sorted((s[k], s[k + 1]))
@@ -568,7 +603,8 @@ def passages(programme: Programme) -> list[Instant]:
     for moment in programme.asked_s:
         since = float(moment - programme.time_s[0])
         add(since, float(np.interp(since, t, s)), True)
-    return [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
+    beside = [Instant(0.0, float(s[0]), False)] if s[0] < 0.0 else []
+    return beside + [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
 
 
 def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
@@ -605,6 +641,8 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
         "machine": platform.machine(),
         "reaction_Fz": result.reaction[:, 2].tolist(),
     }
+    if result.unchecked:
+        info["errors"] = result.unchecked
     return Response(
         channels=result.channels,
         units=outputs.units(settings),

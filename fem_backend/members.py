@@ -34,12 +34,20 @@ class SettingsOption(Option):
     """An option of `rso new` and the tables of settings that its values mean, by their nouns.
 
     A table with the tag of its set chooses a member; one that `adds` has none, and adds to what another option chooses.
-    `guess` says what stands there for values that were left out.
+    `guess` says what stands there for values that were left out, `left_out` makes them from those given and the depth
+    (mm) of the shallowest record, where there is one.
     """
 
     settings: Callable[..., Mapping[str, Mapping[str, Any]]]
     adds: bool = False
     guess: str = ""
+    left_out: Callable[[Sequence[float | str], float], Sequence[float | str]] | None = None
+
+    def completed(self, values: Sequence[float | str], depths: Sequence[float]) -> tuple[float | str, ...]:
+        """The values with those that were left out, as far as the depths (mm) of records tell them."""
+        depth = min((d for d in depths if d > 0.0), default=0.0)
+        few = len(values) < len(self.words)
+        return tuple(self.left_out(values, depth)) if self.left_out and few and depth else tuple(values)
 
 
 def length_words(mm: float) -> str:

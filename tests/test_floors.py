@@ -20,7 +20,7 @@ LAYERS = {
         "indenters materials remeshing specimens supports",
         "post solver",
         "simulation",
-        "accuracy adapter",
+        "accuracy adapter export",
         "backend",
         "output",
         "__main__",
@@ -35,7 +35,7 @@ LAYERS = {
         "formulas",
     ),
     "fem_backend.closed_forms": (
-        "half_space homogeneous layer",
+        "adhesion half_space homogeneous layer",
         "approximations",
         "formulas",
         "__init__",
@@ -44,6 +44,13 @@ LAYERS = {
         "bonded pointwise self_contact",
         "tractions",
         "rings",
+    ),
+    "fem_backend.export": (
+        "__init__",
+        "material_cards",
+        "solid_model",
+        "abaqus febio",
+        "files",
     ),
     "fem_backend.indenters": (
         "indenter meridian spherical_patch",
@@ -84,7 +91,7 @@ LAYERS = {
     ),
     "fem_backend.simulation": (
         "experiment knobs schedule",
-        "symmetry",
+        "cohesive symmetry",
         "assembly",
         "initial_state",
         "outputs pore_flow rezoning",
@@ -96,7 +103,7 @@ LAYERS = {
         "direct",
         "condensation krylov",
         "newton",
-        "mixed_newton modified_newton rigid_motions",
+        "jumps mixed_newton modified_newton rigid_motions",
         "load_steps",
         "biphasic history_steps",
         "controlled_steps",
@@ -130,6 +137,7 @@ LAYERS = {
     ),
     "rso.api": (
         "executors models run_result",
+        "exporting importing",
         "workspace",
         "shortcuts",
         "__init__",
@@ -173,6 +181,7 @@ LAYERS = {
         "files",
         "holds loading_rate outliers",
         "repeats",
+        "creep",
         "__init__",
     ),
     "rso.data.files": (
@@ -189,7 +198,7 @@ LAYERS = {
         "library parameters",
         "detectors",
         "evidence",
-        "diagnosis proposals wording",
+        "base_model diagnosis proposals wording",
         "next_test rerun",
         "diagnosis_results",
         "__init__",
@@ -237,16 +246,22 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard store",
+        "executor_loop fingerprints guard guarded_process store",
+        "decks",
         "adapters",
         "pool",
         "cluster",
         "dispatch",
         "__init__",
     ),
+    "rso.evaluation.decks": (
+        "readers templates",
+        "backend",
+        "__init__",
+    ),
     "rso.inference": (
         "error_surface likelihood",
-        "autocorrelated_residuals least_squares models posterior_grid tangents",
+        "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
@@ -286,8 +301,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms derived displacements gap gauss_newton hold_panels influence maps",
-        "identification range_extension",
+        "background closed_forms derived displacements drawn_runs gap gauss_newton hold_panels influence",
+        "identification maps range_extension",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -314,13 +329,13 @@ LAYERS = {
     "rso.report.optimal_design": ("report",),
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",
-        "columns_table errors noise_table search_table",
+        "columns_table deck_table errors noise_table search_table",
         "analysis_tables laboratory_nominal toml_text",
         "schema",
         "keys loader resolve",
         "cases",
         "holds laboratory_folder",
-        "new_study",
+        "creep new_study",
     ),
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
@@ -335,6 +350,8 @@ SEAM = {
     "adapter.programmes",
     "adapter.sketch",
     "backend",
+    "export.files",
+    "export.solid_model",
     "__main__",
 }
 OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract

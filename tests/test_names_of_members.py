@@ -31,10 +31,13 @@ ALLOWED = {
     "fem_backend/meshing/tetwild.py": "makes meshes of this one specimen",
     "fem_backend/materials/zones.py": "a hole or an inclusion is an ellipsoid in every specimen",
     "fem_backend/closed_forms/__init__.py": "oracles by the name that the literature has for them",
+    "fem_backend/closed_forms/adhesion.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/approximations.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/formulas.py": "which formula the literature has for a shape",
     "fem_backend/closed_forms/half_space.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/layer.py": "oracles by the name that the literature has for them",
+    "fem_backend/simulation/cohesive.py": "the effective radius R of Tabor's parameter",
+    "fem_backend/export/febio.py": "Rx to Rw are degrees of freedom of another program",
     "fem_backend/adapter/command_line.py": "`rso new` and nominal.json of a laboratory know one specimen only",
 }
 

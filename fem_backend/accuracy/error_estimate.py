@@ -108,6 +108,8 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
             last = int(known.sum()) - 1
             mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** UNKNOWN
         out[name] = share * largest * mean
+    if knobs.adhesion:
+        out |= attracted(result)
     for began, jump in result.legs:
         beside = (travel > began / BESIDE) & (travel < began * BESIDE)
         out["Fz"] = np.where(beside, np.maximum(out["Fz"], 0.5 * jump * np.abs(result.channels["Fz"])), out["Fz"])
@@ -118,6 +120,24 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     out["Fz"] = out["Fz"] + beyond * result.channels["contact_radius"] / settings.indenter.length * size
     penetration = c.penetration * settings.indenter.length * (1.0 + stiffness(knobs))
     out["uz_max"] = np.maximum(out["uz_max"] - penetration, 1e-6 * travel)
+    return out
+
+
+def attracted(result: Result) -> dict[str, np.ndarray]:
+    """Error of each channel (k,) of a body that is attracted, beside elements of twice the size: the difference, and
+    at least its root mean square over the instants at which both touch or neither does.
+
+    The edge of an adhering contact is a crack: its forces converge no faster than h² and go up and down as it passes
+    from element to element.  Between the jumps of the two the difference is the whole pull, and so is the error.
+    """
+    assert result.coarser is not None
+    on = np.stack([c["contact_radius"] > 0.0 for c in (result.channels, result.coarser)])
+    same = (on[:, :, None] == on[:, None, :]).all(0) & (on[0] == on[1])
+    out = {}
+    for name, fine in result.channels.items():
+        off = np.abs(fine - result.coarser[name])
+        mean = np.sqrt((same * off**2).sum(1) / np.maximum(same.sum(1), 1))
+        out[name] = np.zeros_like(fine) if name in ("time", "travel") else np.maximum(off, mean)
     return out
 
 
@@ -185,7 +205,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
     left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
-    pull *= min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
+    pull *= 0.0 if result.coarser is not None else min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
     back = recovering(settings, knobs, result)
     points = {n: v + back[n] for n, v in points.items()}
@@ -238,7 +258,7 @@ def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     of what a point has moved under the weight.
     """
     deepest = np.maximum.accumulate(result.travel)
-    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(deepest, 1e-300)
+    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(np.abs(deepest), 1e-300)
     back, touched = result.travel < deepest, whole_force(result) > 0.0
     left = np.where(back & ~touched, share, 0.0)
     creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, CREEPING * share)

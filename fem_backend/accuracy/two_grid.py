@@ -25,6 +25,9 @@ from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
+TWICE = "the run with elements of twice the size, which tells the errors,"
+AS_OTHERS = "they are several times those of a specimen whose meshes are calibrated"
+BEYOND = "a power of the travel"
 COARSER = 2.0  # times the size of the elements of a meridian, for its error
 CANDIDATES = 60  # cells whose centres are nearest
 KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
@@ -141,20 +144,21 @@ def checked(
 ) -> Result:
     """Result of a meridian beside the channels of one with elements of twice the size, which tell its error.
 
-    Where the other ends early, its channels are nan from there on.  Raises NotModelled and Stopped, as the run itself
-    does; without the other where that has no mesh or no answer at all.
+    Where the other ends early, its channels are nan from there on, and the result says so.  Raises NotModelled and
+    Stopped, as the run itself does; without the other where that has no mesh or no answer at all.
     """
     result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
     crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.solve(crude, knobs, placement, other, instants)
-    except NotModelled:
-        return result
+    except NotModelled as error:
+        return replace(result, unchecked=f"{TWICE} has no mesh ({error}): {AS_OTHERS}")
     except Stopped as stopped:
         if stopped.reached is None or not stopped.points:
-            return result
+            return replace(result, unchecked=f"{TWICE} has no answer ({stopped}): {AS_OTHERS}")
         first = stopped.reached
+        result = replace(result, unchecked=f"{TWICE} ended early ({stopped}): errors beyond grow with {BEYOND}")
     lost = len(result.travel) - len(first.travel)
     coarser = {n: np.concatenate([v, np.full(lost, np.nan)]) for n, v in first.channels.items()}
     return replace(result, coarser=coarser, cpu_s=result.cpu_s + first.cpu_s)

@@ -19,6 +19,8 @@ SIZES = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter'
 THICK = 0.01  # of the force: what a specimen of finite height may add to that of a half-space
 WIDE = 5.0  # heights that a specimen must be wide to count as a layer without end
 WALL_AWAY = 4.0  # heights beside the indenter from which on a wall counts for less than 0.1 % of the force
+SMALL = 0.1  # of the radius: depth up to which strains count as small
+STICKS, REACHES = 3.0, 0.1  # Tabor's parameter above which JKR, and below which DMT holds to some per cent
 INCOMPRESSIBLE = 0.5
 
 
@@ -38,6 +40,28 @@ def formulas(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[Form
             force = np.asarray(f.force(h), float) * float(normal[2])
         why = tuple(relaxes or _general(actual, float(d), nu) or f.valid(float(d)) or "" for d in h)
         found.append(FormulaCurve(f.name, f.source, force, why))
+    return (*found, *adhesive(actual, knobs, h, float(normal[2]), relaxes))
+
+
+def adhesive(settings: Settings, knobs: Knobs, h: np.ndarray, up: float, relaxes: str) -> tuple[FormulaCurve, ...]:
+    """JKR and DMT at depths (n,) mm of a ball that is attracted, each with where it holds by Tabor's parameter."""
+    indenter = settings.indenter
+    if not knobs.adhesion or "radius" not in indenter.plain() or indenter.finest[1] != math.inf:
+        return ()
+    K, w = 2.0 / knobs.D1, knobs.adhesion
+    E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
+    stiff = closed_forms.plane_modulus(E, nu)
+    R = indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
+    number = closed_forms.tabor(R, w, stiff, knobs.adhesion_range)
+    found = []
+    for name, source, force, wrong in (
+        ("JKR", "Johnson, Kendall & Roberts 1971", closed_forms.jkr_force, number < STICKS),
+        ("DMT", "Derjaguin, Muller & Toporov 1975", closed_forms.dmt_force, number > REACHES),
+    ):
+        far = f"Tabor's parameter is {number:.2g}" if wrong else ""
+        small = ["the depth is more than a tenth of the radius" if d > SMALL * R else "" for d in h]
+        why = tuple(relaxes or far or _general(settings, float(d), nu) or s for d, s in zip(h, small, strict=True))
+        found.append(FormulaCurve(name, source, np.asarray(force(h, R, w, stiff), float) * up, why))
     return tuple(found)
 
 

@@ -29,8 +29,11 @@ def options() -> tuple[SettingsOption, ...]:
     return tuple(dict.fromkeys(o for kind in SETS.values() for o in kind.options()))
 
 
-def geometry(given: Given) -> dict[str, Line]:
-    """Specimen, indenter, support and law by options; ValueError for what is missing or contradicts."""
+def geometry(given: Given, depths: Sequence[float] = ()) -> dict[str, Line]:
+    """Specimen, indenter, support and law by options; ValueError for what is missing or contradicts.
+
+    `depths` (mm) of records tell lengths that were left out.
+    """
     known = {o.name: o for o in options()}
     tables: dict[str, dict[str, Any]] = {}
     said: dict[str, list[str]] = {}
@@ -38,7 +41,7 @@ def geometry(given: Given) -> dict[str, Line]:
     guesses: dict[str, str] = {}
     for name, values in given.items():
         words = written(known[name], values)
-        for noun, table in _tables(known[name], values).items():
+        for noun, table in _tables(known[name], known[name].completed(values, depths)).items():
             tables[noun] = {**tables.get(noun, {}), **table}
             said.setdefault(noun, []).append(words)
             if SETS[noun].tag in table:

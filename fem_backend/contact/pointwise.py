@@ -208,6 +208,59 @@ def tangent(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def attract(facets, N, weights, count, gap, normal, work, length):  # type: ignore[no-untyped-def]
+    """Residual, force, attraction and energy of ∫ ψ(g) dA₀ alone."""
+    m, nq = weights.shape
+    residual, force, attraction = np.zeros((count, 3)), np.zeros(3), np.zeros((m, nq))
+    energy = 0.0
+    for f in range(m):
+        for q in range(nq):
+            if gap[f, q] >= OUT_OF_REACH * length:
+                continue
+            potential, pull, _ = _attract(gap[f, q], work, length)
+            attraction[f, q] = pull
+            energy += weights[f, q] * potential
+            for i in range(3):
+                load = weights[f, q] * pull * normal[f, q, i]
+                force[i] += load
+                for a in range(N.shape[1]):
+                    residual[facets[f, a], i] += N[q, a] * load
+    return residual, force, attraction, energy
+
+
+@numba.njit(cache=True)
+def tangent_of_attraction(  # type: ignore[no-untyped-def]
+    facets, N, weights, place, gap, normal, hessian, work, length, direction, geometric, data, moving
+):
+    """Add ∂R/∂x of `attract`, σ′ n⊗n + σ ∇∇g, to `data` and ∂R/∂s to `moving`; nothing unless `geometric`."""
+    m, nq = weights.shape
+    size = 3 * N.shape[1]
+    k, block = np.empty((3, 3)), np.empty((size, size))
+    if not geometric:
+        return
+    for f in range(m):
+        block[:, :] = 0.0
+        touched = False
+        for q in range(nq):
+            if gap[f, q] >= OUT_OF_REACH * length:
+                continue
+            touched = True
+            _, pull, fall = _attract(gap[f, q], work, length)
+            _normal(k, normal[f, q], hessian[f, q], fall, pull, True)
+            _add(block, k, N[q], weights[f, q])
+            for i in range(3):
+                rate = k[i, 0] * direction[0] + k[i, 1] * direction[1] + k[i, 2] * direction[2]
+                for a in range(N.shape[1]):
+                    moving[facets[f, a], i] -= weights[f, q] * N[q, a] * rate
+        if not touched:
+            continue
+        for r in range(size):
+            for c in range(size):
+                if place[f, r, c] >= 0:
+                    data[place[f, r, c]] += block[r, c]
+
+
+@numba.njit(cache=True)
 def evaluate_rings(facets, N, dN, around, weights, x, points, normal, epsilon, multiplier, p, known):  # type: ignore[no-untyped-def]
     """Residual, force, pressure per reference area and energy of Σ ψ a, ψ = (p² − λ²)/(2ε), with p `known` in ψ."""
     m, nq = p.shape

@@ -4,7 +4,8 @@
 (Wriggers 2006, §6.3.4).  ε is a multiple of the shear modulus per length, so that similarity stays exact.
 
 On meridians the same potential is per current area, ∫ (p² − λ²)/(2ε) da: per reference area, a surface of modulus μ
-that is pressed by p buckles in waves shorter than p²/(με), and all its elements may be finer than that.
+that is pressed by p buckles in waves shorter than p²/(με), and all its elements may be finer than that.  Attraction is
+per reference area everywhere.
 
 Friction by return mapping over a step (Wriggers 2006, §9.2): t = P(t₀ − ε_T (Δx − Δc)) cut to |t| ≤ μ_f p, P = I − n⊗n;
 it has no potential and, where points slip, an unsymmetric tangent.  A point that is touched within the step sticks from
@@ -75,6 +76,10 @@ class Adhesion:
 
     work: float
     range: float
+
+    def over(self, longer: float) -> Adhesion:
+        """The same work over so many times the range."""
+        return Adhesion(self.work, longer * self.range)
 
 
 @dataclass(frozen=True)
@@ -221,8 +226,8 @@ def met(pair: Pair, before: Before, touch: Touch) -> np.ndarray | None:
 
 
 def follows(pair: Pair) -> bool:
-    """Whether contact acts per current area: on meridians, without friction, adhesion and what holds on."""
-    plain = pair.friction == 0.0 and pair.adhesion is None and pair.held is None and not pair.bilateral
+    """Whether contact acts per current area: on meridians, without friction and what holds on."""
+    plain = pair.friction == 0.0 and pair.held is None and not pair.bilateral
     return plain and pair.surface.facets.shape[1] == 3
 
 
@@ -352,9 +357,13 @@ def _evaluate_rings(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray |
         p,
         p if known is None else known,
     )
-    none = np.zeros(gap.shape)
-    slipping = np.zeros(gap.shape, bool)
-    return ContactState(energy, residual, force, pressure, gap, np.zeros(points.shape), slipping, none, p)
+    attraction, slipping = np.zeros(gap.shape), np.zeros(gap.shape, bool)
+    if attracts(pair):
+        pull, drawn, attraction, bound = pointwise.attract(
+            surface.facets, surface.N, surface.weights, len(x), gap, normal, *_adhesion(pair)
+        )
+        residual, force, energy = residual + pull, force + drawn, energy + bound
+    return ContactState(energy, residual, force, pressure, gap, np.zeros(points.shape), slipping, attraction, p)
 
 
 def _tangent_of_rings(
@@ -381,6 +390,21 @@ def _tangent_of_rings(
         data,
         moving,
     )
+    if attracts(pair):
+        pointwise.tangent_of_attraction(
+            surface.facets,
+            surface.N,
+            surface.weights,
+            surface.place,
+            state.gap,
+            normal,
+            hessian,
+            *_adhesion(pair),
+            np.asarray(touch.direction, float),
+            geometric,
+            data,
+            moving,
+        )
     return moving
 
 
@@ -462,6 +486,11 @@ def _before(pair: Pair, touch: Touch) -> tuple[Five, np.ndarray]:
     share = unknown if start.met is None else np.ascontiguousarray(start.met)
     opened = unknown if pair.bilateral else np.ascontiguousarray(start.gap)  # which never opens
     return (points, traction, opened, bound, share), motion
+
+
+def attracts(pair: Pair) -> bool:
+    """Whether the rigid body draws the surface to itself."""
+    return pair.adhesion is not None and pair.adhesion.work > 0.0
 
 
 def _adhesion(pair: Pair) -> tuple[float, float]:

@@ -18,6 +18,8 @@ from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
 SLIMMEST, BLUNTEST = 10.0, 88.0  # half angle in degrees
+USUAL_TIP = 0.05  # mm, of a cone whose tip nobody said, where no record tells a length either
+BLUNT = 0.05  # of the depth of the record, of a tip that nobody said
 TIPS = 10.0  # radii of the tip in the length of a cone: it has no other size
 PYRAMIDS = {  # cross-section over height²; angles between axis and face, Oliver & Pharr 1992 and ISO 14577-1
     "vickers": 4.0 * math.tan(math.radians(68.0)) ** 2,
@@ -121,8 +123,9 @@ class Cone(OfRevolution):
             ("deg", "mm"),
             "a cone, by the angle between its axis and its flank, with a rounded tip",
             least=1,
-            settings=lambda a, r=0.05: {"indenter": {"shape": "cone", "half_angle": a, "tip_radius": r}},
-            guess="the radius of its tip",
+            settings=lambda a, r=USUAL_TIP: {"indenter": {"shape": "cone", "half_angle": a, "tip_radius": r}},
+            guess="the radius of its tip, nobody said it: a twentieth of the depth of the record",
+            left_out=lambda given, depth: (*given, float(f"{BLUNT * depth:.1g}")),
         ),
     )
     exponents: ClassVar[tuple[float, ...]] = (2.0, 3.0)  # Sneddon, and the first of what stiffens or softens

@@ -118,6 +118,14 @@ class Law(Protocol):
     def bulk_modulus(self) -> float:
         """Initial bulk modulus K (MPa)."""
 
+    @property
+    def polynomial(self) -> Mapping[tuple[int, int], float] | None:
+        """C_ij (MPa) of W = Σ C_ij (Ī₁ − 3)^i (Ī₂ − 3)^j; None of a law that is no such polynomial."""
+
+    @property
+    def powers_of_stretch(self) -> tuple[tuple[float, float], ...] | None:
+        """(μᵢ MPa, αᵢ) of W = Σ (2μᵢ/αᵢ²)(λ̄₁^αᵢ + λ̄₂^αᵢ + λ̄₃^αᵢ − 3); None of a law that is no such sum."""
+
     def energy(self, i1: np.ndarray, i2: np.ndarray, J: np.ndarray) -> np.ndarray:
         """Strain energy per reference volume (MPa)."""
 
@@ -170,6 +178,16 @@ class Isotropic:
     @property
     def bulk_modulus(self) -> float:
         return 2.0 / self.D1
+
+    @property
+    def polynomial(self) -> Mapping[tuple[int, int], float] | None:
+        """C_ij (MPa) of W = Σ C_ij (Ī₁ − 3)^i (Ī₂ − 3)^j; None of a law that is no such polynomial."""
+        return None
+
+    @property
+    def powers_of_stretch(self) -> tuple[tuple[float, float], ...] | None:
+        """(μᵢ MPa, αᵢ) of W = Σ (2μᵢ/αᵢ²)(λ̄₁^αᵢ + λ̄₂^αᵢ + λ̄₃^αᵢ − 3); None of a law that is no such sum."""
+        return None
 
     def volume_energy(self, J: np.ndarray) -> np.ndarray:
         """U = (J − 1)²/D₁ (MPa)."""

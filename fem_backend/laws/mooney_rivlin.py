@@ -49,6 +49,11 @@ class MooneyRivlin(Isotropic):
 
     C01: float = 0.0
 
+    @property
+    def polynomial(self) -> Mapping[tuple[int, int], float]:
+        """Its constants (MPa)."""
+        return {(1, 0): 0.5 * self.mu - self.C01, (0, 1): self.C01}
+
     def energy(self, i1: np.ndarray, i2: np.ndarray, J: np.ndarray) -> np.ndarray:
         return (0.5 * self.mu - self.C01) * (i1 - 3.0) + self.C01 * (i2 - 3.0) + self.volume_energy(J)
 

@@ -32,6 +32,11 @@ class NeoHooke(Isotropic):
     rung: ClassVar[int] = 2
     level: ClassVar[Mapping[str, Any]] = {"name": "neo_hooke", "title": "neo-Hooke", "description": "large strain"}
 
+    @property
+    def polynomial(self) -> Mapping[tuple[int, int], float]:
+        """Its constants (MPa)."""
+        return {(1, 0): 0.5 * self.mu}
+
     def energy(self, i1: np.ndarray, i2: np.ndarray, J: np.ndarray) -> np.ndarray:
         return 0.5 * self.mu * (i1 - 3.0) + self.volume_energy(J)
 

@@ -107,6 +107,11 @@ class Ogden(Isotropic):
         return (2.0 * mu * np.exp(e[..., None] * alpha)).sum(-1)[..., None] * np.eye(3)
 
     @property
+    def powers_of_stretch(self) -> tuple[tuple[float, float], ...]:
+        """Its terms (MPa, 1)."""
+        return tuple((float(m), float(a)) for m, a in zip(*self.terms, strict=True))
+
+    @property
     def terms(self) -> tuple[np.ndarray, np.ndarray]:
         """μᵢ (MPa) and αᵢ, (N,)."""
         return self.mu * np.array(self.share, dtype=float), np.array(self.alpha, dtype=float)

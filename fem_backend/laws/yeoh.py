@@ -70,6 +70,11 @@ class Yeoh(Isotropic):
     C20: float = 0.0
     C30: float = 0.0
 
+    @property
+    def polynomial(self) -> Mapping[tuple[int, int], float]:
+        """Its constants (MPa)."""
+        return {(1, 0): 0.5 * self.mu, (2, 0): self.C20, (3, 0): self.C30}
+
     def energy(self, i1: np.ndarray, i2: np.ndarray, J: np.ndarray) -> np.ndarray:
         x = i1 - 3.0
         return (0.5 * self.mu + (self.C20 + self.C30 * x) * x) * x + self.volume_energy(J)

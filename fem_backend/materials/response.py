@@ -12,7 +12,7 @@ from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body
 from fem_backend.kinematics.voigt import COL, ROW
 from fem_backend.laws import Material
-from fem_backend.materials import stress
+from fem_backend.materials import regions, stress
 from fem_backend.materials.regions import Regions, Substance
 from fem_backend.materials.stress import History, PointState
 
@@ -132,6 +132,12 @@ def projected(
     K = np.array([k for _, k in parts])[material.of][:, None]
     s = K * (np.ones_like(body.w) if scale is None else scale)
     return Regions(tuple(m for m, _ in parts), material.of), 1.0, s
+
+
+def modulus_at_points(body: Body, material: Substance) -> float:
+    """The largest K + μ (MPa) whose stress is told from displacement gradients at the points alone, not projected."""
+    of = [split(m)[0] if isinstance(body, MeridianBody) else m for m, _ in regions.parts(material)]
+    return max(m.bulk_modulus + m.shear_modulus for m in of)
 
 
 @functools.lru_cache(maxsize=64)

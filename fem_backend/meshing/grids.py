@@ -26,6 +26,7 @@ REACH = 1.2
 BESIDE, BELOW = 0.4, 0.2  # growth of the elements per distance, from there on and from the top on
 DEEP = 6.0  # lengths of the indenter below the top from which they grow as fast as beside it
 FEWEST = 10.0, 8.0  # elements from the middle to the side and from the base to the top at least
+STRAIGHTENED = 8  # halvings of the curve of edges in cells that it would turn over
 NEAREST = 0.05  # of the way from the side to the middle: no place of the finest elements is nearer to the side
 
 Form = Callable[[np.ndarray], np.ndarray]  # points (n, 3) mm of the body from those of the box
@@ -153,11 +154,23 @@ def on_grid(
         between = 0.5 * (grid[i] + grid[j])
         curved = np.minimum.reduce([np.abs(v[:, :2]).max(1) for v in (grid[i], grid[j], between)]) >= round_from
         middle[curved] = form(between[curved])
-    out = MeshTet2(np.ascontiguousarray(np.concatenate([points, middle]).T), numbers.t)
-    worst = scaled_jacobian(out)
+    straight = 0.5 * (points[i] + points[j])
+    out, worst = _quadratic(points, middle, numbers)
+    for _ in range(STRAIGHTENED if (worst <= 0.0).any() else 0):  # an edge may take more of a curve than its cells have
+        bent = np.unique(linear.t2e[:, worst <= 0.0])
+        middle[bent] = 0.5 * (middle[bent] + straight[bent])
+        out, worst = _quadratic(points, middle, numbers)
+        if worst.min() > 0.0:
+            break
     if worst.min() <= 0.0:
         raise BadMesh(f"{int((worst <= 0.0).sum())} tetrahedra are turned over with the contact at {at} mm")
     return out
+
+
+def _quadratic(points: np.ndarray, middle: np.ndarray, numbers: MeshTet2) -> tuple[MeshTet2, np.ndarray]:
+    """The mesh with these corners and middles of edges, and how far each of its cells is from being turned over."""
+    out = MeshTet2(np.ascontiguousarray(np.concatenate([points, middle]).T), numbers.t)
+    return out, scaled_jacobian(out)
 
 
 def _moved(x: np.ndarray, nominal: Along, actual: Along, at: float) -> np.ndarray:

@@ -30,16 +30,17 @@ class MeridianMesh:
         return single[~(self.points[single, 0] == 0.0).all(1)]
 
 
-def graded(size: Size, places: tuple[float, ...]) -> np.ndarray:
+def graded(size: Size, places: tuple[float, ...], samples: int | None = None) -> np.ndarray:
     """Coordinates from the first to the last of `places` (mm, increasing), with each of them among these.
 
-    Between two places ∫ dx/size elements, rounded up, at equal shares of the integral.
+    Between two places ∫ dx/size elements, rounded up, at equal shares of the integral over `samples` places.
     """
+    samples = samples or FINE
     out: list[np.ndarray] = [np.array([places[0]])]
     for a, b in itertools.pairwise(places):
-        x = np.linspace(a, b, FINE + 1)
+        x = np.linspace(a, b, samples + 1)
         density = 1.0 / size(0.5 * (x[1:] + x[:-1]))
-        total = np.concatenate([[0.0], np.cumsum(density)]) * (b - a) / FINE
+        total = np.concatenate([[0.0], np.cumsum(density)]) * (b - a) / samples
         n = max(int(np.ceil(total[-1] - 1e-9)), 1)
         inside = np.interp(np.linspace(0.0, 1.0, n + 1)[1:], total / total[-1], x)
         inside[-1] = b

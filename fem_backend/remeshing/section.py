@@ -18,7 +18,7 @@ from fem_backend.remeshing.triangulation import NoTriangles, filled, size_field
 
 CORNER = 0.9  # cosine of the turn of an outline that is a corner, and stays
 ON_AXIS = 1e-12  # of the largest coordinate: a radius that is none
-THIN = 0.35  # of the height over the lowest point: no element is larger
+THIN, THINNEST = 0.35, 0.05  # of the height of the body above the lowest point: no element is larger; of the wanted
 BENT = 6.0  # times the volume before or after: a triangle of which the map of the old mesh is not nearly linear
 TRIES = 5  # with smaller triangles where the map is bent
 SMALLER = 0.6  # of the edge length there
@@ -30,7 +30,7 @@ class NoMesh(ValueError):
 
 
 @dataclass(frozen=True)
-class DeformedSection:
+class DeformedMeridian:
     """A deformed meridian: nodes X (n, 2) = (r, z) mm and u (n, 2) mm, cells (m, 7), outline edges (f, 3).
 
     `held` (n,) says by a number which components of a node are held, `part` (m,) which layer a cell is of: an edge
@@ -51,7 +51,7 @@ class DeformedSection:
 
 
 @dataclass(frozen=True)
-class BoundaryChain:
+class EdgeChain:
     """Edges (e, 3) that follow each other, ends and middle; `fixed` keeps them as they are."""
 
     edges: np.ndarray
@@ -68,7 +68,7 @@ class Cut:
 
 
 def rezoned(
-    section: DeformedSection, near: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray], growth: float
+    section: DeformedMeridian, near: np.ndarray, wanted: Callable[[np.ndarray], np.ndarray], growth: float
 ) -> MeridianMesh:
     """A mesh of the undeformed body whose cells are well shaped now; those of `near` (m,) are replaced.
 
@@ -112,7 +112,7 @@ def _loop(cells: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def _chains(section: DeformedSection, near: np.ndarray, loop: np.ndarray) -> list[BoundaryChain]:
+def _chains(section: DeformedMeridian, near: np.ndarray, loop: np.ndarray) -> list[EdgeChain]:
     """The loop in chains: what is cut from the rest stays; outline and axis are free between corners."""
     outline = set(section.outline[:, 2].tolist())
     X, kinds = section.X, []
@@ -134,12 +134,12 @@ def _chains(section: DeformedSection, near: np.ndarray, loop: np.ndarray) -> lis
     if not breaks:
         raise NoMesh("the part to be meshed anew has no corner")
     return [
-        BoundaryChain(np.roll(loop, -k, axis=0)[: (following - k) % len(loop) or len(loop)], kinds[k][0] == 0)
+        EdgeChain(np.roll(loop, -k, axis=0)[: (following - k) % len(loop) or len(loop)], kinds[k][0] == 0)
         for k, following in zip(breaks, [*breaks[1:], breaks[0]], strict=True)
     ]
 
 
-def _between(section: DeformedSection, near: np.ndarray) -> np.ndarray:
+def _between(section: DeformedMeridian, near: np.ndarray) -> np.ndarray:
     """Edges (e, 3) between cells of two parts, both of them to be replaced."""
     cells, part = section.cells[near], section.part[near]
     edges = np.concatenate([cells[:, list(e)] for e in EDGES])
@@ -150,7 +150,7 @@ def _between(section: DeformedSection, near: np.ndarray) -> np.ndarray:
     return edges[same]
 
 
-def _meeting(section: DeformedSection, near: np.ndarray) -> set[int]:
+def _meeting(section: DeformedMeridian, near: np.ndarray) -> set[int]:
     """Nodes where such edges end on the loop: they stay."""
     edges = _between(section, near)
     if not len(edges):
@@ -159,14 +159,14 @@ def _meeting(section: DeformedSection, near: np.ndarray) -> set[int]:
     return set(nodes[count == 1].tolist())
 
 
-def _interfaces(section: DeformedSection, near: np.ndarray) -> list[BoundaryChain]:
+def _interfaces(section: DeformedMeridian, near: np.ndarray) -> list[EdgeChain]:
     """Chains of edges between two parts, each from one of its ends to the other."""
     left = [(int(a), int(b), int(c)) for a, b, c in _between(section, near)]
     at: dict[int, list[tuple[int, int, int]]] = {}
     for e in left:
         at.setdefault(e[0], []).append(e)
         at.setdefault(e[1], []).append(e)
-    out: list[BoundaryChain] = []
+    out: list[EdgeChain] = []
     seen: set[int] = set()
     for start in sorted(n for n, es in at.items() if len(es) == 1):
         here, chain = start, []
@@ -180,29 +180,33 @@ def _interfaces(section: DeformedSection, near: np.ndarray) -> list[BoundaryChai
             chain.append((here, there, middle))
             here = there
         if chain:
-            out.append(BoundaryChain(np.array(chain), False))
+            out.append(EdgeChain(np.array(chain), False))
     return out
 
 
 def _sizes(
-    section: DeformedSection, chains: list[BoundaryChain], wanted: Callable[[np.ndarray], np.ndarray]
+    section: DeformedMeridian, chains: list[EdgeChain], wanted: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (k, 2) on chains and the edge lengths (k,) there: as they are where they stay, `wanted` on the outline."""
-    places, sizes = [], []
-    lowest = float(section.x[:, 1].min())
+    places, sizes, free = [], [], []
     outline = set(section.outline[:, 2].tolist())
     for chain in chains:
         for a, b, middle in chain.edges:
             length = float(np.linalg.norm(section.x[b] - section.x[a]))
             if chain.fixed:
                 places.append(section.x[[a, b, middle]])
-                sizes += [length] * 3
+                sizes.append(np.full(3, length))
             elif int(middle) in outline:
                 count = max(int(np.ceil(length / float(wanted(section.x[[middle]])[0]))), 1)
                 x = _quadratic(np.linspace(0.0, 1.0, 2 * count + 1)) @ section.x[[a, b, middle]]
-                places.append(x)
-                sizes += np.minimum(wanted(x), np.maximum(THIN * (x[:, 1] - lowest), 0.05 * wanted(x))).tolist()
-    return np.concatenate(places), np.array(sizes)
+                free.append(x)
+    if free:
+        x = np.concatenate(free)
+        h, lowest = wanted(x), float(section.x[:, 1].min())
+        above = np.where(np.abs(x[:, None, 0] - x[None, :, 0]) <= h[:, None], x[None, :, 1], -np.inf).max(1)
+        places.append(x)
+        sizes.append(np.minimum(h, np.maximum(THIN * (above - lowest), THINNEST * h)))
+    return np.concatenate(places), np.concatenate(sizes)
 
 
 def _quadratic(t: np.ndarray) -> np.ndarray:
@@ -210,7 +214,7 @@ def _quadratic(t: np.ndarray) -> np.ndarray:
     return np.column_stack([(1.0 - t) * (1.0 - 2.0 * t), t * (2.0 * t - 1.0), 4.0 * t * (1.0 - t)])
 
 
-def _cut(section: DeformedSection, chain: BoundaryChain, size: Callable[[np.ndarray], np.ndarray]) -> Cut:
+def _cut(section: DeformedMeridian, chain: EdgeChain, size: Callable[[np.ndarray], np.ndarray]) -> Cut:
     """A chain in edges of the wanted size now, at equal shares of ∫ ds/h."""
     X, x, edges = section.X, section.x, chain.edges
     if chain.fixed:
@@ -239,7 +243,7 @@ def _on(nodes: np.ndarray, edges: np.ndarray, way: np.ndarray) -> np.ndarray:
     return np.einsum("ka,kai->ki", _quadratic(way - k), nodes[edges[k]])
 
 
-def _before(section: DeformedSection, cut: list[Cut], points: np.ndarray) -> np.ndarray:
+def _before(section: DeformedMeridian, cut: list[Cut], points: np.ndarray) -> np.ndarray:
     """Where points (n, 2) now, those of the loop first, were before; raises Lost."""
     given = np.concatenate([c.X[:-1] for c in cut])
     cell, xi = location.located(section.x, section.cells, points[len(given) :])
@@ -260,7 +264,7 @@ def _areas(corners: np.ndarray) -> np.ndarray:
 
 
 def _joined(
-    section: DeformedSection, near: np.ndarray, cut: list[Cut], vertices: np.ndarray, triangles: np.ndarray
+    section: DeformedMeridian, near: np.ndarray, cut: list[Cut], vertices: np.ndarray, triangles: np.ndarray
 ) -> MeridianMesh:
     """The mesh of the undeformed body from the triangles of its part, and the rest as it is."""
     count = sum(len(c.middles) for c in cut)

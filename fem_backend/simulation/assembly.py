@@ -26,7 +26,7 @@ from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.materials.regions import Regions, Substance
 from fem_backend.meshing import MeridianMesh, Mesh
-from fem_backend.simulation import symmetry
+from fem_backend.simulation import cohesive, symmetry
 from fem_backend.simulation.experiment import Settings, element_size
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
@@ -202,7 +202,9 @@ class AssembledModel:
 
 def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
-    mesh = settings.specimen.meridian(specimen, settings.indenter.spacing, settings.fineness)
+    many = cohesive.samples(settings, max(specimen.half_width, float(specimen.top[2] - specimen.lowest[2])))
+    places = () if many is None else (many,)
+    mesh = settings.specimen.meridian(specimen, cohesive.spacing(settings), settings.fineness, *places)
     return of_meridian(settings, specimen, mesh, symmetric)
 
 
@@ -324,6 +326,7 @@ def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
         control=Control(),
         solver=settings.solver,
         fineness=settings.fineness,
+        fine=settings.fine if placement.meridian else None,
     )
 
 
@@ -365,7 +368,7 @@ def system(
         raise NotModelled("bad_geometry", str(error)) from error
     if held is not None and knobs.weight:
         raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
-    follows = held is None and adhesion is None and knobs.friction == 0.0
+    follows = held is None and knobs.friction == 0.0
     epsilon = penalty(placement, body, surface, mu, not follows or knobs.permeability > 0.0)
     if held is not None:  # a layer between two that hold it is as stiff as K
         epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))

@@ -45,8 +45,9 @@ class Settings:
     travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
-    `fineness` multiplies all element sizes of a meridian; `remesh` says whether its mesh is made anew
-    where it is outworn; `drainage` are those under the indenter and at the support.
+    `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
+    `remesh` says whether its mesh is made anew where it is outworn; `drainage` are those under the indenter and at the
+    support.
     """
 
     specimen: Specimen
@@ -69,6 +70,7 @@ class Settings:
     derivatives: bool = True
     multipliers: bool = True
     fineness: float = 1.0
+    fine: tuple[float, float] | None = None
     remesh: str = "never"
     drainage: tuple[str, str] = (SEALED, SEALED)
 
@@ -302,7 +304,10 @@ def on_axis(settings: Settings) -> bool:
 
 def element_size(settings: Settings, meridian: bool) -> float:
     """Size (mm) of the smallest elements at the contact, of a meridian or in space."""
-    return settings.fineness * float(settings.indenter.spacing(np.zeros(1))[0]) if meridian else settings.h0
+    if not meridian:
+        return settings.h0
+    own = float(settings.indenter.spacing(np.zeros(1))[0])
+    return settings.fineness * (own if settings.fine is None else min(own, settings.fine[0]))
 
 
 def profile_name(place: tuple[float, float]) -> str:

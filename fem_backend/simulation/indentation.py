@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fem_backend import closed_forms
 from fem_backend.contact import self_contact
 from fem_backend.laws import admissible
 from fem_backend.materials import regions, stress
@@ -23,10 +24,12 @@ from fem_backend.simulation.pore_flow import pores_of
 from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.simulation.schedule import each, flowing, merged, one, steps, together
 from fem_backend.solver import biphasic, history_steps, load_steps, rigid_motions
+from fem_backend.solver.jumps import SuddenJumps
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
 FINAL = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
+SHORTEST = 2e-3  # of the length by which a ball is drawn up: where a jump is found
 SHORTER = 0.6  # of the steps, where a run is tried again
 
 
@@ -39,7 +42,8 @@ class Result:
     attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
-    `coarser` are the channels of the same run with elements of twice the size, where that was made; `on` says with what
+    `coarser` are the channels of the same run with elements of twice the size, where that was made, `unchecked` says
+    how errors are told where that ended early; `on` says with what
     each point was solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
     `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
     the share of the force that is not met there; None without any.
@@ -56,6 +60,7 @@ class Result:
     notes: Mapping[str, float] = field(default_factory=dict)
     system: System | None = field(default=None, repr=False)
     coarser: Mapping[str, np.ndarray] | None = None
+    unchecked: str = ""
     on: tuple[InitialState, ...] = field(default=(), repr=False)
     legs: tuple[tuple[float, float], ...] = ()
     given: np.ndarray | None = None
@@ -137,17 +142,18 @@ def _attempt(
     """Curves by one path; raises Stopped with the result so far."""
     counters = Counters(deadline=deadline)
     at = initial_state(settings, knobs, placement, model, counters)
-    slopes = None if at.path_dependent else Slopes(at, gradients)
+    above = any(i.asked and i.travel <= 0.0 for i in instants)  # where nothing touches, nothing is differentiated
+    slopes, jumps = None if at.path_dependent else Slopes(at, () if above else gradients), jumps_of(at)
     legs: list[MeshLeg] = []
     try:
         if slopes is None:
-            points = along(at, instants, counters)
+            points = along(at, instants, counters, legs, jumps)
         else:
             points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
-        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started, legs=legs)
+        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started, None, legs, jumps)
         raise
-    return collect(at, points, counters, time.process_time() - started, slopes, legs)
+    return collect(at, points, counters, time.process_time() - started, slopes, legs, jumps)
 
 
 def unstable(result: Result) -> tuple[int, str] | None:
@@ -176,6 +182,26 @@ def unstable(result: Result) -> tuple[int, str] | None:
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
+def jumps_of(at: InitialState) -> SuddenJumps | None:
+    """What counts as a jump of a body that is attracted; None of another.
+
+    Pull and length of JKR's fold for the indenter's effective radius R, 2πwR and (w²R/E*²)^(1/3), E* = 4μ.
+    """
+    attracting = at.system.pressing.adhesion
+    if attracting is None:
+        return None
+    R = at.placement.indenter.effective_radius(0.0)
+    stiff = 4.0 * at.system.material.shear_modulus
+    pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
+    length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
+    return SuddenJumps(pull, length, SHORTEST * length)
+
+
+def _begin_at(instants: Sequence[Instant]) -> float:
+    """Travel (mm) at which a programme begins: 0, or that of an instant at the time 0."""
+    return instants[0].travel if instants and instants[0].time == 0.0 else 0.0
+
+
 def folded(result: Result) -> tuple[int, str] | None:
     """The first point at which the surface of a meridian has met itself, and why that is no answer; None without one.
 
@@ -197,16 +223,27 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
     return k, cause, why
 
 
-def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
-    """Points of a body for which the way counts: the programme is followed step by step."""
+def along(
+    at: InitialState,
+    instants: Sequence[Instant],
+    counters: Counters,
+    legs: list[MeshLeg] | None = None,
+    jumps: SuddenJumps | None = None,
+) -> list[LoadPoint]:
+    """Points of a body for which the way counts: the programme is followed step by step.
+
+    `legs` takes up the meshes, `jumps` what an attracted body does at once.
+    """
     u, history, touching = begun(at, counters)
     control = at.settings.control
-    groups = together(instants)
+    groups, begin_at = together(instants), _begin_at(instants)
     if at.knobs.permeability:
         return _draining(at, groups, counters, history)
-    way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
+    way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
     try:
-        points = history_steps.follow(at.system, at.start, way, control, counters, u, history, touching)
+        legs = [] if legs is None else legs
+        legs.append(MeshLeg(at, None))
+        points = rezoning.follow(legs, way, counters, u, history, touching, jumps, begin_at)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
@@ -251,18 +288,22 @@ def elastic(
 
     `legs` takes up the meshes on the way.
     """
-    computed = merged([i.travel for i in instants if i.asked])
+    above = sorted({i.travel for i in instants if i.asked and i.travel <= 0.0}, reverse=True)
+    computed = merged([i.travel for i in instants if i.asked and i.travel > 0.0])
     asked = list(dict.fromkeys(computed.values()))
-    at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
+    drawn = _above(at, above, counters) if above else []
+    computed |= {s: s for s in above}
+    if asked:
+        at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
     if at.system.loose and at.system.dead is None:
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         legs = [] if legs is None else legs
-        legs.append(MeshLeg(at, watch))
+        legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
         found = rezoning.travel(legs, asked, counters, u, guess)
     except Stopped as stopped:
-        reached = {p.travel: p for p in stopped.points}
+        reached = {p.travel: p for p in [*stopped.points, *drawn]}
         stopped.points = []
         for i in instants:  # a programme ends at its first instant without equilibrium
             if i.asked and computed[i.travel] not in reached:
@@ -270,8 +311,14 @@ def elastic(
             if i.asked:
                 stopped.points.append(replace(reached[computed[i.travel]], time=i.time, travel=i.travel))
         raise
-    by_travel = {p.travel: p for p in found}
+    by_travel = {p.travel: p for p in [*found, *drawn]}
     return [replace(by_travel[computed[i.travel]], time=i.time, travel=i.travel) for i in instants if i.asked]
+
+
+def _above(at: InitialState, travels: Sequence[float], counters: Counters) -> list[LoadPoint]:
+    """Points of an elastic body at travels (mm, falling from 0) at which the indenter is above it."""
+    way = steps([Instant(float(k + 1), s, True) for k, s in enumerate(travels)], at.settings.control.path)
+    return history_steps.follow(at.system, at.start, way, at.settings.control, counters, at.seated)
 
 
 def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
@@ -291,6 +338,30 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     return replace(virgin, W_max=history.W_max)
 
 
+def of_jumps(at: InitialState, jumps: SuddenJumps) -> dict[str, float]:
+    """Notes of a body that is attracted: Tabor's parameter, its jumps, and the strongest pull on the way.
+
+    Forces (N) are along the way of the indenter and those of the whole specimen; energies N mm.
+    """
+    attracting, many = at.system.pressing.adhesion, modelling.multiplicity(at.placement)
+    assert attracting is not None
+    R, stuff = at.placement.indenter.effective_radius(0.0), at.system.material
+    stiff = closed_forms.plane_modulus(
+        closed_forms.youngs_modulus(stuff.shear_modulus, stuff.bulk_modulus),
+        closed_forms.poisson_ratio(stuff.shear_modulus, stuff.bulk_modulus),
+    )
+    out = {"tabor": closed_forms.tabor(R, attracting.work, stiff, attracting.range)}
+    for name, mine in (
+        ("jump_in", [j for j in jumps.found if j.pulled_in]),
+        ("jump_off", [j for j in jumps.found if not j.pulled_in]),
+    ):
+        for j in mine[-1:]:
+            out |= {f"{name}_mm": j.travel, f"{name}_s": j.time, f"{name}_released": many * j.released}
+            out |= {f"{name}_before_N": many * j.before, f"{name}_after_N": many * j.after}
+    force, travel = jumps.strongest
+    return out | {"pull_off_N": many * force, "pull_off_mm": travel}
+
+
 def collect(
     at: InitialState,
     points: Sequence[LoadPoint],
@@ -298,6 +369,7 @@ def collect(
     cpu_s: float,
     slopes: Slopes | None = None,
     legs: Sequence[MeshLeg] = (),
+    jumps: SuddenJumps | None = None,
 ) -> Result:
     """Result from the points reached, each on the mesh of its leg."""
     on = [legs[p.leg].at if legs else at for p in points]
@@ -312,6 +384,7 @@ def collect(
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
+    notes |= {} if jumps is None else of_jumps(at, jumps)
     if len(legs) > 1:
         notes |= {"meshes": float(len(legs)), "largest_jump": max(leg.jump for leg in legs)}
     if at.system.loose and points:

@@ -50,22 +50,23 @@ def each(groups: Sequence[Sequence[Instant]], points: Sequence[LoadPoint]) -> li
 def merged(travels: Sequence[float]) -> dict[float, float]:
     """Each travel (mm) and the least of those within round-off of it, in increasing order."""
     out: dict[float, float] = {}
-    near = SAME * max(travels, default=0.0)
+    near = SAME * max(map(abs, travels), default=0.0)
     for s in sorted(set(travels)):
         least = next(reversed(out.values()), s)
         out[s] = least if s - least <= near else s
     return out
 
 
-def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False) -> list[Instant]:
+def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False, begin_at: float = 0.0) -> list[Instant]:
     """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel).
 
+    The way begins at the travel `begin_at` (mm).
     What `relaxes` does so in a rest, too: see `resting`.
     """
     last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
     still = SAME * max((abs(i.travel) for i in instants), default=0.0)
     out: list[Instant] = []
-    t, s, began = 0.0, 0.0, 0.0
+    t, s, began = 0.0, begin_at, 0.0
     for i in instants[: last + 1]:
         count = max(1, int(np.ceil(abs(i.travel - s) / largest - 1e-9)))
         for k in range(1, count):

@@ -25,7 +25,7 @@ import numpy as np
 
 from fem_backend.materials.stress import History
 from fem_backend.solver import history_steps, load_steps, newton
-from fem_backend.solver.history_steps import Reached
+from fem_backend.solver.history_steps import ROUGH, Reached
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
@@ -39,8 +39,7 @@ SHORTEST = 1e-3  # of a step at which the way is given up
 POWER = 1.5  # of the force over the travel where contact begins
 OUT_OF_REACH = "not_supported"  # cause of a way that ends before its force is met: no other path meets it
 ON_THE_WAY = 1e-6  # relative residual of a step that is no answer
-ROUGH = 1e-5  # the same of a body so hardly touched that round-off leaves more than that, and
-HARDLY = 1e-4  # of its force, to which that can be met
+HARDLY = 10.0  # times what round-off leaves of a body that is hardly touched is the share to which a force is met
 MET = 1e-6  # of a force: where the way is at it
 CLOSE = 0.02  # of a force that is met on the way: from there on contact is exact, which adds up to that
 ROUND = 1e-12  # of a travel or a time
@@ -95,7 +94,7 @@ class Trial(NamedTuple):
     point: LoadPoint | None
     force: float
     slope: float
-    rough: bool
+    rough: float
 
 
 class Wanted(NamedTuple):
@@ -162,6 +161,7 @@ class _Walk:
         self.force, self.slope, self.pace = 0.0, 0.0, 0.0
         self.out = Followed([], [], [], [], [])
         self._first, self._aim, self._on_the_way = first, 0.0, False
+        self._floor = 0.0, 0.0  # relative residual that round-off left, at a force (N)
 
     # ------------------------------------------------------------------------------------------------------- legs
 
@@ -244,7 +244,7 @@ class _Walk:
         while True:
             here = self.here
             left = (stops - here.travel) / v * abs(v)
-            if abs(left) <= ROUND * max(abs(stops), 1.0):
+            if abs(left) <= ROUND * max(abs(here.travel), 1.0):
                 raise self._out_of_reach(leg.to_N)
             ds = float(np.clip(share * step, 0.0, abs(left))) * np.sign(v)
             t = here.time + ds / v
@@ -383,21 +383,25 @@ class _Walk:
         force, slope = b.measure(at.evaluation.contact.force), b.share * _slope(b.system, at, by)
         return Trial(goal, found, load, point, force, slope, rough)
 
-    def _attempted(self, goal: Instant, guess: np.ndarray) -> tuple[tuple[Equilibrium, Load, LoadPoint | None], bool]:
-        """One step from a guess (n, 3), and whether round-off left it rough."""
+    def _attempted(self, goal: Instant, guess: np.ndarray) -> tuple[tuple[Equilibrium, Load, LoadPoint | None], float]:
+        """One step from a guess (n, 3), and the relative residual that round-off leaves of it, 0 where it is tight.
+
+        What round-off leaves is a share of the force that falls as that grows: it is not sought anew each time.
+        """
         b = self.bench
         least = b.control.tight if goal.asked and not self._on_the_way else max(b.control.tight, ON_THE_WAY)
-        for tight in (least, ROUGH):
+        floor = self._floor[0] * min(self._floor[1] / max(abs(self.force), 1e-300), 1.0) if self.force else 0.0
+        for tight in dict.fromkeys((max(least, floor), ROUGH)):
             control = replace(b.control, tight=tight, medium=max(b.control.medium, tight))
             limit = load_steps.BRISK if tight < ROUGH else load_steps.PATIENT
             try:
-                return history_steps.attempt(
-                    b.system, b.start, self.here, goal, guess, control, b.counters, limit
-                ), tight == ROUGH
+                answer = history_steps.attempt(b.system, b.start, self.here, goal, guess, control, b.counters, limit)
+                return answer, tight if tight > least else 0.0
             except NotConverged as error:
                 near = error.history and min(error.history) < ROUGH
                 if tight == ROUGH or error.cause == "time_limit" or not (near and goal.asked):
                     raise
+                self._floor = 2.0 * min(error.history), abs(self.force)
         raise AssertionError("the last of the tolerances returns or raises")
 
     def _solved(self, wanted: Wanted, exact: float) -> Trial:
@@ -411,7 +415,7 @@ class _Walk:
             p = min(p, self.drive.deepest) if p > self.drive.deepest and False not in ends else p
             trial = self._tried(Instant(wanted.moment(p), p, True), near)
             off = trial.force - target
-            if abs(off) <= max(exact, HARDLY if trial.rough else 0.0) * max(abs(target), 1e-300):
+            if abs(off) <= max(exact, HARDLY * trial.rough) * max(abs(target), 1e-300):
                 return trial
             if off < 0.0 and p >= self.drive.deepest * (1.0 - ROUND):
                 raise self._out_of_reach(self._aim, trial.force)
@@ -446,7 +450,7 @@ class _Walk:
             self.out.points.append(history_steps.light(trial.point))
             self.out.given.append(given)
             self.out.slopes.append(trial.slope)
-            self.out.left.append(HARDLY if trial.rough else TIGHT)
+            self.out.left.append(max(TIGHT, HARDLY * trial.rough))
 
     def _cut(self, share: float, error: NotConverged) -> float:
         """The share of a step to try after one without equilibrium; raises it where that is too short."""

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fem_backend.contact import tractions
-from fem_backend.contact.tractions import Before
+from fem_backend.contact.tractions import Before, Pair
 from fem_backend.materials.stress import History
+from fem_backend.solver import jumps as sudden
 from fem_backend.solver import load_steps, rigid_motions
-from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
+from fem_backend.solver.jumps import OnBranch, SuddenJumps
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped, Wear, Worn
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
 AGREE = 0.05  # of the force: limits that are near enough
 LETTING_GO = (1.0, 30.0, 15.0, 8.0, 5.0, 3.5, 2.5, 1.8, 1.4, 1.2, 1.0)  # times the friction that a pressure allows
+ROUGH = 1e-5  # relative residual that round-off may leave of a body so hardly touched
+LONGER = (16.0, 8.0, 4.0, 2.0)  # times the range of an attraction, from which a body is drawn in
 STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
 
 
@@ -24,7 +29,8 @@ STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everythi
 class Reached:
     """What a path goes on from: time (s), travel (mm), displacement and its rate per travel (n, 3), material history.
 
-    `before` is how each pair touched at the end of the step, `pressures` (MPa) are its pressures.
+    `before` is how each pair touched at the end of the step, `pressures` (MPa) are its pressures; `branch` is where an
+    attracted body is on its branch of equilibria, None before the first.
     """
 
     time: float
@@ -34,6 +40,7 @@ class Reached:
     history: History | None
     before: tuple[Before, ...]
     pressures: list[np.ndarray]
+    branch: OnBranch | None = None
 
 
 def follow(
@@ -45,6 +52,10 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
+    jumps: SuddenJumps | None = None,
+    begin_at: float = 0.0,
+    going_on: Reached | None = None,
+    worn: Wear | None = None,
 ) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
@@ -55,39 +66,138 @@ def follow(
     Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
     travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against a wall of its support;
     so it does where even that does not hold it.
+
+    The path begins at the travel `begin_at` (mm).  Of an attracted body `jumps` collects what it does at once.
+    It may go on from a state that was reached, `going_on`, and raises Worn at one that is `worn`.
     """
-    here, first = begin(system, start, control, counters, u, history, touching)
+    here, first = begin(system, start, control, counters, u, history, touching, begin_at)
+    rest = here.u
     points: list[LoadPoint] = []
+    if jumps is not None:
+        here = _attracted(system, start(begin_at), here, jumps, control, counters)
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
+    here = here if going_on is None else going_on
     for instant in instants:
         share, began = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time:
+            if worn is not None and worn(here.u, here.travel):
+                raise Worn(points, here.u, here.travel, here)
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)
             guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
+            worked = counters.iterations
             try:
+                if jumps is not None and here.branch is None:
+                    guess = _drawn_in(system, _loaded(system, start, here, goal), guess, control, counters)
                 found, load, point = attempt(system, start, here, goal, guess, control, counters, limit)
             except NotConverged as error:
                 counters.cutbacks += 1
+                ds = abs(goal.travel - here.travel)
                 share *= 0.5
-                pace = 0.5 * abs(goal.travel - here.travel) or pace
+                pace = 0.5 * ds or pace
                 least = 1 / 8 if system.loose else 1 / 64
                 lost = share * (instant.time - here.time) < least * (instant.time - began)
-                if lost or error.cause == "time_limit":
+                lost = lost if jumps is None or ds == 0.0 else ds <= jumps.shortest
+                if (lost or error.cause == "time_limit") and not _lets_go(jumps, here, error):
+                    rough = rougher(control, error) if goal.asked else None
+                    if rough is not None:  # as tight as round-off lets it be: the way goes on from there
+                        control, limit, share, pace = rough, load_steps.PATIENT, 1.0, np.inf
+                        continue
                     if not load_steps.may_go_on(system, limit, error):
                         raise load_steps.stopped(error, here.travel, points, counters) from error
                     limit, share, pace = load_steps.PATIENT, 1.0, np.inf
                 if share < 0.3:
                     here = replace(here, rate=np.zeros_like(here.rate))
-                continue
+                if not lost or not _lets_go(jumps, here, error):
+                    continue
+                if jumps is None or not sudden.at_fold(jumps, here.branch):  # the branch goes on: no answer is no jump
+                    raise load_steps.stopped(error, here.travel, points, counters) from error
+                try:
+                    found, load, point = _landed(system, start, rest, here, goal, control, counters)
+                except NotConverged as worse:
+                    raise load_steps.stopped(worse, here.travel, points, counters) from worse
+            now, jumped = None, False
+            if jumps is not None:
+                now = sudden.on_branch(system, found, load, goal.travel).after(here.branch)
+            if jumps is not None and now is not None and sudden.unexplained(jumps, here.branch, now):
+                if abs(goal.travel - here.travel) > jumps.shortest:
+                    counters.cutbacks += 1
+                    share, pace = 0.5 * share, 0.5 * abs(goal.travel - here.travel)
+                    continue
+                assert here.branch is not None
+                jumps.found.append(sudden.jump(here.time, here.branch, now))
+                jumped = True
             counters.steps += 1
             load_steps.proper(system, found, here.travel, goal.travel, points, counters)
             points += [] if point is None else [light(point)]
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
-            here = arrived(system, load, found, goal)
+            if jumps is not None and now is not None:
+                jumps.passed(now)
+                each = (counters.iterations - worked) / (1 + control.augmentations * goal.asked)
+                longer = sudden.longer(each) * abs(goal.travel - here.travel)
+                pace = np.inf if jumped else min(pace, sudden.longest(jumps, here.branch, now), longer or np.inf)
+            here = replace(arrived(system, load, found, goal), branch=now)
     return points
+
+
+def rougher(control: Control, error: NotConverged) -> Control | None:
+    """Numerical settings that ask for no more than round-off let an answer have; None where that was not the trouble.
+
+    Of a nearly incompressible body that is hardly touched volumetric stresses are thousands of times those of contact,
+    and so is the round-off of their sums: residuals stay at 1e-7 to 1e-5 of the force there.
+    """
+    least = 2.0 * min(error.history, default=np.inf)
+    if error.cause == "time_limit" or not control.tight < least <= ROUGH:
+        return None
+    return replace(control, tight=least, medium=max(control.medium, least))
+
+
+def _attracted(
+    system: System, load: Load, here: Reached, jumps: SuddenJumps, control: Control, counters: Counters
+) -> Reached:
+    """Where a path begins beside the body: at rest under what attraction there is already."""
+    if here.travel >= 0.0:
+        return here
+    load = _rubbing(system, replace(load, history=here.history), here)
+    try:
+        found = load_steps.find(system, here.u, load, control.between, counters)
+    except NotConverged as error:
+        raise load_steps.stopped(error, here.travel, [], counters) from error
+    begun = replace(arrived(system, load, found, Instant(0.0, here.travel, False)), history=here.history)
+    return replace(begun, branch=sudden.on_branch(system, found, load, here.travel))
+
+
+def _drawn_in(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
+    """Displacement (n, 3) near that under the attraction, from a long range of it on down: a long one draws gently."""
+    for longer in LONGER:
+        wide = system.each(functools.partial(_wider, longer))
+        u = load_steps.find(wide, u, load, control.loose, counters).evaluation.u
+    return u
+
+
+def _wider(longer: float, pair: Pair) -> Pair:
+    return pair if pair.adhesion is None else replace(pair, adhesion=pair.adhesion.over(longer))
+
+
+def _landed(
+    system: System, start: Start, rest: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters
+) -> tuple[Equilibrium, Load, LoadPoint | None]:
+    """What a body comes to beyond the end of its branch: as at `rest` (n, 3), or drawn in; raises NotConverged."""
+    patient = load_steps.PATIENT
+    try:
+        return attempt(system, start, here, goal, rest, control, counters, patient)
+    except NotConverged as error:
+        if error.cause == "time_limit":
+            raise
+        near = _drawn_in(system, _loaded(system, start, here, goal), here.u, control, counters)
+        return attempt(system, start, here, goal, near, control, counters, patient)
+
+
+def _lets_go(jumps: SuddenJumps | None, here: Reached, error: NotConverged) -> bool:
+    """Whether a step that fails may be the end of a branch of an attracted body."""
+    return jumps is not None and here.branch is not None and error.cause != "time_limit"
 
 
 def begin(
@@ -98,12 +208,13 @@ def begin(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
+    at: float = 0.0,
 ) -> tuple[Reached, np.ndarray | None]:
     """Where a path begins, and the displacement (n, 3) from which its first step does where that is another.
 
-    Raises Stopped; arguments as those of `follow`.
+    Raises Stopped; arguments as those of `follow`, `at` the travel (mm) at which it begins.
     """
-    here = _rest(system, start(0.0), u, history)
+    here = replace(_rest(system, start(at), u, history), travel=at)
     if touching is None:
         return here, None
     try:
@@ -129,7 +240,7 @@ def attempt(
 
     Raises NotConverged.
     """
-    load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
+    load = _loaded(system, start, here, goal)
     try:
         return _step(system, load, guess, here, goal, control, counters, limit)
     except NotConverged as error:
@@ -137,6 +248,11 @@ def attempt(
             raise
         guess = _let_go(system, load, guess, here, control, counters, limit)
         return _step(system, load, guess, here, goal, control, counters, limit)
+
+
+def _loaded(system: System, start: Start, here: Reached, goal: Instant) -> Load:
+    """Load of a step to an instant."""
+    return _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
 
 
 def smooth(system: System) -> System:

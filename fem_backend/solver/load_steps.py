@@ -121,15 +121,18 @@ class Stopped(ArithmeticError):
 
 
 class Worn(Exception):
-    """A state whose mesh is to be made anew: points reached before, displacement (n, 3) and its travel (mm)."""
+    """A state whose mesh is to be made anew: points reached before, displacement (n, 3) and its travel (mm).
 
-    def __init__(self, points: list[LoadPoint], u: np.ndarray, travel: float) -> None:
+    `reached` is what a path that counts goes on from.
+    """
+
+    def __init__(self, points: list[LoadPoint], u: np.ndarray, travel: float, reached: Any = None) -> None:
         super().__init__(f"the mesh is worn at {travel:g} mm")
-        self.points, self.u, self.travel = points, u, travel
+        self.points, self.u, self.travel, self.reached = points, u, travel, reached
 
 
 Start = Callable[[float], Load]
-Wear = Callable[[Evaluation, float], bool]  # whether the mesh of a state at a travel (mm) is to be made anew
+Wear = Callable[[np.ndarray, float], bool]  # whether the mesh of u (n, 3) at a travel (mm) is to be made anew
 Guess = Callable[[float], Sequence[np.ndarray] | None]  # states (n, 3) at the stages of an asked travel, or fewer
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
@@ -295,7 +298,7 @@ def travel(
                 step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
-            if worn is not None and worn(last, here):
+            if worn is not None and worn(u, here):
                 raise Worn(points, u, here)
         try:
             points.append(

@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -28,7 +29,7 @@ TIGHT = 1e-8  # relative residual at an asked travel
 CHORD = 0.3  # of the residual may be left by a step with an old factor
 SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
 NEW = 1e-300  # pressure of points that have come to touch: they count as active
-NEAR = 0.3  # relative residual below which an old factor is tried
+NEAR = 0.1  # relative residual below which an old factor is tried
 OLD = 8  # steps with one factor
 AFAR = 1e4  # relative residual that grows beyond this will not come back
 
@@ -78,6 +79,7 @@ def solve(
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
         carried = Carried(response.carried(body, origin, u - before.u), _expected(before, at))
     fresh, age = False, 0
+    attracted = any(tractions.attracts(p) for p in system.pairs)  # equilibria may be unstable: the last tangent tells
     sizes: list[float] = []
     if time.process_time() > counters.deadline:
         raise NotConverged("time_limit", "the time of the run is used up", ())
@@ -85,15 +87,18 @@ def solve(
         history.append(_relative(body, at))
         if not history[-1] < AFAR * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
-        found = history[-1] <= tolerance or (fresh and newton.at_round_off(history))
+        found = history[-1] <= tolerance or (
+            fresh and newton.at_round_off(history, partial(newton.round_off, system, at))
+        )
         lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
         lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
-        if found and frame is not None:
+        if found and frame is not None and (fresh or not attracted):
             linear = frame.exactly(carried.contact)
             moving = newton.contact_tangent(system, at, load)[1]
             return Equilibrium(at, -linear(moving), tuple(history), linear, (frame, moving))
         if not lazy:
-            frame, linearised = _factorise(system, at, load, carried, counters, before is not None)
+            strict = before is not None or (found and attracted)
+            frame, linearised = _factorise(system, at, load, carried, counters, strict)
             limit -= 1
         assert frame is not None
         fresh, age = not lazy, age + 1 if lazy else 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ FAR = 0.3  # relative residual above which the negative contact term is left out
 
 CHORD = 0.1  # of the residual may be left by a step with an old factor
 NEAR = 0.05  # relative residual below which an old factor is tried
+ABOVE, HIGHEST = 10.0, 1e-4  # times the guessed round-off, and the residual that it never excuses
 ROUND = 1e-7  # relative residual below which a step with a new factor that gains nothing has met round-off
 Make = Callable[[np.ndarray, np.ndarray], Any]
 Known = tuple[Solve | None, np.ndarray | None]  # a factor and ∂R/∂s that went with it
@@ -313,7 +315,7 @@ def solve(
         history.append(norm / at.scale if at.scale > 0 else float(norm > 0))
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
-        found = history[-1] <= tolerance or (fresh and at_round_off(history))
+        found = history[-1] <= tolerance or (fresh and at_round_off(history, partial(round_off, system, at)))
         lazy = known is not None and factor is not None
         if lazy and len(history) > 1:
             lazy = history[-1] < (CHORD if not fresh else 0.3) * history[-2] and history[-1] < NEAR
@@ -337,13 +339,28 @@ def solve(
     raise NotConverged("contact", f"no equilibrium after {allowed} iterations with new factors", tuple(history))
 
 
-def at_round_off(history: Sequence[float]) -> bool:
+def at_round_off(history: Sequence[float], noise: Callable[[], float] = lambda: 0.0) -> bool:
     """Whether a step with a new factor has gained nothing any more, after the last of the residuals `history`.
 
     Nearly incompressible bodies that are hardly touched end there: their volumetric stresses are 10³ times those under
-    the ball, and so is the round-off of their sums.
+    the ball, and so is the round-off of their sums.  `noise` tells that of a body, see `round_off`.
     """
-    return len(history) > 1 and history[-1] < ROUND and history[-1] > 0.5 * history[-2]
+    gained = len(history) < 2 or history[-1] <= 0.5 * history[-2]
+    return not gained and (history[-1] < ROUND or history[-1] < min(ABOVE * noise(), HIGHEST))
+
+
+def round_off(system: System, at: Evaluation) -> float:
+    """Relative residual (a guess) of the round-off in stresses, δ = ε_machine (K + μ) at each point, of any sign:
+
+        |R|² = Σ (δ w |∂N|)²
+
+    over points and shape functions.  A half-space has elements of a hundred lengths of the indenter far from it, whose
+    forces are round-off of large numbers; they are no part of what the indenter feels.
+    """
+    body, s = system.body, 1.0 if system.scale is None else system.scale
+    modulus = response.modulus_at_points(body, system.material)
+    each = (s * body.w)[..., None] * np.linalg.norm(body.G, axis=-1)
+    return float(np.finfo(float).eps * modulus * np.sqrt((each**2).sum()) / at.scale)
 
 
 def descend(

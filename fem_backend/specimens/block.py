@@ -193,6 +193,6 @@ class Cuboid(FlatTopped):
         """Middle and sides, base, interfaces and top."""
         return [0.0, 0.5 * self.lx], [0.0, 0.5 * self.ly], self.interfaces()
 
-    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float, samples: int | None = None) -> MeridianMesh:
         """None is made."""
         raise BadMesh("a block is not of revolution")

@@ -272,7 +272,7 @@ class FlatTopped:
         below = zip(ratios[1:], laws[1:], strict=True)
         return tuple(k != r or bool(v or w) for k, v, (r, w) in zip(ratios, laws, below, strict=False))
 
-    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: FlatTopped, spacing: Size, fineness: float, samples: int | None = None) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
         widest = self.half_width / WALL if self.walled else math.inf
         near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
@@ -288,7 +288,7 @@ class FlatTopped:
         both: list[Any] = [self, actual]
         both = [replace(body, met=met) for body in both] if met else both
         own, other = (body.interfaces() for body in both)
-        r, z = graded(across, tuple(self.rings())), graded(down, tuple(own))
+        r, z = graded(across, tuple(self.rings()), samples), graded(down, tuple(own), samples)
 
         def moved(points: np.ndarray) -> np.ndarray:
             wide = np.interp(points[:, 0], self.rings(), actual.rings())

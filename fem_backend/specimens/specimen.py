@@ -28,7 +28,7 @@ class Specimens(OpenSet):
         return super().register(member)
 
 
-SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 2})
+SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 3})
 
 LAYER = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
 PLACE = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
@@ -176,10 +176,11 @@ class Specimen(Protocol):
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
 
-    def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: Any, spacing: Size, fineness: float, samples: int | None = ...) -> MeridianMesh:
         """Mesh of the meridian of `actual`, itself with errors of its sizes, by the grid of itself; raises BadMesh.
 
-        `spacing` is that of the indenter, `fineness` multiplies all sizes.
+        `spacing` is that of the indenter, `fineness` multiplies all sizes;
+        the grid is graded by sizes at so many `samples` of each interval.
         """
 
     def stiffness(self, X: np.ndarray) -> np.ndarray | None:

@@ -93,7 +93,7 @@ class SolidSphere(Ellipsoidal):
         """Those of an ellipsoid in space; of its meridian the level gives the fineness."""
         return replace(super().meshing(length, mesher, level, n, slip), fineness=LEVELS.get(level, 1.0))
 
-    def meridian(self, actual: Ellipsoidal, spacing: Size, fineness: float) -> MeridianMesh:
+    def meridian(self, actual: Ellipsoidal, spacing: Size, fineness: float, samples: int | None = None) -> MeridianMesh:
         """A graded grid of the half square |z| ≤ r ≤ 1, mapped to the half disc; its rim z = 0 is a row of nodes."""
         R = self.a
         near = float(spacing(np.linspace(0.0, R, 2001)).min())
@@ -105,5 +105,5 @@ class SolidSphere(Ellipsoidal):
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (R - z), largest)
 
-        r, z = graded(across, (0.0, R)), graded(down, (-R, 0.0, R))
+        r, z = graded(across, (0.0, R), samples), graded(down, (-R, 0.0, R), samples)
         return triangulated(r, z, lambda points: halved(points / R) * actual.a)

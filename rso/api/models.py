@@ -73,7 +73,7 @@ class FunctionModel:
         if len(arguments) != 2 or keywords:
             return self.function(*arguments, **keywords)
         values, case = arguments
-        time, travel = passages(case.programme)
+        time, travel = case.programme.passages()
         every = {"travel": travel, "time": time, "settings": dict(case.settings)}
         given = {name: every[name] for name in self.takes}
         found = self.function(**given, **check_values(self.parameters, values))
@@ -159,17 +159,3 @@ def _said(code: CodeType) -> list[Any]:
     """Instructions, names and constants of a code and those within, without addresses of this process."""
     constants = [_said(c) if isinstance(c, CodeType) else repr(c) for c in code.co_consts]
     return [code.co_code.hex(), list(code.co_names), constants]
-
-
-def passages(programme: Programme) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) s and travels (n,) mm of every passage of an asked travel and every asked moment, in order of time."""
-    t, s = np.array(programme.time_s), np.array(programme.travel_mm)
-    found: dict[float, float] = {}
-    for (t0, s0), (t1, s1) in zip(zip(t[:-1], s[:-1], strict=True), zip(t[1:], s[1:], strict=True), strict=True):
-        low, high = min(s0, s1), max(s0, s1)
-        for a in np.minimum(programme.asked_mm, s.max()):
-            if low <= a <= high and s0 != s1:
-                found[float(t0 + (t1 - t0) * (a - s0) / (s1 - s0))] = float(a)
-    found |= {float(m): float(np.interp(m, t, s)) for m in programme.asked_s}
-    times = sorted(found)
-    return np.array(times), np.array([found[k] for k in times])

@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from rso import evaluation
 from rso.api.executors import Collecting, InProcess, RunsWanted
+from rso.api.exporting import export
+from rso.api.importing import read_runs, rows_of
 from rso.api.run_result import RunResult
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import Plan, make_plan
@@ -87,6 +90,21 @@ class Workspace:
             result.report(html=self.study.report.html, pdf=self.study.report.pdf)
         return result
 
+    def export(
+        self,
+        folder: str | os.PathLike[str],
+        *formats: str,
+        candidate: int | None = None,
+        experiment: str | None = None,
+    ) -> list[Path]:
+        """Write what :meth:`run` found for others, as `rso export` does; the files.
+
+        `formats` are those of tables (csv, parquet, arviz) and those of the backend, for the most likely values or
+        those of a `candidate` (from 1), and for an `experiment`.  Raises ValueError naming the choices, and for what a
+        format cannot say; FileNotFoundError before the study has been run.
+        """
+        return export(self.plan, self.result, Path(folder), formats, candidate=candidate, experiment=experiment)
+
     def ask(self, n: int | None = None) -> list[AskedRun]:
         """The simulations without which the study cannot go on, at most `n`; none where it is finished.
 
@@ -124,6 +142,19 @@ class Workspace:
                     store.put_done(row)
                 else:
                     store.put_failed(row)
+
+    def import_runs(self, table: pd.DataFrame | str | os.PathLike[str]) -> int:
+        """Store runs that were made elsewhere, given as a table or its file; how many simulations that makes.
+
+        A row is a point of a curve: see :mod:`rso.api.importing`.  A study uses those whose values its design asks for:
+        with ``[doe] kind = "file"`` and ``reduce = false`` the points of the same table.  Nothing is stored where a row
+        is wrong (ValueError).
+        """
+        rows = rows_of(self.plan, table if isinstance(table, pd.DataFrame) else read_runs(Path(table)))
+        with self._store() as store:
+            for row in rows:
+                store.put_done(row)
+        return len(rows)
 
     def _answered(self, run: AskedRun, answer: Response | Mapping[str, Any] | SimulationFailed) -> Done | Failed:
         head = (run.key, run.values, run.case)

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from rso.calibration.finished_runs import finished
 from rso.calibration.plan import Plan
-from rso.calibration.readings import as_data, error_at, measured, of_interpolation, place_of
+from rso.calibration.readings import as_data, measured, of_emulator, place_of
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, misses, sample
 from rso.core.distributions import chi2_ppf
@@ -30,14 +30,14 @@ from rso.inference import (
     all_minima,
     determine,
     emulated,
-    outputs_of,
     p_value,
     resample,
     spread_of,
     stack,
-    together,
     with_autocorrelation,
+    with_model_errors,
 )
+from rso.inference.error_model import EMULATOR
 from rso.inference.identifiability import LEVEL, UNLIKELY
 from rso.inference.verdict import REFUTED
 from rso.study.resolve import resolve
@@ -94,28 +94,20 @@ class ConfirmedOptimum:
 def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> ConfirmedFit:
     """Likelihood of every fitted curve in the ranges of the main search.
 
-    Errors: those of the measurement, of the spline between computed depths, the estimated numerical error of the first
-    recomputed candidate and the standard deviation of the surrogates at the best fit; the latter two belong together
-    over the depth of the curve.
+    Errors: those of the measurement, and of the model at the best fit (:mod:`rso.inference.error_model`).
     Readings of one record remember each other where what the best fit leaves does and nothing is stated of that.
     ValueError where the data or their errors allow no likelihood.
     """
     box, near = ranges(plan), _start(plan, found)
     places, curves = (list(v) for v in zip(*fitted_curves(plan), strict=True))
-    data = [
-        d.plus(together(p.depth, _numerical(plan, found, p), float(p.depth.max())))
-        for p, d in zip(places, curves, strict=True)
-    ]
     pairs = [emulated(emulator, p) for p in places]
     models = [_within(plan, box, model) for model, _ in pairs]
-    model = stack(models) if len(models) > 1 else models[0]
-    plain = Misfit(model, tuple(data), wall=_wall(plan, box))
+    plain = Misfit(stack(models) if len(models) > 1 else models[0], tuple(curves), wall=_wall(plan, box))
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
-    data = [d.plus(of_interpolation(p, *_curve(emulator, p, there))) for p, d in zip(places, data, strict=True)]
-    plain, banded = replace(plain, data=tuple(data)), zip(data, pairs, strict=True)
-    data = [d.plus(together(d.depth, band(there), float(d.depth.max()))) for d, (_, band) in banded]
-    misfit, bare = (with_autocorrelation(m, first.x) for m in (replace(plain, data=tuple(data)), plain))
+    data = [_with_model(plan, found, emulator, there, p, d) for p, d in zip(places, curves, strict=True)]
+    each = [data, [d.without(EMULATOR) for d in data]]
+    misfit, bare = (with_autocorrelation(replace(plain, data=tuple(v)), first.x) for v in each)
     return ConfirmedFit(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
 
 
@@ -303,7 +295,7 @@ def fitted_curves(plan: Plan) -> list[tuple[CurvePlace, Data]]:
     for name, channel in fitted:
         curve = measured(plan, name, channel)
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
-        keep = (curve.depth > 0) & (curve.depth <= deepest * (1 + 1e-9))
+        keep = curve.compared & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         place = place_of(name, curve, keep, deepest)
         found.append((place, as_data(label, name, curve, keep)))
@@ -321,12 +313,6 @@ def stated(plan: Plan) -> Box:
     """The ranges of the study file, whatever the search came to use."""
     axes = resolve(plan.study, plan.backend.parameters).axes
     return Box(plan.box.names, plan.box.units, tuple(a.low for a in axes), tuple(a.high for a in axes), plan.box.log)
-
-
-def _curve(emulator: Emulator, place: CurvePlace, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Travels (m,) mm and values (m,) of a curve of the emulator at x (d,)."""
-    outputs = [o for o in outputs_of(emulator.outputs, place) if not o.since_s]
-    return np.array([o.depth_mm for o in outputs]), emulator.means(outputs, x[None])[0]
 
 
 def _wide(plan: Plan, X: np.ndarray) -> np.ndarray:
@@ -354,14 +340,17 @@ def _fitted(plan: Plan) -> list[tuple[str, str]]:
     return [(e.name, c) for e in mine for c in e.compared]
 
 
-def _numerical(plan: Plan, found: Sequence[SearchResult], place: CurvePlace) -> np.ndarray:
-    """Estimated numerical error (n,) at the measured depths, of the first candidate that was recomputed; else 0."""
-    for f in found:
-        for c in f.result.candidates:
-            outcome = c.outcomes[plan.case_of[place.experiment]]
-            if isinstance(outcome, Done):
-                return error_at(outcome.response, place)
-    return np.zeros_like(place.depth)
+def _with_model(
+    plan: Plan, found: Sequence[SearchResult], emulator: Emulator, x: np.ndarray, place: CurvePlace, data: Data
+) -> Data:
+    """A measured curve with the errors of the model at x (d,), those of the first candidate that was recomputed.
+
+    As they stand in its response; without one no numerical error is known.
+    """
+    done = (c.outcomes[plan.case_of[place.experiment]] for f in found for c in f.result.candidates)
+    outcome = next((o for o in done if isinstance(o, Done)), None)
+    response = None if outcome is None else outcome.response
+    return with_model_errors(data, of_emulator(emulator, x, response, place, data.value))
 
 
 def _recomputed(plan: Plan, outcomes: Sequence[Outcome], place: CurvePlace) -> np.ndarray:

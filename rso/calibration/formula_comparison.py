@@ -26,6 +26,8 @@ def of_formulas(plan: Plan, found: Mapping[str, Any]) -> dict[str, Any]:
         if name not in plan.case_of or plan.curves[name].channel in LATERAL or not len(curve["depth"]):
             continue
         measured = plan.curves[name]
+        if measured.back:  # formulas are those of the way there
+            continue
         deepest = min(float(measured.depth.max()), float(np.max(curve["depth"])))
         depth = np.linspace(deepest / DEPTHS, deepest, DEPTHS)
         simulated = loading(np.asarray(curve["depth"], float), np.asarray(curve["value"], float))

@@ -10,7 +10,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.readings import measured
 from rso.contract import Case, Response
-from rso.core.curves import ahead, at_readings, rests
+from rso.core.curves import ahead, at_readings, on_the_way_back, resting
 from rso.evaluation import Task
 from rso.study.cases import mark_channel
 
@@ -32,6 +32,7 @@ class HeldOutReadings:
     simulated: np.ndarray
     position: np.ndarray | None
     since: np.ndarray | None = None
+    back: bool = False
 
     @property
     def times(self) -> dict[str, np.ndarray]:
@@ -54,7 +55,8 @@ class HeldOutReadings:
             curve, mine = response.curve(channel), self.simulated == channel
             y = np.asarray(response.gradients[knob][channel]) if knob else curve.value
             depth, since = np.minimum(self.depth[mine], curve.travel_mm.max()), self._since(mine)
-            found[mine] = at_readings(response.channels["time"], curve.travel_mm, y, depth, since)
+            time = response.channels["time"]
+            found[mine] = at_readings(time, curve.travel_mm, y, depth, since, self.back, channel)
         return found
 
     def error(self, response: Response) -> np.ndarray:
@@ -62,11 +64,14 @@ class HeldOutReadings:
         found = np.zeros_like(self.depth)
         for channel in dict.fromkeys(self.simulated.tolist()):
             curve, mine = response.curve(channel), self.simulated == channel
+            if self.back:
+                found[mine] = on_the_way_back(curve.travel_mm, curve.error, self.depth[mine])
+                continue
             on, since = ahead(curve.travel_mm), self._since(mine)
             found[mine] = np.interp(self.depth[mine], curve.travel_mm[on], curve.error[on])
             if since is not None and (held := mine & (self.since > 0.0)).any():  # type: ignore[operator]
                 time, depth = response.channels["time"], float(self.depth[held][0])
-                found[held] = curve.error[rests(time, curve.travel_mm, depth, since[since > 0.0])]
+                found[held] = curve.error[resting(channel, time, curve.travel_mm, depth, since[since > 0.0])]
         return found
 
     def _since(self, mine: np.ndarray) -> np.ndarray | None:
@@ -78,7 +83,7 @@ def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
     found = []
     for channel in plan.study.experiment(name).compared:
         curve = measured(plan, name, channel)
-        on = curve.depth > 0
+        on = curve.compared
         place = None if curve.position is None else curve.position[on]
         behind = [channel] * int(on.sum()) if place is None else [mark_channel(p) for p in place]
         C = curve.covariance[np.ix_(on, on)]
@@ -93,6 +98,7 @@ def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
                 np.array(behind),
                 place,
                 None if curve.since is None else curve.since[on],
+                curve.back,
             )
         )
     return tuple(found)

@@ -35,6 +35,7 @@ from rso.inference import (
     minimise,
     with_usual,
 )
+from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED, Word, physical
 
@@ -75,7 +76,10 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
     return {
         "identification": {
             "level": 0.9,
-            "data": [{"experiment": p.experiment, "channel": p.channel, "points": len(p.depth)} for p in found.places],
+            "data": [
+                {"experiment": p.experiment, "channel": p.channel, "points": len(p.depth), "errors": shares(v)}
+                for p, v in zip(found.places, d.misfit.data, strict=True)
+            ],
             "values": _values(plan, box, first.x),
             "chi2": first.chi2,
             "degrees": d.degrees,

@@ -190,6 +190,7 @@ def _validate(
 ) -> dict[str, Any]:
     """The experiments kept for the end, and everything that is known only then; the whole results."""
     plan, found = bench.plan, notes.found
+    result_files.write_draws(notes.path.parent / result_files.POSTERIOR, determination)
     if plan.validation:
         say("validation: experiments kept for the end")
     values = None if determination is None else predictive_check.most_likely(plan, determination, chosen)

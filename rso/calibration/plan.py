@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -15,10 +16,11 @@ from rso import doe
 from rso.contract import Backend, Case
 from rso.core import disk
 from rso.core.similarity import Group, group
-from rso.data import Hold, MeasuredCurve, combine, value_at
+from rso.data import CreepHold, Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
+from rso.evaluation.decks import load_deck
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -28,8 +30,10 @@ from rso.study.cases import (
     merge,
     profile_case,
     refuse_what_is_not_modelled,
+    remarks,
     travels,
 )
+from rso.study.creep import Creeps, creep_case, loading_of, said_of, with_creep
 from rso.study.errors import Problem, study_error
 from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
 from rso.study.resolve import Axis, Resolved, Search, resolve
@@ -39,6 +43,7 @@ from rso.study.search_table import TargetTable
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
+STRESS = "not applied: a force that is held sets a scale of stress"
 PROOFS = 2  # direct runs that prove similarity on the study itself
 
 
@@ -60,7 +65,8 @@ class Plan:
 
     `cases` are the different simulations behind the experiments that are fitted, `case_of` maps an experiment to
     one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones while
-    loading, also profiles, which are never fitted.  `found` are the holds of the records, or why one is of no use, and
+    loading, also profiles, which are never fitted, and those of creep at a held force, experiments of their own
+    (`creeps`).  `found` are the holds of the records, or why one is of no use, and
     `holds` those that the model follows, which are compared too.
     """
 
@@ -81,18 +87,27 @@ class Plan:
     conditions: tuple[Condition, ...] = ()
     found: Mapping[str, Hold | str] = dataclasses.field(default_factory=dict)
     holds: Mapping[str, Hold] = dataclasses.field(default_factory=dict)
+    creeps: Creeps = dataclasses.field(default_factory=Creeps)
 
     def of_hold(self, name: str, inline: bool = False) -> list[str]:
         """What there is to say of the hold of an experiment, in lines or `inline`; nothing where there is none."""
         hold = self.found.get(name, "")
+        times = {a.name: (a.low, a.high) for a in self.resolved.axes if a.parameter.unit == "s"}
+        creep = said_of(self.study, self.backend, self.creeps, name, times)
         if isinstance(hold, str):
-            return [f"Its hold is not used: {hold}."] if hold else []
-        return of_used(hold) if name in self.holds else of_unused(self.backend, hold, inline)
+            return [*([f"Its hold is not used: {hold}."] if hold else []), *creep]
+        return [*(of_used(hold) if name in self.holds else of_unused(self.backend, hold, inline)), *creep]
+
+    def remarks(self, name: str, inline: bool = False) -> list[str]:
+        """What there is to say of the data of an experiment, of its holds in lines or `inline`."""
+        if (hold := self.creeps.followed.get(name)) is not None:
+            return [f"Depth over time while {hold.force:.3g} N are held, behind the loading of {loading_of(name)!r}."]
+        return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
         """What there is to say of relaxation times that no record can tell."""
         fitted = [name for name in self.case_of if self.study.experiment(name).role == "fit"]
-        if any(name in self.holds for name in fitted):
+        if any(name in self.holds or name in self.creeps.followed for name in fitted):
             return []
         return unseen(self.study, self.backend, {a.name: a for a in self.resolved.axes}, fitted)
 
@@ -133,7 +148,11 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
 
 def source_of(study: Study) -> Source:
     """Where the backend of a study comes from; nothing of it is loaded."""
-    return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
+    b, deck = study.backend, study.deck()
+    if deck is not None:
+        with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
+            deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
+    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
 
 
 def make_plan(
@@ -157,32 +176,39 @@ def make_plan(
     refuse_what_is_not_modelled(study, backend, resolved, curves)
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     forces = [e.name for e in study.experiments if e.kind == "force"]
-    found = {n: hold for n in forces if (hold := hold_in(study, n, curves[n]))}
+    there = [n for n in forces if not curves[n].back]
+    found = {n: hold for n in there if (hold := hold_in(study, n, curves[n]))}
     holds = followed(study, backend, middle(resolved), found, beside)
-    main = Search("main", study.search.targets or _default_targets(curves, fitted, holds), resolved.axes)
+    study, creeps = with_creep(study, backend, middle(resolved), beside)
+    curves |= creeps.curves
+    fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
+    main = Search("main", study.search.targets or _default_targets(curves, fitted, holds, creeps), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
     depths: list[TargetTable | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
     on_the_way = [t for t in depths if not getattr(t, "since", 0.0)]
     asked = {
         e.name: travels(curves[e.name], {t.depth for t in on_the_way if t.experiment == e.name}, holds.get(e.name))
         for e in fitted
+        if e.name not in creeps.followed
     }
-    cases, case_of = merge(study, backend, fitted, asked, resolved, holds)
+    cases, case_of = _cases(study, backend, fitted, asked, resolved, holds, creeps)
     validation = {
         e.name: profile_case(study, e.name, curves[e.name])
         if e.kind == "profile"
+        else creep_case(study, e.name, creeps.followed[e.name])
+        if e.name in creeps.followed
         else case_for(study, e.name, travels(curves[e.name], set(), holds.get(e.name)), holds.get(e.name))
         for e in study.experiments
         if e.role == "validate"
     }
     units, box = backend.channels, _box(study, resolved)
-    searches = tuple(_search(study, s, box, curves, units, holds) for s in wanted)
+    searches = tuple(_search(study, s, box, curves, units, holds, creeps) for s in wanted)
     constraints = tuple(_constraint(c, units) for c in study.search.constraints)
     outputs = [
-        Output(e.name, channel, u, units[channel], since)
+        Output(e.name, channel, u, units[channel], since, e.branch == "unloading")
         for e in fitted
         for channel in e.compared
-        for u, since in _readings(asked[e.name], holds.get(e.name))
+        for u, since in _readings(asked.get(e.name, ()), holds.get(e.name) or creeps.followed.get(e.name))
     ]
     outputs = list(dict.fromkeys([*outputs, *(o for s in searches for o in s.outputs)]))
     extras = [*_others(backend, fitted[0], asked[fitted[0].name], main.targets), *map(limited, constraints)]
@@ -192,7 +218,7 @@ def make_plan(
         backend,
         source,
         box,
-        _group(study, backend, resolved, box),
+        _group(study, backend, resolved, box, creeps),
         cases,
         case_of,
         validation,
@@ -204,14 +230,33 @@ def make_plan(
         _conditions(study, box),
         found,
         holds,
+        creeps,
     )
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
 
 
-def _readings(asked: tuple[float, ...], hold: Hold | None) -> list[tuple[float, float]]:
+def _cases(
+    study: Study,
+    backend: Backend,
+    fitted: list[ExperimentTable],
+    asked: Mapping[str, tuple[float, ...]],
+    resolved: Resolved,
+    holds: Mapping[str, Hold],
+    creeps: Creeps,
+) -> tuple[tuple[Case, ...], dict[str, int]]:
+    """The different simulations and which is whose; creep has one for each hold, beside those of loading."""
+    cases, case_of = merge(study, backend, [e for e in fitted if e.name in asked], asked, resolved, holds)
+    for e in fitted:
+        if e.name in creeps.followed:
+            case_of[e.name] = len(cases)
+            cases = (*cases, creep_case(study, e.name, creeps.followed[e.name]))
+    return cases, case_of
+
+
+def _readings(asked: tuple[float, ...], hold: Hold | CreepHold | None) -> list[tuple[float, float]]:
     """Travel (mm) and time in the hold (s) of everything that is read of an experiment."""
-    resting = [] if hold is None else [(asked[-1], s) for s in hold.moments]
+    resting = [] if hold is None else [(asked[-1] if asked else hold.depth, s) for s in hold.moments]
     return [*((u, 0.0) for u in asked), *resting]
 
 
@@ -383,7 +428,7 @@ def _conditions(study: Study, box: Box) -> tuple[Condition, ...]:
     return tuple(found)
 
 
-def _group(study: Study, backend: Backend, resolved: Resolved, box: Box) -> Group:
+def _group(study: Study, backend: Backend, resolved: Resolved, box: Box, creeps: Creeps) -> Group:
     """Similarity of the open parameters; any other with a stress in its unit and a value but zero stands in the way."""
     opened = [dataclasses.replace(a.parameter, low=a.low, high=a.high) for a in resolved.axes]
     bounds = {p.name: p for p in backend.parameters}
@@ -395,6 +440,8 @@ def _group(study: Study, backend: Backend, resolved: Resolved, box: Box) -> Grou
         return Group(None, 1.0, {}, dict.fromkeys(backend.channels, 0), f"not applied: {error}")
     if found.reference is None:
         return found
+    if creeps.followed:  # F = μ f(s) at a force that is held is no longer the same s
+        return dataclasses.replace(found, reference=None, why=STRESS)
     if not study.doe.reduce:
         return dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
     reduced = reduced_box(box, found)
@@ -421,21 +468,25 @@ def _constraint(table: ConstraintTable, units: Mapping[str, str]) -> Constraint:
 
 
 def _default_targets(
-    curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable], holds: Mapping[str, Hold]
+    curves: Mapping[str, MeasuredCurve],
+    fitted: list[ExperimentTable],
+    holds: Mapping[str, Hold],
+    creeps: Creeps,
 ) -> tuple[TargetTable, ...]:
     """Without targets: up to three points of each curve that is fitted, so that its whole shape counts, and three
     moments of its hold, even in the logarithm of time."""
     found = []
     for e in fitted:
         if e.role == "fit":
-            u = curves[e.name].depth[curves[e.name].depth > 0]
-            depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
             place = {"experiment": e.name, "channel": e.compared[0]}
-            found += [TargetTable.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
-            if (hold := holds.get(e.name)) is not None:
+            if e.name not in creeps.followed:
+                u = curves[e.name].depth[curves[e.name].depth > 0]
+                depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
+                found += [TargetTable.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
+            if (hold := holds.get(e.name) or creeps.followed.get(e.name)) is not None:
                 at = np.unique(np.linspace(0, len(hold.since) - 1, 4).round().astype(int))[1:]
                 moments = [{**place, "depth": hold.depth, "since": hold.moments[k]} for k in at]
-                found += [TargetTable.model_validate(m) for m in moments]
+                found += [TargetTable.model_construct(**m) for m in moments]  # creep is of no channel that one states
     return tuple(found)
 
 
@@ -446,13 +497,20 @@ def _search(
     curves: Mapping[str, MeasuredCurve],
     units: Mapping[str, str],
     holds: Mapping[str, Hold],
+    creeps: Creeps,
 ) -> SearchPlan:
     goals, outputs = [], []
     for t in search.targets:
-        e, curve, hold = study.experiment(t.experiment), curves[t.experiment], holds.get(t.experiment)
-        if t.channel != curve.channel or t.since:
+        e, curve = study.experiment(t.experiment), curves[t.experiment]
+        creep = creeps.followed.get(t.experiment)
+        hold = creep or holds.get(t.experiment)
+        if creep is None and (t.channel != curve.channel or t.since):
             curve = combine(
-                study.measurement(e.name), study.noise_of(e.name), t.channel, hold=hold if t.since else None
+                study.measurement(e.name),
+                study.noise_of(e.name),
+                t.channel,
+                e.branch,
+                holds.get(t.experiment) if t.since else None,
             )
         depth, since = place_of_target(study, t, hold)
         value, sigma = value_at(curve, t.depth) if not since else value_at_rest(curve, since)
@@ -463,7 +521,7 @@ def _search(
             text = f"the target {t.channel} of {e.name!r} at {t.depth:g} mm is 0 without uncertainty: state a noise"
             raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
         goals.append(Goal(t.experiment, t.channel, depth, value, sigma, units[t.channel], t.value is None, since))
-        outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since))
+        outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since, e.branch == "unloading"))
     return SearchPlan(search.name, tuple(goals), tuple(outputs), *ends_in(search.axes, box), search.axes)
 
 

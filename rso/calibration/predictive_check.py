@@ -26,7 +26,7 @@ from rso.core.curves import Metrics, metrics
 from rso.core.distributions import chi2_sf
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
-from rso.inference import Determination, gain, together
+from rso.inference import Determination, correlated_along, gain
 from rso.inference.identifiability import WIDE
 from rso.inference.likelihood import SMALLEST
 from rso.inference.output_derivatives import NoSlopes, jacobian
@@ -153,7 +153,7 @@ def _foretold(
     except NoSlopes as no:
         return PredictiveCheck(name, tuple(runs), str(no), dict(values))
     y, f = np.concatenate([k.value for k in parts]), f + J @ (d.fit.x - x0)
-    ours = block_diag(*(together(k.depth, k.error(response), float(k.depth.max())) for k in parts))
+    ours = block_diag(*(correlated_along(k.depth, k.error(response), float(k.depth.max())) for k in parts))
     theirs = block_diag(*(k.covariance for k in parts))
     left = J @ np.linalg.solve(d.fit.fisher / d.wider**2 + UNIFORM * np.eye(box.d), J.T)
     stated = bool(np.any(np.diag(theirs + ours)))

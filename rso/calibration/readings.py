@@ -8,10 +8,11 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import ahead, between, rests
+from rso.core.curves import CREEP, ahead, between, on_the_way_back, resting
 from rso.data import MeasuredCurve, combine
-from rso.emulation.emulator import Output
-from rso.inference import CurvePlace, Data, resample, together
+from rso.emulation.emulator import Emulator, Output
+from rso.inference import CurvePlace, Data, ModelErrors, emulated, outputs_of, resample
+from rso.study.creep import loading_of
 
 
 def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
@@ -31,7 +32,8 @@ def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
 @functools.lru_cache(maxsize=64)
 def _combined(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     """Asked for many times in a study."""
-    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel, hold=plan.holds.get(name))
+    noise, branch = plan.study.noise_of(name), plan.study.experiment(name).branch
+    return combine(plan.study.measurement(name), noise, channel, branch, plan.holds.get(name))
 
 
 def label(plan: Plan, name: str, channel: str) -> str:
@@ -48,22 +50,23 @@ def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
 def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
     """Where a curve was measured, from contact on."""
     curve = measured(plan, name, channel)
-    return place_of(name, curve, curve.depth > 0)
+    return place_of(name, curve, curve.compared)
 
 
 def place_of(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
     """Where the readings to `keep` (n,) of a curve were measured, none deeper than `deepest` (mm)."""
     since = None if curve.since is None else curve.since[keep]
-    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since)
+    return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since, curve.back)
 
 
 def curve_data(plan: Plan, place: CurvePlace) -> Data:
     """A measured curve with what repeats and the experimenter say about its errors."""
     curve = measured(plan, place.experiment, place.channel)
-    keep = curve.depth > 0
+    keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
-    return as_data(label, place.experiment, curve, keep)
+    test = loading_of(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
+    return as_data(label, test, curve, keep)  # one contact and one gain of loading and creep
 
 
 def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray) -> Data:
@@ -94,27 +97,48 @@ def curve_outputs(plan: Plan) -> list[Output]:
     return [o for o in plan.outputs if (o.experiment, o.channel) in wanted]
 
 
-def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data: Data) -> np.ndarray:
-    """Estimated numerical error (n,) at the measured depths, in proportion to the size of the measured curve."""
-    response = answer[plan.case_of[place.experiment]]
-    error = error_at(response, place)
-    largest = float(np.abs(resample(response, place, "")).max())
-    return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
+def model_errors(
+    response: Response | None, place: CurvePlace, readings: np.ndarray, travel: np.ndarray, value: np.ndarray,
+    emulator: np.ndarray | None = None,
+) -> ModelErrors:  # fmt: skip
+    """What a curve predicted by the model may be off by where `readings` (n,) were taken: the same in every analysis.
+
+    The numerical error is that which a `response` near the most likely point states, in proportion to the readings,
+    unknown (0) without one; the spline is that through the predicted `value` (m,) at `travel` (m,) mm; `emulator` (n,)
+    is the standard deviation of what stands for simulations, None where nothing does.
+    """
+    off, spacing = np.zeros(len(place.depth)), 0.0
+    if not (place.back or place.held.all()):  # else every travel that is compared is computed, or many are
+        off = np.where(place.held, 0.0, between(travel, value, place.depth))
+        spacing = float(np.median(np.diff(np.append(0.0, travel))))
+    stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
+    return ModelErrors(stated, off if off.any() else None, spacing, emulator)
 
 
-def of_interpolation(place: CurvePlace, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
-    off by; it belongs together between two of these."""
-    off = np.where(place.held, 0.0, between(travel, value, place.depth))
-    spacing = float(np.median(np.diff(np.append(0.0, travel))))
-    return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
-
-
-def interpolated(response: Response, place: CurvePlace) -> np.ndarray:
-    """The same of a response."""
+def of_response(response: Response, place: CurvePlace, readings: np.ndarray) -> ModelErrors:
+    """The same of a curve that this response itself is, without an emulator."""
     curve = response.curve(place.channel)
     used = ahead(curve.travel_mm)
-    return of_interpolation(place, curve.travel_mm[used], np.asarray(curve.value)[used])
+    return model_errors(response, place, readings, curve.travel_mm[used], np.asarray(curve.value)[used])
+
+
+def of_emulator(
+    emulator: Emulator, x: np.ndarray, response: Response | None, place: CurvePlace, readings: np.ndarray
+) -> ModelErrors:
+    """The same of the curve that an emulator has at x (d,)."""
+    outputs = [o for o in outputs_of(emulator.outputs, place) if not o.since_s]
+    travel = np.array([o.depth_mm for o in outputs])
+    value = emulator.means(outputs, x[None])[0] if outputs else travel
+    return model_errors(response, place, readings, travel, value, emulated(emulator, place)[1](x))
+
+
+def numerical(response: Response, place: CurvePlace, readings: np.ndarray) -> np.ndarray:
+    """Estimated numerical error (n,) at the measured depths, in proportion to the size of the `readings` (n,)."""
+    error = error_at(response, place)
+    if place.channel == CREEP:  # of a depth that is found: no share of another
+        return error
+    largest = float(np.abs(resample(response, place, "")).max())
+    return error if largest == 0.0 else error * float(np.abs(readings).max()) / largest
 
 
 def error_at(response: Response, place: CurvePlace) -> np.ndarray:
@@ -124,11 +148,16 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     It is no share of the value: a lateral force may vanish on its way, and its error does not.
     """
     curve = response.curve(place.channel)
+    if place.channel == CREEP and place.since is not None:
+        return curve.error[resting(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
+    if place.back:
+        return on_the_way_back(curve.travel_mm, curve.error, place.depth)
     used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]
     found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
     if (held := place.held).any():
         assert place.since is not None
-        at = rests(response.channels["time"], curve.travel_mm, float(place.depth[held][0]), place.since[held])
+        time, depth = response.channels["time"], float(place.depth[held][0])
+        at = resting(place.channel, time, curve.travel_mm, depth, place.since[held])
         found[held] = curve.error[at]
     return found

@@ -1,4 +1,4 @@
-"""What lies in the results folder beside the store: results.json and runs.csv."""
+"""What lies in the results folder beside the store: results.json, runs.csv and posterior.csv."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from typing import Any
 
 from rso.contract import plain
 from rso.core import disk
+from rso.inference import Determination
 from rso.study.errors import StudyError
 
+POSTERIOR = "posterior.csv"
 OWNER = "study"  # file of a results folder that says whose they are
 STORE = "runs.sqlite"  # see rso.evaluation.store
 _FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
@@ -92,6 +94,17 @@ def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
     """The same as JSON can say it."""
     data: dict[str, Any] = _finite(plain(results))
     return data
+
+
+def write_draws(path: Path, determination: Determination | None) -> None:
+    """Draws of the posterior, one a row, one column a parameter in its unit; none where they are not to be trusted."""
+    draws = None if determination is None else determination.draws
+    if determination is None or draws is None or not draws.enough:
+        path.unlink(missing_ok=True)  # those of an earlier state of the study
+        return
+    box = determination.misfit.model.box
+    rows = (",".join(f"{v:.9g}" for v in row) for row in box.from_unit(draws.X))
+    disk.replace(path, "\n".join([",".join(box.names), *rows]) + "\n")
 
 
 def write_runs(path: Path, found: Mapping[str, Any]) -> None:

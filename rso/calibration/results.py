@@ -24,7 +24,7 @@ from rso.calibration.stages import Design, FittedSurrogates, Run, why
 from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
-from rso.core.curves import ahead, rests
+from rso.core.curves import CREEP, ahead, resting, way_back
 from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
@@ -32,7 +32,7 @@ from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
 from rso.optimise.targets import Checked, Target
-from rso.study.cases import remarks, sketches
+from rso.study.cases import sketches
 from rso.study.schema import Study
 
 SCHEMA = 1
@@ -297,13 +297,15 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
 
 
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
-    e, said = plan.study.experiment(name), remarks(plan.study, name, plan.of_hold(name, inline=True))
+    e, said = plan.study.experiment(name), plan.remarks(name, inline=True)
     curve = measured(plan, name, plan.curves[name].channel)
     others = [measured(plan, name, c) for c in e.compared[1:]]
+    creep = plan.creeps.followed.get(name)
     return {
         "name": name,
         "role": e.role,
         "kind": e.kind,
+        **({} if creep is None else {"creep": {"held_N": creep.force, "rise_s": creep.rise, "grows_mm": creep.grows}}),
         "channel": curve.channel,
         "unit": curve.unit,
         "settings": plan.study.written(plan.study.settings_of(name)),
@@ -480,7 +482,9 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
     found = {}
     for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
-        loading = ahead(curve.travel_mm)
+        loading = ahead(curve.travel_mm) & (curve.channel != CREEP)
+        if record.back and len(back := way_back(curve.travel_mm)) > 1:
+            loading = back[::-1]
         found[name] = {
             "experiment": experiment,
             "channel": curve.channel,
@@ -492,7 +496,7 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
             outcome = outcomes[plan.case_of[experiment]]
             assert isinstance(outcome, Done)
             since, depth = record.since[record.held], float(record.depth[record.held][0])
-            at = rests(outcome.response.channels["time"], curve.travel_mm, depth, since)
+            at = resting(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
             found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
     return found
 

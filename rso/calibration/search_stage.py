@@ -209,7 +209,7 @@ def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]
         outcome = outcomes[plan.case_of[experiment]]
         assert isinstance(outcome, Done)
         deepest = float(simulated.travel_mm.max())
-        keep = (curve.depth > 0) & (curve.depth <= deepest + 1e-9)
+        keep = curve.compared & (curve.depth <= deepest + 1e-9)
         found[name] = metrics(
             curve.value[keep], resample(outcome.response, place_of(experiment, curve, keep, deepest), "")
         )
@@ -232,7 +232,7 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
     for name, (experiment, measured) in compared(plan).items():
         outputs = [o for o in plan.outputs if o.experiment == experiment and o.channel == measured.channel]
         deepest = max(o.depth_mm for o in outputs)
-        keep = (measured.depth > 0) & (measured.depth <= deepest + 1e-9)
+        keep = measured.compared & (measured.depth <= deepest + 1e-9)
         place = place_of(experiment, measured, keep, deepest)
         outputs = outputs_of(outputs, place)
         curves = emulator.means(outputs, points)
@@ -244,7 +244,7 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
 
 def baselines(plan: Plan) -> dict[str, Metrics]:
     """The model that predicts the mean of each fitted curve."""
-    return {n: baseline(c.value[c.depth > 0]) for n, (_, c) in compared(plan).items() if len(c.depth) > 1}
+    return {n: baseline(c.value[c.compared]) for n, (_, c) in compared(plan).items() if len(c.depth) > 1}
 
 
 # ------------------------------------------------------------------------------------------------------ validation

@@ -47,9 +47,11 @@ def parser(arguments: Sequence[str] = ()) -> argparse.ArgumentParser:
     _new(known, _options() if "new" in arguments else ())
     _of_a_study(known)
     _blind(known)
+    _in_and_out(known)
     text = "list what a study file may hold: every table and key, its values, default and meaning"
     keys = known.add_parser("keys", help=text, description=text)
     keys.add_argument("table", nargs="?", default="", help="one table and those within, for example search")
+    keys.add_argument("--schema", action="store_true", help="the JSON schema of a study file, for editors")
     keys.set_defaults(call=commands.keys)
     return rso_
 
@@ -139,6 +141,30 @@ def _of_a_study(known: Any) -> None:
                 action="store_true",
                 help="exit code 7 where an experiment kept for the end is not predicted by the most likely values",
             )
+
+
+FORMATS = ("febio", "abaqus", "cards", "csv", "parquet", "arviz")  # those that are options; a backend may have more
+
+
+def _in_and_out(known: Any) -> None:
+    """The commands that write what was found for others, and read what others have computed."""
+    text = "write results for other programs: input files, material cards, tables, posterior draws"
+    export = known.add_parser("export", help=text, description=text)
+    export.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
+    export.add_argument("formats", nargs="*", default=[], metavar="FORMAT", help="any format (none: which there are)")
+    for name in FORMATS:
+        export.add_argument(f"--{name}", action="append_const", dest="options", const=name, help=f"format {name}")
+    export.add_argument("--candidate", type=int, help="values of a candidate (default: the most likely ones)")
+    export.add_argument("--experiment", help="whose simulation is written (default: the first that is fitted)")
+    export.add_argument("--to", type=Path, help="folder of the files (default: export/ within the results)")
+    export.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+    export.set_defaults(call=commands.export)
+    text = "store runs that were made elsewhere: a CSV with columns of parameters, travel and channels"
+    load = known.add_parser("import", help=text, description=text)
+    load.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
+    load.add_argument("table", type=Path, help="the CSV; docs/in_and_out.md says what it holds")
+    load.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+    load.set_defaults(call=commands.import_runs)
 
 
 def _blind(known: Any) -> None:

@@ -16,7 +16,7 @@ from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
 from rso.cli.text_sketch import text_sketch
-from rso.contract import ModelHierarchy, Programme, Reduction, Refusals, capability
+from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -31,6 +31,7 @@ from rso.study.schema import ExperimentTable, Study
 
 CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
 ENCRYPTED = ("tls://", "wss://")  # schemes of Dask's addresses
+MOST_FILLED = 30  # lines of a filled input file that are shown
 FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
@@ -69,7 +70,7 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())
     shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
-    lines = [f"{study.file}: good", f"  {study.study.title}", *_sketches(plan), *_things(plan), *asked]
+    lines = [f"{study.file}: good", f"  {study.study.title}", *_sketches(plan), *_things(plan), *_filled(plan), *asked]
     lines += [f"  similarity: {plan.group.why}", f"  simulations: {total} at most ({shown})" + ("" if direct else ",")]
     if direct:
         lines.append("    most descents need 3 to 8 points: they end as soon as a run agrees with its prediction;")
@@ -95,6 +96,22 @@ def _sketches(plan: Plan) -> list[str]:
         names = ", ".join(repr(n) for n in sketch["experiments"])
         lines += [f"  {f'{names}: ' if len(found) > 1 else ''}{sketch['words']}"]
         lines += ["", *(f"    {line}" for line in text_sketch(sketch)), ""] if k == 0 else []
+    return lines
+
+
+def _filled(plan: Plan) -> list[str]:
+    """The lines of a program's input files that are filled in, with the values in the middle of the ranges."""
+    inputs = capability(plan.backend, FilledInputs)
+    if inputs is None:
+        return []
+    values = plan.values(np.full(plan.box.d, 0.5))
+    shown = ", ".join(f"{k} = {v:.6g}" for k, v in values.items())
+    lines = [f"  input files, not run, with {shown}:"]
+    for name, text in inputs.filled(values, plan.cases[0]).items():
+        own = [(number, line.rstrip()) for number, line, holds in text if holds]
+        lines += [f"    {name}:{number}: {line}" for number, line in own[:MOST_FILLED]]
+        left = len(own) - MOST_FILLED
+        lines += [f"    {name}: {left} more lines are filled in"] if left > 0 else []
     return lines
 
 
@@ -210,7 +227,10 @@ def _things(plan: Plan) -> list[str]:
     for e in plan.study.experiments:
         curve = plan.curves[e.name]
         places = [] if curve.position is None else curve.position.tolist()
-        remarks = cases.remarks(plan.study, e.name, plan.of_hold(e.name))
+        remarks = plan.remarks(e.name)
+        if e.name in plan.creeps.followed:
+            lines += [f"  experiment {e.name!r} ({e.role}): {len(curve.depth)} moments", *(f"    {r}" for r in remarks)]
+            continue
         depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
         what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
         reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import shutil
 import sys
@@ -116,7 +117,7 @@ def _number(place: str, word: str, unit: str) -> float:
         raise ValueError(f"{place}{error}") from error
 
 
-CODES = ("loading", "hold", "unloading", "skip")
+CODES = ("loading", "hold", "creep", "unloading", "skip")
 FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": "contact"}}
 
 
@@ -166,8 +167,11 @@ def _flags(rest: list[str], first: int, known: Mapping[str, dict[str, Any] | Non
 
 
 def keys(options: argparse.Namespace, command: str) -> int:
-    from rso.study.keys import reference
+    from rso.study.keys import reference, schema
 
+    if options.schema:
+        print(json.dumps(schema(), indent=1, ensure_ascii=False))
+        return 0
     try:
         lines = reference(options.table)
     except ValueError as error:
@@ -413,6 +417,43 @@ def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Pat
     where = _store(options, folder)
     with RunStore(where) as store, executor(study.dispatch, jobs, source, folder) as pool, Progress() as progress:
         yield store, pool, progress
+
+
+def export(options: argparse.Namespace, command: str) -> int:
+    from rso.api.exporting import formats
+    from rso.api.workspace import load
+
+    study = load(options.study, folder=options.out)
+    names = list(dict.fromkeys([*options.formats, *(options.options or ())]))
+    if not names:
+        print("formats, each as an argument or option (rso export STUDY --csv):")
+        _print([f"  {name}: {text}" for name, text in formats(study.plan).items()])
+        return 0
+    try:
+        folder = options.to or study.folder / "export"
+        files = study.export(folder, *names, candidate=options.candidate, experiment=options.experiment)
+    except FileNotFoundError:
+        _complain(f"{study.folder}: there are no results; rso run {shlex.quote(str(options.study))} makes them")
+        return EXIT_BAD_INPUT
+    except ValueError as error:
+        _complain(error)
+        return EXIT_BAD_INPUT
+    for file in files:
+        _say(file)
+    return 0
+
+
+def import_runs(options: argparse.Namespace, command: str) -> int:
+    from rso.api.workspace import load
+
+    study = load(options.study, folder=options.out)
+    try:
+        count = study.import_runs(options.table)
+    except ValueError as error:
+        _complain(f"{options.table}: {error}")
+        return EXIT_BAD_INPUT
+    _say(f"{count} simulations are stored in {study.folder}; the study uses those that its design asks for")
+    return 0
 
 
 def status(options: argparse.Namespace, command: str) -> int:

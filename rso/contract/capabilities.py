@@ -292,6 +292,14 @@ class Sketches(Protocol):
         ...
 
 
+class FilledInputs(Protocol):
+    """The input files of a program as they would be filled, for `rso check`; without it none is shown."""
+
+    def filled(self, values: Mapping[str, float], case: Case, /) -> Mapping[str, Sequence[tuple[int, str, bool]]]:
+        """File → its lines, each with its line in the template and whether something is filled in; nothing is run."""
+        ...
+
+
 @dataclass(frozen=True)
 class DerivedQuantity:
     """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
@@ -313,6 +321,20 @@ class DerivedQuantities(Protocol):
 
     def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
         """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
+class Exports(Protocol):
+    """Files for other programs; without it `rso export` writes tables only."""
+
+    def exports(self) -> Mapping[str, str]:
+        """Format → what it is, in a few words."""
+        ...
+
+    def exported(
+        self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str], /
+    ) -> Mapping[str, str]:
+        """File → text of one of these formats, with `remarks` as comments; ValueError for what it cannot say."""
         ...
 
 
@@ -397,7 +419,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches, DerivedQuantities),
+    "what is modelled": (Sketches, FilledInputs, DerivedQuantities, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,8 @@ class Programme:
     contact at 0 s.  Channels are returned at each passage of an asked travel or force and at each asked moment (a
     hold), in order of time; segments have asked moments of their own, since each began.  A moment of `asked_s` counts
     from the programme's start and needs segments whose durations are known before they are run.
+    Travel counts from the first contact with the undeformed specimen; it is negative where the indenter is above that:
+    before a contact, and where it draws the specimen up behind it.
     """
 
     time_s: tuple[float, ...] = ()
@@ -101,9 +104,11 @@ class Programme:
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
         if u.max() <= 0:
             raise ValueError(f"programme: travel_mm must go down, which counts as positive, got {list(self.travel_mm)}")
-        least = 0 if self.asked_s or self.asked_N else 1
-        if len(a) < least or np.any(np.diff(a) <= 0) or (len(a) and (a[0] <= 0 or a[-1] > u.max() + 1e-12)):
-            raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
+        least, low, high = 0 if self.asked_s or self.asked_N else 1, min(float(u.min()), 0.0), float(u.max())
+        above = len(a) == 0 or (a[0] >= low - 1e-12 if low < 0.0 else a[0] > 0.0)
+        if len(a) < least or not above or np.any(np.diff(a) <= 0) or (len(a) and a[-1] > high + 1e-12):
+            within = f"{'[' if low < 0.0 else '('}{low:g}, {high:g}] mm"
+            raise ValueError(f"programme: asked_mm must increase within {within}, got {list(self.asked_mm)}")
         m = np.asarray(self.asked_s)
         outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
         if np.any(np.diff(m) <= 0) or outside:
@@ -115,6 +120,19 @@ class Programme:
         """Monotonic loading to the deepest asked travel at one speed (mm/s)."""
         deepest = float(max(asked_mm))
         return cls((0.0, deepest / speed_mm_s), (0.0, deepest), tuple(asked_mm))
+
+    def passages(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (n,) s and travels (n,) mm of all passages of asked travels and all asked moments, in order of time."""
+        t, s = np.array(self.time_s), np.array(self.travel_mm)
+        found: dict[float, float] = {}
+        for (t0, s0), (t1, s1) in itertools.pairwise(zip(t, s, strict=True)):
+            low, high = min(s0, s1), max(s0, s1)
+            for a in np.minimum(self.asked_mm, s.max()):
+                if low <= a <= high and s0 != s1:
+                    found[float(t0 + (t1 - t0) * (a - s0) / (s1 - s0))] = float(a)
+        found |= {float(m): float(np.interp(m, t, s)) for m in self.asked_s}
+        times = sorted(found)
+        return np.array(times), np.array([found[k] for k in times])
 
 
 @dataclass(frozen=True)

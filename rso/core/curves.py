@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # Beyond the last computed travel by this share of it is round-off, not extrapolation.
 _ROUND_OFF = 1e-9
+CREEP = "travel"  # the channel that is read over the time of a hold at a force
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +94,31 @@ def loading(travel: np.ndarray, value: np.ndarray) -> Resampling:
     return Resampling(np.asarray(travel, float)[mine], np.asarray(value, float)[mine])
 
 
+def way_back(travel: np.ndarray) -> np.ndarray:
+    """Rows (m,) of a response from its deepest travel on, the deepest first; only that one where it ends there."""
+    u = np.asarray(travel, float)
+    return np.arange(int(np.argmax(u)), len(u))
+
+
+def on_the_way_back(travel: np.ndarray, value: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Values (n,) of a response at depths (n,) mm of its way back, straight between computed travels.
+
+    A response that ends at its deepest travel is that of a model that returns on its way there, and feels nothing above
+    contact.  ValueError for depths beyond the way back.
+    """
+    rows, u, y = way_back(travel), np.asarray(travel, float), np.asarray(value, float)
+    if len(rows) == 1:
+        found = np.zeros(len(depth))
+        found[depth > 0.0] = loading(u, y)(depth[depth > 0.0])
+        return found
+    s, f = u[rows][::-1], y[rows][::-1]
+    if depth.min() < s[0] - _ROUND_OFF * s[-1] or depth.max() > s[-1] * (1.0 + _ROUND_OFF):
+        raise ValueError(
+            f"depths {depth.min():g} to {depth.max():g} mm lie beyond the way back, {s[0]:g} to {s[-1]:g} mm"
+        )
+    return np.interp(depth, s, f)
+
+
 def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
     """Rows of a response over time (m,) s that lie `since` (n,) s after the indenter came to rest at a depth (mm).
 
@@ -115,13 +141,44 @@ def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray)
     return at
 
 
+def resting(channel: str, time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
+    """Rows of a response over time (m,) s that lie `since` (n,) s after a hold began, at a depth (mm) or of CREEP."""
+    return creeping(time, since) if channel == CREEP else rests(time, travel, depth, since)
+
+
+def creeping(time: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Rows of a response over time (m,) s that lie `since` (n,) s after its force was reached, at its first moment.
+
+    KeyError where it has no such moment.
+    """
+    t, s = np.asarray(time, float), np.asarray(since, float)
+    at = np.argmin(np.abs(t[0] + s[:, None] - t), axis=1)
+    off = np.abs(t[at] - t[0] - s) > 1e-6 * np.abs(t).max()
+    if off.any():
+        raise KeyError(
+            f"the response has no travel {', '.join(f'{v:g}' for v in s[off])} s after its force was reached"
+        )
+    return at
+
+
 def at_readings(
-    time: np.ndarray, travel: np.ndarray, value: np.ndarray, depth: np.ndarray, since: np.ndarray | None = None
+    time: np.ndarray,
+    travel: np.ndarray,
+    value: np.ndarray,
+    depth: np.ndarray,
+    since: np.ndarray | None = None,
+    back: bool = False,
+    channel: str = "",
 ) -> np.ndarray:
     """Values of a response at readings (n,): of loading by depth (mm), of a hold by the time `since` it began (s).
 
-    `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth.
+    `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth, but
+    for those of the `channel` CREEP, which are of a hold at a force.  `back`: all are readings of the way back.
     """
+    if channel == CREEP and since is not None:
+        return np.asarray(value)[creeping(time, since)]
+    if back:
+        return on_the_way_back(travel, value, depth)
     there = loading(travel, value)
     if since is None or not since.any():
         return there(depth)

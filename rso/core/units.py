@@ -226,6 +226,20 @@ def quantity(value: str | float, unit: str) -> float:
         raise ValueError(f"{value!r}: {error}; {expected}") from error
 
 
+def in_base(text: str) -> tuple[float, str]:
+    """Text with a unit as a number in N, mm, MPa, s, and the unit that this is: ``"3.2 kPa"`` → (0.0032, "MPa").
+
+    Angles stay in degrees where they are given so; a unit of another kind stays as it is.  ValueError as
+    :func:`quantity`.
+    """
+    match = _NUMBER.fullmatch(text) if len(text) <= _LONGEST else None
+    unit = match[2].strip() if match else ""
+    if not unit:
+        raise ValueError(f"{text[:_LONGEST]!r} is no number with a unit")
+    base = unit if unit in ("deg", "°") else next((b for b in _EXAMPLES if is_of(b, unit)), unit)
+    return quantity(text, base), base
+
+
 def people(unit: str, size: float) -> tuple[str, float]:
     """The unit that people use for a quantity of this size, and the factor to it: 0.014 MPa is 14 kPa."""
     ladder = LADDERS.get(unit, ((unit, 1.0),))

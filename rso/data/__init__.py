@@ -2,6 +2,7 @@
 
 from rso.data import usual_errors
 from rso.data.branches import SEGMENTS
+from rso.data.creep import CreepHold, creep_curve, creep_of
 from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import CONTACT, Column
 from rso.data.files.reading import Measurement, Repeat, fingerprint, read
@@ -20,6 +21,7 @@ __all__ = [
     "SEGMENTS",
     "Chain",
     "Column",
+    "CreepHold",
     "Hold",
     "MeasuredCurve",
     "Measurement",
@@ -31,6 +33,8 @@ __all__ = [
     "autocorrelation",
     "combine",
     "correct",
+    "creep_curve",
+    "creep_of",
     "fingerprint",
     "hold_of",
     "kept",

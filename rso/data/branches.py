@@ -8,7 +8,7 @@ import numpy as np
 
 from rso.data import curve_shape, plausibility
 
-SEGMENTS = ("loading", "hold", "unloading")
+SEGMENTS = ("loading", "hold", "creep", "unloading")
 SKIP = "skip"  # what a study calls a segment of a file that is not of the test: an approach, a preload
 _SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.

@@ -1,6 +1,8 @@
-"""Holds at constant force: the body creeps there, which a model driven by travel cannot express yet."""
+"""Holds at constant force: where in a record they begin, and their readings, which creep along the depth."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,14 +10,29 @@ from rso.data import curve_shape
 
 CONSTANT = 0.02  # of its range that a force may change while it is held
 CREEPS = 0.005  # of the stroke that the depth changes in a hold at constant force, at least
+STEADY = 0.05  # of the force that it may be off by in a hold that a file says to be one
+
+
+@dataclass(frozen=True, eq=False)
+class HeldForce:
+    """Readings (m,) of a hold at constant force: time (s), depth (mm), force (N), the stated σ (mm) of the depth."""
+
+    time: np.ndarray
+    depth: np.ndarray
+    force: np.ndarray
+    sigma: np.ndarray
 
 
 def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment: np.ndarray) -> tuple[int, str] | None:
     """How many readings (n,) come before a hold at constant force, and what it is in words; None without one.
 
-    That is a hold by its segment, or the end of loading, where the force stays while the indenter goes on.
+    That is a segment of creep, a hold by its segment whose depth changes, or the end of loading, where the force stays
+    while the indenter goes on.
     """
     stroke = float(np.ptp(depth))
+    said = np.nonzero(segment == "creep")[0]
+    if len(said):
+        return int(said[0]), _words(depth[said], force[said])
     hold = np.nonzero(segment == "hold")[0]
     creeps = len(hold) > 5 and _drift(depth[hold]) > max(CREEPS * stroke, 6.0 * curve_shape.noise_of(depth))
     if creeps and np.ptp(force[hold]) < CONSTANT * np.ptp(force):
@@ -29,6 +46,25 @@ def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment
         return None
     at = int(np.nonzero(d >= found[0])[0][0])
     return int(loading[at]) + 1, _words(d[at:], F[at:])
+
+
+def readings(
+    first: int, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment: np.ndarray, sigma: np.ndarray
+) -> HeldForce | str:
+    """The readings of a hold at constant force from the `first` on, or why they cannot be compared with a model."""
+    if time is None:
+        return "the record has no times"
+    kind = segment[first] if first < len(segment) else ""
+    other = np.nonzero(segment[first:] != kind)[0]
+    at = slice(first, first + int(other[0]) if len(other) else len(depth))
+    if kind == "loading":  # as its end tells, where the force may still settle
+        end = float(np.median(force[at]))
+        at = slice(first, first + int(np.nonzero(np.abs(force[at] - end) <= STEADY * abs(end))[0][-1]) + 1)
+    level = float(np.median(force[at])) if at.stop > at.start else 0.0
+    off = float(np.abs(force[at] - level).max()) if level > 0.0 else np.inf
+    if not off <= max(STEADY * level, 6.0 * curve_shape.noise_of(force[at]) if at.stop - at.start > 5 else 0.0):
+        return f"the force there is off its level of {level:.3g} N by up to {off:.2g} N"
+    return HeldForce(time[at], depth[at], force[at], sigma[at])
 
 
 def _drift(depth: np.ndarray) -> float:

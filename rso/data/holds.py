@@ -93,19 +93,19 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
     first = max(float(s[s >= SOONEST * last][0]) for s in times)
     if not 0.0 < first < last:
         return "its repeats share no time"
-    spans = _spans(times, first, last)
-    mine = [[_within(s, a, b) for s in times] for a, b in spans]
+    spans = bins_between(times, first, last)
+    mine = [[within(s, a, b) for s in times] for a, b in spans]
     filled = np.array([all(m.any() for m in each) for each in mine])
     if filled.sum() < FEWEST:
         return f"its repeats share fewer than {FEWEST} moments"
     spans = spans[filled]
-    since = np.array([float(f"{times[0][_within(times[0], a, b)].mean():.6g}") for a, b in spans])
+    since = np.array([float(f"{times[0][within(times[0], a, b)].mean():.6g}") for a, b in spans])
     apart = np.diff(since, prepend=-np.inf) > SAME * since[-1]  # a reading beside another is no moment of its own
     since, spans = since[apart], spans[apart]
     if len(since) < FEWEST:
         return f"it has fewer than {FEWEST} moments"
     depths = [
-        np.array([r.depth[at][_within(s, a, b)].mean() for a, b in spans]) for r, at, s in _each(measurement, times)
+        np.array([r.depth[at][within(s, a, b)].mean() for a, b in spans]) for r, at, s in _each(measurement, times)
     ]
     level = float(np.mean([np.median(d) for d in depths]))
     moved = max(float(np.abs(d - level).max()) for d in depths)
@@ -127,7 +127,7 @@ def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray,
     at = at_peak(r)
     s, y = _since(r, at, hold.speed), r.channels[channel][at]
     depth, stated = r.depth[at], r.sigma.get(channel, np.zeros(len(r.depth)))[at] ** 2
-    bins = [_within(s, a, b) for a, b in hold.spans]
+    bins = [within(s, a, b) for a, b in hold.spans]
     bins = [b if b.any() else np.abs(s - t) == np.abs(s - t).min() for b, t in zip(bins, hold.since, strict=True)]
     mean = lambda v: np.array([v[b].mean() for b in bins])  # noqa: E731
     power = float(np.clip(power, *POWERS))
@@ -166,13 +166,14 @@ def _since(r: Repeat, at: np.ndarray, speed: float) -> np.ndarray:
     return r.time[at] - stopped(r, r.time, speed)
 
 
-def _within(s: np.ndarray, a: float, b: float) -> np.ndarray:
+def within(s: np.ndarray, a: float, b: float) -> np.ndarray:
+    """(n,) whether times lie from a to b."""
     return (s >= a) & (s <= b)
 
 
-def _spans(times: list[np.ndarray], first: float, last: float) -> np.ndarray:
+def bins_between(times: list[np.ndarray], first: float, last: float) -> np.ndarray:
     """Bins (m, 2) s between two times: even in ln t, or about the readings of the first repeat where they are few."""
-    mine = times[0][_within(times[0], first, last)]
+    mine = times[0][within(times[0], first, last)]
     inner = np.geomspace(first, last, BINS + 1)[1:-1] if len(mine) > BINS else np.sqrt(mine[1:] * mine[:-1])
     ends = np.concatenate([[first], inner, [last]])
     return np.stack([np.append(ends[0], np.nextafter(ends[1:-1], np.inf)), ends[1:]], axis=1)

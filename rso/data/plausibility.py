@@ -152,8 +152,7 @@ def _of_force(
     elif creep := curve_shape.creep(d, F, None if time is None else time[loading]):
         notes.append(
             f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
-            "force, a sensor at its end, or an indenter that sank in? The model presses by travel: leave out what was "
-            "held"
+            "force, a sensor at its end, or an indenter that sank in?"
         )
     # nearer to the deepest point it is a rest, in which the body relaxes
     if (fall := curve_shape.fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):

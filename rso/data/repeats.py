@@ -109,6 +109,7 @@ class MeasuredCurve:
     of what counts as white because one record alone does not tell and nothing is stated; None where it is known.
     `usual` holds the parts U (n, q) of C, U Uᵀ each, that nobody has stated and the readings do not show.
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without those of a hold.
+    `back`: the readings are those of the way back.
     """
 
     channel: str
@@ -124,6 +125,12 @@ class MeasuredCurve:
     white: np.ndarray | None = None
     usual: Mapping[str, np.ndarray] = field(default_factory=dict)
     since: np.ndarray | None = None
+    back: bool = False
+
+    @property
+    def compared(self) -> np.ndarray:
+        """(n,) whether a reading is compared: from contact on, on the way back also above it."""
+        return np.ones(len(self.depth), bool) if self.back else self.depth > 0.0
 
     @property
     def held(self) -> np.ndarray:
@@ -230,6 +237,7 @@ def combine(
         white=white,
         usual=left,
         since=since,
+        back=segment == "unloading",
     )
 
 
@@ -301,6 +309,8 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
     """
     rows = repeat.segment == segment
     near = repeat.depth >= -AIR * max(float(repeat.depth[rows].max()), 0.0)
+    if segment == "unloading":
+        near = _adhering(repeat, channel, rows)
     rows = rows & near if np.sum(rows & near) > 1 else rows
     depth = repeat.depth[rows]
     stated = repeat.sigma.get(channel, np.zeros_like(repeat.depth))[rows]
@@ -311,6 +321,22 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
     count = np.bincount(block)
     each = (depth, repeat.channels[channel][rows], stated**2)
     return *(np.bincount(block, weights=v) / count for v in each), count
+
+
+def _adhering(repeat: Repeat, channel: str, rows: np.ndarray) -> np.ndarray:
+    """(n,) whether a reading of the way back lies before the strongest pull, where contact is for certain.
+
+    Beyond that a record is steep, and where it lets go hangs on the stiffness of the machine.  The strongest pull is
+    the least of means over three readings; without one it is where contact ends.
+    """
+    at = np.nonzero(rows)[0]
+    at = at[np.argsort(repeat.depth[at], kind="stable")]
+    force = repeat.channels["Fz"][at] if "Fz" in repeat.channels else repeat.channels[channel][at]
+    mean = np.convolve(force, np.ones(3) / 3.0, mode="valid") if len(force) > 3 else force
+    k = int(np.argmin(mean)) + (1 if len(force) > 3 else 0)
+    out = np.zeros(len(repeat.depth), bool)
+    out[at[k:]] = True
+    return out if force[k] < 0.0 else rows & (repeat.depth > 0.0)
 
 
 def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:

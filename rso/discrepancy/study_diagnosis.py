@@ -35,10 +35,12 @@ from rso.core.similarity import group, stress_exponent
 from rso.core.units import quantity
 from rso.data import recorded_speed
 from rso.discrepancy import Base, BaseAxis, Effect, Experiment, Library
+from rso.discrepancy.base_model import as_plain, base_model, in_words
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import relaxes
 from rso.discrepancy.library.simulations import BaseRelaxation
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test
+from rso.doe import Box
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, sketches, stated_speed
@@ -63,6 +65,7 @@ class Asked:
     plan: discrepancy.TestPlan
     effects: tuple[Effect, ...]
     unseen: tuple[str, ...] = ()  # what of the catalogue cannot be seen in such a body, in words
+    box: Box | None = None  # ranges of the open parameters
 
 
 def ask(study: Study) -> Asked:
@@ -81,7 +84,8 @@ def ask(study: Study) -> Asked:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
     base = _base(study, backend, resolved)
-    base = _relaxing(base, study, backend, resolved)
+    settings = _settings(study, backend, experiments)
+    base = _relaxing(base, settings, resolved)
     try:
         framed(base, plan)
     except ValueError as error:
@@ -91,7 +95,7 @@ def ask(study: Study) -> Asked:
         text = 'diagnosis needs a force curve with role "fit" or "select"'
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
-    every = discrepancy.catalogue(backend, study.backend.settings, resolved.fixed, opened)
+    every = discrepancy.catalogue(backend, settings, resolved.fixed, opened)
     own = {*base.held, *(base.relaxing.names if base.relaxing else ())}
     every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
     measured = {c for t in plan.seen().tests for c in t.channels}
@@ -120,7 +124,7 @@ def ask(study: Study) -> Asked:
     if not any(e.family != "scatter" for e in effects):
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
-    return Asked(study, base, plan, effects, tuple(unseen))
+    return Asked(study, base, plan, effects, tuple(unseen), resolved.box)
 
 
 def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -238,14 +242,28 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
 
 
-def _relaxing(base: Base, study: Study, backend: Backend, resolved: Resolved) -> Base:
+def _settings(study: Study, backend: Backend, experiments: Sequence[Experiment]) -> Mapping[str, Any]:
+    """Settings of which the catalogue is asked: those that all experiments share, where they describe an experiment.
+
+    Where each experiment says by itself what is pressed, they do not: then those of the first that is fitted.
+    """
+    shared = study.backend.settings
+    try:
+        backend.check(Case("shared", Programme.ramp((0.0,)), dict(shared)))
+    except MISREAD:
+        fitted = [e for e in experiments if e.role != "validate"] or list(experiments)
+        return dict(fitted[0].settings)
+    return shared
+
+
+def _relaxing(base: Base, settings: Mapping[str, Any], resolved: Resolved) -> Base:
     """The base model with its share and its time that relax, if it has one of each, taken as an effect in all it says.
 
     So every rate and every hold is followed, and no simulation of the base rests.
     """
     opened = {a.name: a for a in resolved.axes}
-    values = {p.name: resolved.fixed.get(p.name, p.default) for p in backend.parameters}
-    for e in filter(relaxes, discrepancy.catalogue(backend, study.backend.settings, {}, ())):
+    values = {p.name: resolved.fixed.get(p.name, p.default) for p in base.backend.parameters}
+    for e in filter(relaxes, discrepancy.catalogue(base.backend, settings, {}, ())):
         share, time = e.size.name, e.shape[0].name
         (_, most), (short, long) = (
             (opened[k].low, opened[k].high) if k in opened else (values[k] or 0.0,) * 2 for k in (share, time)
@@ -305,13 +323,17 @@ def run_diagnosis(
     library = discrepancy.build(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started
 
+    alone = plain(as_plain(base_model(asked.study, library, asked.box)))
+
     def keep(found: dict[str, Any]) -> None:
+        found["words"] = [*found["words"], *in_words(alone)]
         found["timings"] = {
             "library_wall": built,
             "library_cpu": library.cpu_s,
             "library_runs": library.runs,
             "judging_cpu": time.process_time() - cpu,
         }
+        found["base_model"] = alone
         found["command"] = command
         found["settings"] = plain(asked.study.written(asked.study.backend.settings))
         found["sketches"] = plain(sketches(asked.study, asked.base.backend))

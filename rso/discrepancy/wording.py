@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.discrepancy.evidence.attribution import FALSE_ALARM
 from rso.discrepancy.evidence.noise import UNLIKE
 from rso.discrepancy.parameters import about, called, of_unit, values_of
 
+UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
+BORDER = 2.0  # times the false alarms: p up to which no gap is said to be undecided
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
+TELLS = 0.01  # chance to settle the matter from which a test is worth naming
 LOUD = 1.1  # times the noise: a misfit that is said to be larger than it
 ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
 FITS = 0.3  # probability from which an effect is said to fit where it is not named
@@ -30,14 +34,18 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
-    for t in d["next_test"][:1]:
-        note = f" ({t['note']})" if t.get("note") else ""
-        share = f"it settles the matter with a probability of {100 * t['chance']:.0f} %"
-        if t["chance"] >= 0.5:
-            out.append(f"Next test: {t['test']}; {share}{note}.")
-        else:
-            out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}{note}.")
-    return out
+    return out + [next_sentence(t) for t in d["next_test"][:1]]
+
+
+def next_sentence(test: Mapping[str, Any]) -> str:
+    """What the best of the next tests promises; one with a chance below 1 % promises nothing and is not named."""
+    if test["chance"] < TELLS:
+        return "None of the tests in the list would settle it: it takes repeats, less noise or other channels."
+    note = f" ({test['note']})" if test.get("note") else ""
+    share = f"it settles the matter with a probability of {100 * test['chance']:.0f} %"
+    if test["chance"] >= 0.5:
+        return f"Next test: {test['test']}; {share}{note}."
+    return f"No test in the list is likely to settle it; the best is {test['test']}: {share}{note}."
 
 
 def _mirrored(found: Mapping[str, Any]) -> list[str]:
@@ -119,10 +127,10 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth"
             f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
-    if d["verdict"] == "no_gap" and p <= 0.05:
+    if undecided(d):
         return (
-            f"No gap: a misfit as large as this is rare without one (p = {p:.2g}), but no hypothesis makes it more "
-            f"probable than none (ln Bayes factor {g['statistic']:.1f})."
+            f"Undecided: a gap is called where p is at most {FALSE_ALARM:g} and its ln Bayes factor above 0; p is "
+            f"{p:.2g}, the factor {g['statistic']:.1f}. The misfit is {g['size_over_noise']:.2f} times the noise."
         )
     if d["verdict"] == "no_gap":
         return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
@@ -132,6 +140,18 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         large = "" if g["size_over_noise"] > LOUD else ", no more than noise"
         return f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {chance(none)}."
     return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, {size})."
+
+
+def undecided(d: Mapping[str, Any]) -> bool:
+    """Whether a verdict of no gap is one on the border.
+
+    That is where data without a gap are as far out at most twice as often as is called a gap, or where the data make
+    one at least as probable as it was before (ln Bayes factor of any gap ≥ 0).
+    """
+    gap = d.get("gap") or {}
+    p, factor = gap.get("p_value"), gap.get("statistic")
+    near = p is not None and p <= BORDER * FALSE_ALARM
+    return d.get("verdict") == "no_gap" and (near or (factor is not None and factor >= 0.0))
 
 
 def nothing(found: Mapping[str, Any]) -> float:

@@ -74,6 +74,18 @@ def read_condition(text: str, names: Sequence[str], words: str = "") -> Conditio
     return Condition(text.strip(), tuple(gaps), words)
 
 
+def read_expression(text: str, names: Sequence[str]) -> Value:
+    """The value, by those of `names`, of an expression of them, numbers, + − * / **, sqrt, log, exp, abs.
+
+    Raises ValueError as :func:`read_condition`.
+    """
+    try:
+        tree = ast.parse(text.strip()[: LONGEST + 1], mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ValueError(f"{text[:LONGEST]!r} is no expression such as 2 / {names[0] if names else 'K'}") from None
+    return _value(tree, tuple(names))
+
+
 def _difference(a: Value, b: Value) -> Value:
     return lambda theta: a(theta) - b(theta)
 
@@ -82,7 +94,7 @@ def _value(node: ast.expr, names: tuple[str, ...]) -> Value:
     match node:
         case ast.Constant(value=number) if isinstance(number, int | float) and not isinstance(number, bool):
             if not abs(number) < 1e300:
-                raise ValueError(f"{number} is too large for a constraint")
+                raise ValueError(f"{number} is too large for an expression")
             constant = np.float64(number)
             return lambda theta: constant
         case ast.Name(id=name) if name in names:
@@ -98,4 +110,4 @@ def _value(node: ast.expr, names: tuple[str, ...]) -> Value:
             return lambda theta: h(e(theta))
     what = ast.unparse(node)
     known = f"parameters {', '.join(names)}, numbers, + - * / **, {', '.join(FUNCTIONS)}"
-    raise ValueError(f"{what!r} is not understood in a constraint; there are {known}")
+    raise ValueError(f"{what!r} is not understood in an expression; there are {known}")

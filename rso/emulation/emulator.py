@@ -17,7 +17,7 @@ import numpy as np
 
 from rso import emulation
 from rso.contract import Response
-from rso.core.curves import rests
+from rso.core.curves import on_the_way_back, resting, way_back
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import (
@@ -42,19 +42,21 @@ FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 
 @dataclass(frozen=True)
 class Output:
-    """One scalar of a response: channel of an experiment at a travel (mm), or in a hold `since_s` after it began."""
+    """One scalar of a response: channel of an experiment at a travel (mm), or in a hold `since_s` after it began;
+    `back` on the way back."""
 
     experiment: str
     channel: str
     depth_mm: float
     unit: str
     since_s: float = 0.0
+    back: bool = False
 
     @property
     def id(self) -> str:
         """``experiment:channel@depth``, in a hold ``experiment:channel@depth+since``."""
         held = f"+{self.since_s:g}s" if self.since_s else ""
-        return f"{self.experiment}:{self.channel}@{self.depth_mm:g}{held}"
+        return f"{self.experiment}:{self.channel}@{self.depth_mm:g}{held}{' back' * self.back}"
 
     @property
     def order(self) -> tuple[float, float]:
@@ -65,8 +67,11 @@ class Output:
         """Index of this reading in a response that was asked for it; KeyError if it was not."""
         if self.since_s:
             time, travel = response.channels["time"], response.channels["travel"]
-            return int(rests(time, travel, self.depth_mm, np.array([self.since_s]))[0])
+            return int(resting(self.channel, time, travel, self.depth_mm, np.array([self.since_s]))[0])
         travel = response.curve(self.channel).travel_mm
+        if self.back:
+            rows = way_back(travel)
+            return int(rows[np.argmin(np.abs(travel[rows] - self.depth_mm))])
         at = np.nonzero(np.abs(travel - self.depth_mm) < 1e-9)[0]
         if not len(at):
             raise KeyError(f"{self.id}: the response holds travels {travel.tolist()} mm")
@@ -74,6 +79,9 @@ class Output:
 
     def read(self, response: Response) -> float:
         """The value in a response that was asked for this travel; KeyError if it was not."""
+        if self.back:
+            curve = response.curve(self.channel)
+            return float(on_the_way_back(curve.travel_mm, curve.value, np.array([self.depth_mm]))[0])
         return float(response.curve(self.channel).value[self.place(response)])
 
     def error(self, response: Response) -> float:

@@ -1,4 +1,4 @@
-"""Two adapters and no registry: a Python object ``"module:ATTR"``, and an external command."""
+"""Backends and no registry: a Python object ``"module:ATTR"``, an external command, and a program with input files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ import json
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -44,9 +43,10 @@ from rso.contract import (
 from rso.core import disk
 from rso.core.default_backend import PACKAGE as OWN
 from rso.core.default_backend import USE
+from rso.evaluation.decks import Deck, load_deck
 from rso.evaluation.fingerprints import fingerprint_of
+from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
 
-GUARD = str(Path(__file__).with_name("guard.py"))
 SCHEMA_TIMEOUT_S = 60.0
 
 
@@ -59,17 +59,18 @@ class Source:
     base: str | None = None
     keep_folder: str | None = None
     timeout_s: float | None = None
+    deck: Deck | None = None
 
     @property
     def own(self) -> bool:
-        """Whether it is this project's own backend: any other one is foreign code that runs when it is loaded."""
-        return self.use is not None and self.use.partition(":")[0].partition(".")[0] == OWN
+        """Whether nothing foreign runs when it is loaded: of this project's own backend, and of decks, only read."""
+        return self.deck is not None or (self.use or "").partition(":")[0].partition(".")[0] == OWN
 
     def missing(self) -> str | None:
         """Why it cannot be loaded, as far as that can be said without its code; None if nothing shows."""
         root = Path.cwd() if self.base is None else Path(self.base).absolute()
         if self.command is not None:
-            return _no_program(self.command, root)
+            return no_program(self.command, root)
         top = (self.use or "").partition(":")[0].partition(".")[0]
         try:
             found = importlib.util.find_spec(top) or importlib.machinery.PathFinder.find_spec(top, [str(root)])
@@ -83,6 +84,11 @@ class Source:
     @functools.cache  # noqa: B019  one entry per backend of the process, for as long as the process lives
     def load(self) -> Backend:
         """The backend, loaded once per process."""
+        if self.deck is not None:
+            assert self.command is not None
+            root = Path.cwd() if self.base is None else Path(self.base).absolute()
+            # its name cannot be set, as in load_backend
+            return load_deck(self.deck, self.command, root, self.keep_folder, self.timeout_s)  # type: ignore[return-value]
         return load_backend(
             self.use, self.command, base=self.base, keep_folder=self.keep_folder, timeout_s=self.timeout_s
         )
@@ -238,7 +244,7 @@ class CommandBackend:
         folder = Path(tempfile.mkdtemp(prefix=f"{key[:12]}-", dir=self.keep_folder))
         request, answer = folder / "request.json", folder / "response.json"
         request.write_text(json.dumps({"values": filled, "case": case.to_json()}, allow_nan=False, indent=1))
-        code = _run_guarded((*self.command, str(request), str(answer)), folder, self.timeout_s)
+        code = run_guarded((*self.command, str(request), str(answer)), folder, self.timeout_s)
         response = _read_answer(answer, code, [p.name for p in self.parameters])
         shutil.rmtree(folder)
         return response
@@ -251,8 +257,8 @@ def _load_command(
     timeout_s: float | None,
 ) -> CommandBackend:
     root = Path.cwd() if base is None else Path(base).absolute()
-    words = _words(command, root)
-    if (why := _no_program(command, root)) is not None:
+    words = words_of(command, root)
+    if (why := no_program(command, root)) is not None:
         raise ValueError(f"backend: {why}")
     try:
         done = subprocess.run(
@@ -271,7 +277,7 @@ def _load_command(
     except (json.JSONDecodeError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(
             f"backend: {' '.join(words)} --schema must print JSON with name, numerics, parameters and channels "
-            f"({type(error).__name__}: {error}; exit code {done.returncode}): {_tail(done.stderr or done.stdout)}"
+            f"({type(error).__name__}: {error}; exit code {done.returncode}): {tail(done.stderr or done.stdout)}"
         ) from error
     except ValueError as error:
         raise ValueError(f"backend: {' '.join(words)} --schema: {error}") from error
@@ -296,17 +302,6 @@ def _printed(text: str) -> Any:
         if not found:
             raise error
         return max(found, key=lambda pair: len(pair[0].keys() & {"name", "numerics", "parameters", "channels"}))[0]
-
-
-def _words(command: tuple[str, ...], root: Path) -> tuple[str, ...]:
-    """The command with the files that it names below `root` made absolute."""
-    return tuple(str(root / word) if (root / word).is_file() else word for word in command)
-
-
-def _no_program(command: tuple[str, ...], root: Path) -> str | None:
-    """Why the program of a command cannot be run, or None."""
-    first, *_ = (*_words(command, root), "")
-    return None if first and shutil.which(first) else f"program {first!r} of command = {list(command)} was not found"
 
 
 def _parameter(data: Mapping[str, Any]) -> Parameter:
@@ -352,34 +347,11 @@ def _in_order(p: Parameter) -> None:
         raise ValueError(f"{of}scope = {p.scope!r}: choose from {', '.join(get_args(Scope))}")
 
 
-def _run_guarded(command: Sequence[str], folder: Path, timeout_s: float | None) -> int:
-    """Exit code of the command, run in `folder` with its output in files; RuntimeError when time is up."""
-    with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
-        process = subprocess.Popen(
-            (sys.executable, "-I", "-S", GUARD, *command),
-            stdin=subprocess.PIPE,
-            stdout=out,
-            stderr=err,
-            cwd=folder,
-            process_group=0,
-        )
-    try:
-        return process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        raise RuntimeError(f"{command[0]} stopped after the time-out of {timeout_s:g} s; see {folder}") from None
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-        assert process.stdin is not None
-        process.stdin.close()
-
-
 def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
     """The response in the file, or SimulationFailed if it says so, or RuntimeError if it is none."""
 
     def crash(why: object) -> RuntimeError:
-        stderr = _tail(_end_of(answer.parent / "stderr.txt"))
+        stderr = tail(end_of(answer.parent / "stderr.txt"))
         return RuntimeError(f"exit code {code}, {why}; see {answer.parent}; stderr ends with: {stderr or '(nothing)'}")
 
     try:
@@ -422,17 +394,3 @@ def _with_known_gradients(response: Response, knobs: Sequence[str]) -> Response:
         if strange := sorted(set(by_channel) - set(response.channels)):
             raise ValueError(f"response: gradient of {strange[0]!r} by {knob!r}: there is no such channel")
     return response
-
-
-def _end_of(file: Path, most: int = 10_000) -> str:
-    """The end of a file of any length as text; empty where there is none."""
-    try:
-        with open(file, "rb") as f:
-            f.seek(max(os.fstat(f.fileno()).st_size - most, 0))
-            return f.read(most).decode("utf-8", "replace")
-    except OSError:
-        return ""
-
-
-def _tail(text: str, lines: int = 20) -> str:
-    return "\n".join(text.strip().splitlines()[-lines:])

@@ -3,13 +3,14 @@
 from rso.inference.autocorrelated_residuals import with_autocorrelation
 from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, minimise
 from rso.inference.derived import DerivedInterval, derived_interval
+from rso.inference.error_model import ModelErrors, correlated_along, covariance, with_model_errors
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.inference.expected_information import ExpectedInformation, PossibleExperiment, expected_information, on_valley
 from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
 from rso.inference.identifiability import Determination, Known, Runs, compare_weightings, determine, lenient, p_value
 from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
 from rso.inference.least_squares import Fit, all_minima, descend, fit_at, gauss_newton
-from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, common, covariance, stack, together
+from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, common, stack
 from rso.inference.models import (
     CurvePlace,
     emulated,
@@ -47,6 +48,7 @@ __all__ = [
     "Minimum",
     "Misfit",
     "Model",
+    "ModelErrors",
     "PossibleExperiment",
     "ProfileInterval",
     "Runs",
@@ -56,6 +58,7 @@ __all__ = [
     "best_depth",
     "common",
     "compare_weightings",
+    "correlated_along",
     "covariance",
     "curve_score",
     "derived_interval",
@@ -91,8 +94,8 @@ __all__ = [
     "stack",
     "surface_minima",
     "tangents",
-    "together",
     "widened",
     "with_autocorrelation",
+    "with_model_errors",
     "with_usual",
 ]

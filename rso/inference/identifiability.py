@@ -27,6 +27,7 @@ WIDE = 0.1  # of the largest value: an agreement within such errors says little
 FAR = 20.0  # of χ²: a minimum that much higher holds no probability that counts
 LENIENT = 0.001  # of true models leave less: the errors are stated larger than the curves show
 LEAST = 0.5  # degrees of freedom that say whether a model fits
+RARE = 0.05  # between this chance and the next a misfit neither agrees with noise nor refutes the model
 UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
 
 
@@ -388,6 +389,11 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
         return (
             f"{text}: the model misses the data by {scale:.2g} times their errors, more than noise explains; "
             f"all intervals are widened by this factor.{after}"
+        )
+    if p is not None and p < RARE:
+        return (
+            f"{text}, p = {p:.2g}: whether the model fits is undecided; below {UNLIKELY:g} it misses the data, from "
+            f"{RARE:g} on it agrees with them."
         )
     text += ": the model agrees with the data within their errors"
     share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)

@@ -9,12 +9,14 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from rso.doe import sobol
-from rso.inference.likelihood import Misfit
+from rso.inference.likelihood import STEP, Misfit
 
 NEAR = 1e-6  # of the unit cube: a parameter this close to a bound is on it
 SAME = 0.02  # of the unit cube: minima closer than this are one
 SCAN = 512  # points of the box among which descents begin
 COARSELY = 1e-5  # of χ²: where descents may rest before it is known which of them matter
+WIDEST, ROUNDS = 0.05, 3  # of the unit cube; steps from which a slope is read at most, and how often they are chosen
+BENT = 0.2  # of √χ²: what a tangent may be off by over a standard deviation
 SEEN = 0.1  # of χ²: minima with a lower pass between them are one valley
 
 
@@ -67,9 +69,29 @@ def fit_at(misfit: Misfit, x: np.ndarray, evaluations: int = 0, converged: bool 
     # An interior method stops short of a bound; on it the misfit is as good.
     x = np.where(x < 1e3 * NEAR, 0.0, np.where(x > 1 - 1e3 * NEAR, 1.0, x)) if np.any(_near(x)) else x
     r, box = misfit.residuals(x[None])[0], misfit.model.box
-    J = misfit.white(misfit.model.jacobian(x).T).T  # of the data: a wall tells nothing of the parameters
+    J = slopes(misfit, x)  # of the data: a wall tells nothing of the parameters
     bound = tuple(n for n, v in zip(box.names, x, strict=True) if v <= NEAR or v >= 1 - NEAR)
     return Fit(x, box.from_unit(x), float(r @ r), r, J, bound, evaluations, converged)
+
+
+def slopes(misfit: Misfit, x: np.ndarray) -> np.ndarray:
+    """∂r/∂x (n, d) of the data at x (d,): tangents, or secants where tangents do not hold over a standard deviation.
+
+        |J_tangent − J_secant| σ > `BENT`,        J_secant over ±σ, `WIDEST` of the unit cube at most
+
+    A surrogate repeats the scatter of the runs that it was made of (1e-4 of a force): over the distance of two runs
+    that is a slope, and none of the body.  The information that counts is that over the width of the interval
+    (as in MINUIT's HESSE: James & Roos, Comput. Phys. Commun. 10 (1975) 343, §4).
+    """
+    tangent = misfit.white(misfit.model.jacobian(x).T).T
+    if misfit.model.derivative is not None:
+        return tangent
+    J = tangent
+    for _ in range(ROUNDS):
+        σ = np.sqrt(np.diag(np.linalg.inv(J.T @ J + np.eye(len(x)) / WIDEST**2)))
+        J = misfit.white(misfit.model.jacobians(x[None], step=np.maximum(σ, STEP))[0].T).T
+    off = np.linalg.norm(tangent - J, axis=0) * σ
+    return np.where(off > BENT, J, tangent)
 
 
 def _near(x: np.ndarray) -> np.ndarray:

@@ -32,7 +32,8 @@ class Data:
     given since.  `usual` holds the parts U (n, q) of the covariance, U Uᵀ each, that nobody has stated and the readings
     do not show: what a test is usually off by.  `itself` says that its size was taken from these very readings, not
     from what repeats differ by; `sized` from how many degrees of freedom of what the best fit leaves.
-    `since` (n,) s is the time in a hold, 0 on the way there; None without a hold.
+    `since` (n,) s is the time in a hold, 0 on the way there; None without a hold.  `parts` (n, n) of the covariance are
+    those of the model that it is compared with, by name (:mod:`.error_model`).
     """
 
     name: str
@@ -48,6 +49,7 @@ class Data:
     itself: bool = False
     sized: float | None = None
     since: np.ndarray | None = None
+    parts: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
@@ -65,9 +67,16 @@ class Data:
         """Standard uncertainty (n,) of each value."""
         return np.sqrt(np.diag(self.covariance))
 
-    def plus(self, covariance: np.ndarray) -> Data:
-        """The same curve with another independent error (n, n)."""
-        return replace(self, covariance=self.covariance + covariance)
+    def plus(self, covariance: np.ndarray, part: str = "") -> Data:
+        """The same curve with another independent error (n, n), noted under the name of its `part`."""
+        parts = {**self.parts, part: self.parts.get(part, 0.0) + covariance} if part else self.parts
+        return replace(self, covariance=self.covariance + covariance, parts=parts)
+
+    def without(self, *names: str) -> Data:
+        """The same curve without these parts of the errors, as far as it has them."""
+        gone = [self.parts[n] for n in names if n in self.parts]
+        left = {n: C for n, C in self.parts.items() if n not in names}
+        return replace(self, covariance=self.covariance - sum(gone, np.zeros_like(self.covariance)), parts=left)
 
     def rows(self, order: np.ndarray) -> Data:
         """The same curve with its readings in another order, or some of them."""
@@ -80,6 +89,7 @@ class Data:
             white=None if self.white is None else self.white[order],
             usual={n: U[order] for n, U in self.usual.items()},
             since=None if self.since is None else self.since[order],
+            parts={n: C[np.ix_(order, order)] for n, C in self.parts.items()},
         )
 
     @property
@@ -94,47 +104,6 @@ class Data:
         shared = {n: s for n, s in self.shared.items() if n not in self.usual}
         left = sum((U @ U.T for U in self.usual.values()), np.zeros_like(self.covariance))
         return replace(self, covariance=self.covariance - left, shared=shared, usual={})
-
-
-def covariance(
-    depth: np.ndarray,
-    value: np.ndarray,
-    slope: np.ndarray,
-    *,
-    white: float = 0.0,
-    correlated: float = 0.0,
-    length: float = 0.0,
-    gain: float = 0.0,
-    depth_noise: float = 0.0,
-    contact: float = 0.0,
-    repeats: int = 1,
-    numerical: np.ndarray | None = None,
-    numerical_length: float = np.inf,
-) -> np.ndarray:
-    """Covariance (n, n) of the mean of `repeats` curves y(u) with slope y′ (n,), against a model with its own error.
-
-        C = [σ² I + c² e^{−|Δu|/ℓ} + g² y yᵀ + δ² diag(y′²) + o² y′ y′ᵀ] / r  +  s sᵀ e^{−|Δu|/L}
-
-    `white` σ and `correlated` c in the unit of y, the latter over the `length` ℓ (mm); `gain` g relative, one draw for
-    a whole repeat; `depth_noise` δ in mm, white, and `contact` o in mm, one draw for a whole repeat, propagated by the
-    slope; `numerical` s (n,), the model's error, which belongs together over the length L and is not reduced by
-    repeats.  ValueError for negative sizes.
-    """
-    u, y, dy = (np.asarray(v, float) for v in (depth, value, slope))
-    if min(white, correlated, length, gain, depth_noise, contact) < 0 or repeats < 1 or not numerical_length > 0:
-        raise ValueError("covariance: sizes must be >= 0, repeats >= 1 and numerical_length > 0")
-    apart = np.abs(u[:, None] - u)
-    C = white**2 * np.eye(len(u)) + gain**2 * np.outer(y, y) + depth_noise**2 * np.diag(dy**2)
-    C += contact**2 * np.outer(dy, dy)
-    C += correlated**2 * (np.exp(-apart / length) if length > 0 else np.eye(len(u)))
-    C /= repeats
-    return C if numerical is None else C + together(u, numerical, numerical_length)
-
-
-def together(depth: np.ndarray, size: np.ndarray, length: float = np.inf) -> np.ndarray:
-    """Covariance (n, n) of an error of the given size (n,) that belongs together over a length (mm) of depth."""
-    u, s = np.asarray(depth, float), np.asarray(size, float)
-    return np.outer(s, s) * np.exp(-np.abs(u[:, None] - u) / length)
 
 
 def common(data: Sequence[Data]) -> tuple[list[Data], np.ndarray]:
@@ -168,14 +137,17 @@ class Model:
             return np.asarray(self.derivative(np.asarray(x, float)), float)
         return self.jacobians(np.asarray(x, float)[None])[0]
 
-    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None) -> np.ndarray:
-        """∂f/∂x (k, n, f) at many points by differences, along the `free` axes only; one call of `predict`."""
+    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None, step: float | np.ndarray = STEP) -> np.ndarray:
+        """∂f/∂x (k, n, f) at many points by differences, along the `free` axes only; one call of `predict`.
+
+        `step` is that of all axes, or of each of the free ones (f,).
+        """
         k, d = X.shape
         axes = np.arange(d) if free is None else np.flatnonzero(free)
         up, down = (np.repeat(X[:, None], len(axes), axis=1) for _ in range(2))
         rows = np.arange(len(axes))
-        up[:, rows, axes] = np.minimum(up[:, rows, axes] + STEP, 1.0)
-        down[:, rows, axes] = np.maximum(down[:, rows, axes] - STEP, 0.0)
+        up[:, rows, axes] = np.minimum(up[:, rows, axes] + step, 1.0)
+        down[:, rows, axes] = np.maximum(down[:, rows, axes] - step, 0.0)
         both = np.concatenate([up.reshape(-1, d), down.reshape(-1, d)])
         high, low = self.predict(both).reshape(2, k, len(axes), -1)
         width = up[:, rows, axes] - down[:, rows, axes]

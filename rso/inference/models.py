@@ -22,12 +22,14 @@ class CurvePlace:
     """Where a curve was measured: depths (n,) mm of one channel of one experiment.
 
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without a hold.
+    `back`: all are readings of the way back.
     """
 
     experiment: str
     channel: str
     depth: np.ndarray
     since: np.ndarray | None = None
+    back: bool = False
 
     @property
     def held(self) -> np.ndarray:
@@ -50,6 +52,8 @@ def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np
 
     def band(x: np.ndarray) -> np.ndarray:
         sd = np.array([emulator.predict(o, np.asarray(x, float)[None])[1][0] for o in outputs])
+        if place.back:
+            return np.interp(place.depth, travel, sd)
         found = np.interp(place.depth, np.append(0.0, travel), np.append(0.0, sd[loading]))
         found[held] = R[held] @ sd  # computed moments: there is nothing between
         return found
@@ -82,7 +86,7 @@ def outputs_of(outputs: Sequence[Output], place: CurvePlace) -> list[Output]:
 
 def readings_of(outputs: Sequence[Output], values: np.ndarray, place: CurvePlace) -> np.ndarray:
     """Values (n,) at measured places of those (m,) of `outputs`, sorted as :func:`outputs_of` does."""
-    if place.held.any():
+    if place.held.any() or place.back:
         return readings_matrix(outputs, place) @ values
     loading = np.array([not o.since_s for o in outputs])
     travel = np.array([o.depth_mm for o in outputs])[loading]
@@ -96,11 +100,14 @@ def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
     """
     travel = np.array([o.depth_mm for o in outputs if not o.since_s])
     n, held = len(travel), place.held
-    if not held.any():
+    if place.back:
+        return np.stack([np.interp(place.depth, travel, e) for e in np.eye(n)], axis=1)
+    if n and not held.any():
         R = Resampling(travel, np.eye(n))(place.depth)
         return R if n == len(outputs) else np.hstack([R, np.zeros((len(R), len(outputs) - n))])
     R = np.zeros((len(held), len(outputs)))
-    R[~held, :n] = Resampling(travel, np.eye(n))(place.depth[~held])
+    if n:  # creep has no loading of its own
+        R[~held, :n] = Resampling(travel, np.eye(n))(place.depth[~held])
     moments = {o.since_s: n + k for k, o in enumerate(outputs[n:])}
     for k in np.flatnonzero(held):
         since = float(place.since[k])  # type: ignore[index]
@@ -156,4 +163,5 @@ def resample(response: Response, place: CurvePlace, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
-    return at_readings(response.channels["time"], curve.travel_mm, y, place.depth, place.since)
+    time, travel = response.channels["time"], curve.travel_mm
+    return at_readings(time, travel, y, place.depth, place.since, place.back, place.channel)

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rso.calibration.plan import Plan
+from rso.calibration.plan import STRESS, Plan
 from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capability
 from rso.core.similarity import Group, group, stress_exponent
 from rso.core.units import quantity
-from rso.data import Hold
+from rso.data import CreepHold, Hold
 from rso.doe import Box
 from rso.model_selection import ModelLevel
 from rso.study.analysis_tables import LevelTable
@@ -83,6 +83,8 @@ def axes_of(plan: Plan, level: ModelLevel, ranges: Mapping[str, tuple[float, flo
     values = {**fixed, **held}
     constants = {p.name: p.unit for p in others if values.get(p.name, p.default) not in (0.0, p.neutral)}
     found = group([p for _, _, p, *_ in rows], plan.backend.channels, constants=constants)
+    if plan.creeps.followed:
+        found = dataclasses.replace(found, reference=None, why=STRESS)
     if not plan.study.doe.reduce:
         found = dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
     return Axes(box, found, {n: k for n, k, *_ in rows}, power, held, fixed, modulus)
@@ -124,9 +126,16 @@ def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
 
 
 def _relaxing(plan: Plan, rungs: tuple[tuple[ModelLevel, ...], ...]) -> tuple[tuple[ModelLevel, ...], ...]:
-    """The rungs, each followed by the same levels with a first relaxation where forces fall in a hold and the study's
-    own model does not relax; a closed form has none."""
-    resting = {n: h for n, h in plan.found.items() if n in plan.case_of and isinstance(h, Hold) and h.fall}
+    """The rungs, each followed by the same levels with a first relaxation where forces fall in a hold, or the depth
+    grows at a held force, and the study's own model does not relax; a closed form has none."""
+    fitted = [n for n in plan.case_of if n not in plan.creeps.followed]
+    resting: dict[str, Hold | CreepHold] = {}
+    for n in fitted:
+        hold, creep = plan.found.get(n), plan.creeps.found.get(n)
+        if isinstance(hold, Hold) and hold.fall:
+            resting[n] = hold
+        elif isinstance(creep, CreepHold) and creep.grows:
+            resting[n] = creep
     pair = relaxation(plan.backend)
     if not resting or pair is None:
         return rungs

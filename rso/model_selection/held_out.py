@@ -11,7 +11,7 @@ import numpy as np
 from rso import model_selection
 from rso.calibration.readings import curve_data, error_at, placed
 from rso.contract import Response
-from rso.inference import CurvePlace, Misfit, Model, resample, together
+from rso.inference import CurvePlace, Misfit, Model, correlated_along, resample
 from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.model_selection import Goodness, Judged, Left
 from rso.model_selection.simulations import LadderRunner
@@ -56,7 +56,7 @@ def _validated(bench: LadderRunner, j: Judged, e: ExperimentTable) -> list[Unuse
     out, rows = [], np.cumsum([len(p.depth) for p in places])[:-1]
     for place, d, part in zip(places, data, np.split(J, rows), strict=True):
         f = resample(response, place, "")
-        d = d.plus(together(d.depth, error_at(response, place), float(place.depth.max())))
+        d = d.plus(correlated_along(d.depth, error_at(response, place), float(place.depth.max())))
         model = Model(box, lambda X, f=f, J=part: f + (X - x) @ J.T)  # type: ignore[misc]
         apart = model_selection.simulate_elsewhere(model, (d,), found.determination.fit, found.simulated.X, plan.seed)
         left = Left(f - d.value, Misfit(model, (d,)), apart, ("validate",))

@@ -13,6 +13,7 @@ from rso import model_selection
 from rso.calibration import result_files
 from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
+from rso.inference.error_model import shares
 from rso.inference.verdict import physical
 from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
 from rso.model_selection.held_out import Unused
@@ -153,6 +154,7 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
                 "interval": [low, high],
                 "verdict": known.verdict.word,
                 "added": known.name in own,
+                "sd_log": known.sd_log,
                 "story": known.story,
                 "reason": known.reason,
             }
@@ -160,11 +162,13 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
     g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
     assert g is not None
     errors = [_error(e) for v in (g, *(u.goodness for u in elsewhere if u.goodness)) for e in v.errors]
+    for row, data in zip(errors, d.data, strict=False):  # curves kept for the end come last, and have none
+        row["parts"] = shares(data)
     return head | {
         "parameters": rows,
         "values": d.axes.physical(d.values),
         "verdict": _verdict(g),
-        "fitted": _test(g.checks[0]),
+        "fitted": _test(g.checks[0]) | {"p_analytic": d.determination.p_value},
         "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
         "validated": [_validated(u) for u in elsewhere],
         "errors": errors,

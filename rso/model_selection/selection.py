@@ -191,16 +191,20 @@ def _step(j: Judged, n: int, before: Judged | None, holds: Judged | None, rivals
 
 
 def _measured(j: Judged) -> str:
-    """The verdict of a level in one sentence, every criterion beside its limit."""
+    """The verdict of a level: every criterion beside its limit, those that are beyond it first and by themselves."""
     g = j.goodness
     assert g is not None
-    parts = []
+    each = []
     for check, what in zip(g.checks, ("the fitted curves", "the curves kept for selection"), strict=False):
-        parts.append(f"χ² = {_size(check.chi2)} of {what}, limit {_size(check.limit)}")
-    shown = [e for e in g.errors if e.role != "validate"]
-    parts += [f"NRMSE {100 * e.nrmse:.3g} % on {e.name}, limit {100 * e.limit:.3g} %" for e in shown]
-    alarm = f"{100 * (1 - g.confidence):.3g} %"
-    return f"{'; '.join(parts)}; together p {p_value(g)} (below {alarm} it fails)."
+        each.append((check.chi2 > check.limit, f"χ² = {_size(check.chi2)} of {what}", _size(check.limit)))
+    for e in g.errors:
+        if e.role != "validate":
+            each.append((e.nrmse > e.limit, f"NRMSE {100 * e.nrmse:.3g} % on {e.name}", f"{100 * e.limit:.3g} %"))
+    beyond = [f"{of} is beyond its limit, {limit}" for over, of, limit in each if over]
+    within = [f"{of}, limit {limit}" for over, of, limit in each if not over]
+    rest = "; ".join(within)
+    said = f"{'; '.join(beyond)}{f' (within theirs: {rest})' if rest else ''}" if beyond else rest
+    return f"{said}; together p {p_value(g)} (below {100 * (1 - g.confidence):.3g} % it fails)."
 
 
 def _size(x: float) -> str:

@@ -47,6 +47,8 @@ class LadderRunner:
         here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
         values = [axes.physical(p) for p in points]
         if level.closed_form:
+            if any(c.programme.forced for c in here):
+                raise LadderUnanswered("its closed form follows travel alone, and creep at a held force is compared")
             form = capability(self.plan.backend, ClosedForm)
             if form is None:
                 raise LadderUnanswered("the backend has no closed_form, which this level needs")

@@ -12,7 +12,16 @@ import numpy as np
 
 from rso import model_selection
 from rso.calibration.plan import Plan, make_plan
-from rso.calibration.readings import curve_data, curve_outputs, fitted_curves, interpolated, measured, numerical, placed
+from rso.calibration.readings import (
+    curve_data,
+    curve_outputs,
+    fitted_curves,
+    measured,
+    numerical,
+    of_emulator,
+    of_response,
+    placed,
+)
 from rso.contract import ClosedFormStart, Response, capability
 from rso.emulation.emulator import Emulator, Sample, learn, relearn
 from rso.evaluation.store import RunStore
@@ -27,8 +36,8 @@ from rso.inference import (
     emulated,
     resample,
     stack,
-    together,
     with_autocorrelation,
+    with_model_errors,
 )
 from rso.inference.verdict import REFUTED, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
@@ -96,7 +105,7 @@ def ladder_plan(study: Study) -> Plan:
         ]
         study = study.model_copy(update={"experiments": tuple(every)})
     plan = make_plan(study)
-    return make_plan(study, beside(plan, levels_of(plan))) if plan.found else plan
+    return make_plan(study, beside(plan, levels_of(plan))) if plan.found or plan.creeps.found else plan
 
 
 def run_ladder(
@@ -191,12 +200,11 @@ def fit_level(
     samples += inherited
     try:
         emulator, last, gap, x, sure = confirm_level(bench, level, axes, learnt(plan, axes, samples), last)
-        unsure = None if sure else x
-        misfit = likelihood(plan, emulator, last, "fit", unsure)
+        misfit = likelihood(plan, emulator, last, "fit", x)
         d = determine(misfit, seed=seed, near=x[None], mcmc=False)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise LadderUnanswered(str(error)) from error
-    return _finished(bench, axes, emulator, d, last, gap, unsure, before)
+    return _finished(bench, axes, emulator, d, last, gap, sure, before)
 
 
 def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") -> Emulator:
@@ -251,14 +259,14 @@ def _finished(
     d: Determination,
     last: tuple[Response, ...],
     gap: float,
-    unsure: np.ndarray | None,
+    sure: bool,
     before: set[str],
 ) -> FittedLevel:
     plan, fit = bench.plan, d.fit
     pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
     places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
-    errors = tuple(numerical(plan, last, p, curve_data(plan, p)) for p in places)
-    misfits = [likelihood(plan, emulator, last, r, unsure) for r in ("fit", "select") if fitted_curves(plan, r)]
+    errors = tuple(numerical(last[plan.case_of[p.experiment]], p, curve_data(plan, p).value) for p in places)
+    misfits = [likelihood(plan, emulator, last, r, fit.x) for r in ("fit", "select") if fitted_curves(plan, r)]
     data = tuple(v for m in misfits for v in m.data)
     flat = np.concatenate([m.model.predict(fit.x[None])[0] for m in misfits])
     predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
@@ -275,7 +283,7 @@ def _finished(
         errors,
         simulated,
         gap,
-        unsure is None,
+        sure,
         len(mine),
         sum(bench.cost[k] for k in mine),
     )
@@ -357,21 +365,20 @@ def neutral(plan: Plan, axes: Axes, level: ModelLevel, below: FittedLevel | None
 
 
 def likelihood(
-    plan: Plan, emulator: Emulator, answer: tuple[Response, ...], role: str, unsure: np.ndarray | None = None
+    plan: Plan, emulator: Emulator, answer: tuple[Response, ...], role: str, x: np.ndarray | None = None
 ) -> Misfit:
-    """Misfit of the curves of a role: errors of the measurement and numerical error of `answer`.
+    """Misfit of the curves of a role: errors of the measurement, and those of the model at x (d,), where `answer` is
+    near (:mod:`rso.inference.error_model`).
 
-    Where the emulator was not settled, with what it does not know at the point `unsure` (d,).
+    Without x, while a run of the most likely point is looked for, the emulator is taken for right.
     """
     models, data = [], []
     for name, channel in fitted_curves(plan, role):
         place = placed(plan, name, channel)
-        model, band = emulated(emulator, place)
-        d, length = curve_data(plan, place), float(place.depth.max())
-        d = d.plus(together(d.depth, numerical(plan, answer, place, d), length))
-        d = d.plus(interpolated(answer[plan.case_of[name]], place))
-        models.append(model)
-        data.append(d if unsure is None else d.plus(together(d.depth, band(unsure), length)))
+        d, run = curve_data(plan, place), answer[plan.case_of[name]]
+        errors = of_response(run, place, d.value) if x is None else of_emulator(emulator, x, run, place, d.value)
+        models.append(emulated(emulator, place)[0])
+        data.append(with_model_errors(d, errors))
     return Misfit(stack(models) if len(models) > 1 else models[0], tuple(data))
 
 

@@ -16,6 +16,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.core.distributions import chi2_ppf
 from rso.inference import ExpectedInformation
+from rso.inference.error_model import shares
 from rso.inference.verdict import FACTOR, REFUTED, physical
 from rso.optimal_design.study_design import AGAIN, DesignResult, Joint, Learnt
 from rso.study.cases import sketches
@@ -219,6 +220,7 @@ def _fit(box: Any, j: Joint) -> dict[str, Any]:
         "p_value": d.p_value,
         "scale": d.scale,
         "story": d.story,
+        "errors": {v.name: shares(v) for v in d.misfit.data},
         "parameters": rows,
     }
 

@@ -15,6 +15,7 @@ from rso.data import StatedNoise
 from rso.inference import CurvePlace, Data
 from rso.study.analysis_tables import NextExperiment
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
+from rso.study.creep import creep_case
 from rso.study.errors import Problem, choose, study_error
 
 FORCES = ("Fx", "Fy", "Fz")
@@ -54,8 +55,11 @@ def done(plan: Plan) -> list[Item]:
             continue
         noise = plan.study.noise_of(e.name).of_test(float(plan.curves[e.name].depth.max()))
         if e.kind == "force":
-            hold = plan.holds.get(e.name)
-            case = case_for(plan.study, e.name, travels(plan.curves[e.name], set(), hold), hold)
+            hold, creep = plan.holds.get(e.name), plan.creeps.followed.get(e.name)
+            if creep is not None:
+                case = creep_case(plan.study, e.name, creep)
+            else:
+                case = case_for(plan.study, e.name, travels(plan.curves[e.name], set(), hold), hold)
             pairs = [(n, c) for n, c in fitted_curves(plan, "fit") if n == e.name]
             data = [curve_data(plan, placed(plan, *pair)) for pair in pairs]
             blocks = [Block((placed(plan, *p),), d.unit, noise, d) for p, d in zip(pairs, data, strict=True)]

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from rso.calibration.plan import Plan
-from rso.calibration.readings import error_at
+from rso.calibration.readings import of_emulator
 from rso.contract import Response
 from rso.core.similarity import Group
 from rso.core.units import quantity
@@ -24,6 +25,7 @@ from rso.evaluation import Crashed, Done, Event, Task, run_all
 from rso.evaluation.store import RunStore
 from rso.inference import (
     CurvePlace,
+    Data,
     Determination,
     ExpectedInformation,
     Misfit,
@@ -35,11 +37,11 @@ from rso.inference import (
     emulated,
     expected_information,
     on_valley,
-    resample,
     stack,
-    together,
     with_autocorrelation,
+    with_model_errors,
 )
+from rso.inference.error_model import OF_THE_MODEL, joined
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, Axes, axes_of
 from rso.model_selection.simulations import design
@@ -50,11 +52,12 @@ FEWEST = 5  # runs with an answer from which an experiment is learnt
 AGAIN = " once more"  # after the name of an experiment that is repeated
 TRUTHS = 5  # values of the parameter that is known worst, unless the study names them
 Watch = Callable[[Event], None]
+Near = Callable[[np.ndarray], Response]
 
 
 @dataclass(frozen=True, eq=False)
 class Learnt:
-    """An item with its emulator; `share` is by place the stated numerical error over the largest value of a curve.
+    """An item with its emulator; `near` is the response of the run nearest to a point x (d,) of the unit cube.
 
     `left_out` is the largest error over the largest value where an inner run is predicted by the others.
     """
@@ -62,7 +65,7 @@ class Learnt:
     item: Item
     experiment: PossibleExperiment
     emulator: Emulator
-    share: Mapping[CurvePlace, np.ndarray]
+    near: Near
     runs: int
     cpu_s: float
     left_out: float
@@ -200,16 +203,17 @@ def learn_item(
         samples.append(Sample(dict(values), {o.id: o.read(response) for o in outputs}, {}, by_axis))
     group = _with_marks(axes.group, outputs)
     emulator, left = learnt_from(axes, group, outputs, samples, plan.seed)
-    share = {p: _share([r for _, r in good], p) for b in item.blocks for p in b.places}
+    near = _nearest(axes, good)
     cost = sum(getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed))
-    experiment = PossibleExperiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, share, x))
-    return Learnt(item, experiment, emulator, share, len(tasks), cost, left)
+    experiment = PossibleExperiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, near, x))
+    return Learnt(item, experiment, emulator, near, len(tasks), cost, left)
 
 
 def _read_of(item: Item, place: CurvePlace) -> list[tuple[float, float]]:
     """Travel (mm) and time in the hold (s) of everything that is read of a curve."""
     asked, held = item.case.programme.asked_mm, place.held
-    resting = [] if place.since is None else [(asked[-1], float(s)) for s in place.since[held]]
+    depth = asked[-1] if asked else float(place.depth[0])
+    resting = [] if place.since is None else [(depth, float(s)) for s in place.since[held]]
     return [*((u, 0.0) for u in asked), *resting]
 
 
@@ -241,52 +245,49 @@ def learnt_from(
     return emulator, float(np.abs(less.means(outputs, x[None])[0] - true).max() / np.abs(true).max())
 
 
-def _share(responses: Sequence[Response], place: CurvePlace) -> np.ndarray:
-    """Stated numerical error (n,) of a curve over its largest value, the median of all runs."""
-    rows = []
-    for r in responses:
-        top = float(np.abs(resample(r, place, "")).max())
-        rows.append(error_at(r, place) / top if top > 0 else np.zeros_like(place.depth))
-    return np.median(rows, axis=0)
+def _nearest(axes: Axes, runs: Sequence[tuple[Mapping[str, float], Response]]) -> Near:
+    """Point (d,) of the unit cube → response of the run that is nearest to it, the modulus being scaled out."""
+    box, group = axes.box, axes.group
+
+    def place(values: Mapping[str, float]) -> np.ndarray:
+        return box.to_unit(np.array([group.reduce(values)[1][n] for n in box.names]))
+
+    at = np.array([place(v) for v, _ in runs])
+
+    def near(x: np.ndarray) -> Response:
+        there = place(dict(zip(box.names, map(float, box.from_unit(x)), strict=True)))
+        return runs[int(np.argmin(np.sum((at - there) ** 2, axis=1)))][1]
+
+    return near
 
 
 def _model(emulator: Emulator, item: Item) -> Model:
     return stack([emulated(emulator, p)[0] for b in item.blocks for p in b.places])
 
 
-def _errors(item: Item, emulator: Emulator, share: Mapping[CurvePlace, np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) of all readings where x (d,) is true: measurement, numerical error, what is not learnt."""
-    parts = []
-    for b in item.blocks:
-        curves = [emulated(emulator, p)[0].predict(x[None])[0] for p in b.places]
-        y = np.concatenate(curves)
-        if b.data is None:
-            slope = np.concatenate([_slope(p.depth, f) for p, f in zip(b.places, curves, strict=True)])
-            n = b.noise
-            C = covariance(
-                b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
-                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation or 0.0,
-                gain=math.hypot(n.gain or 0.0, n.calibration), depth_noise=n.depth, contact=n.contact or 0.0,
-            )  # fmt: skip
-        else:
-            C = b.data.covariance
-        parts.append(C + _of_model(b, emulator, share, x, curves))
-    size = sum(len(p) for p in parts)
-    C, at = np.zeros((size, size)), 0
-    for p in parts:
-        C[at : at + len(p), at : at + len(p)] = p
-        at += len(p)
-    return C
+def _errors(item: Item, emulator: Emulator, near: Near, x: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) of all readings where x (d,) is true: of the measurement, and of the model."""
+    return np.asarray(block_diag(*(_of_block(b, emulator, near, x).covariance for b in item.blocks)))
 
 
-def _of_model(
-    b: Block, emulator: Emulator, share: Mapping[CurvePlace, np.ndarray], x: np.ndarray, curves: Sequence[np.ndarray]
-) -> np.ndarray:
-    """Numerical error and what the emulator does not know; both belong together over the depth of a block."""
-    length = float(b.depth.max())
-    size = np.concatenate([share[p] * float(np.abs(f).max()) for p, f in zip(b.places, curves, strict=True)])
-    unknown = np.concatenate([emulated(emulator, p)[1](x) for p in b.places])
-    return together(b.depth, size, length) + together(b.depth, unknown, length)
+def _of_block(b: Block, emulator: Emulator, near: Near, x: np.ndarray) -> Data:
+    """What was measured, or would be where x (d,) is true, with the errors of the model there."""
+    curves = [emulated(emulator, p)[0].predict(x[None])[0] for p in b.places]
+    y = np.concatenate(curves)
+    data = Data(b.places[0].experiment, b.unit, b.depth, y, _stated(b, curves)) if b.data is None else b.data
+    each = [of_emulator(emulator, x, near(x), p, f) for p, f in zip(b.places, curves, strict=True)]
+    return with_model_errors(data, joined(each))
+
+
+def _stated(b: Block, curves: Sequence[np.ndarray]) -> np.ndarray:
+    """Covariance (n, n) of readings not yet taken, by what is stated of them."""
+    y, n = np.concatenate(curves), b.noise
+    slope = np.concatenate([_slope(p.depth, f) for p, f in zip(b.places, curves, strict=True)])
+    return covariance(
+        b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
+        correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation or 0.0,
+        gain=math.hypot(n.gain or 0.0, n.calibration), depth_noise=n.depth, contact=n.contact or 0.0,
+    )  # fmt: skip
 
 
 def _slope(depth: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -304,44 +305,34 @@ def fits(plan: Plan, have: Sequence[Learnt]) -> tuple[Joint, ...]:
     by_name = {v.item.name: v for v in have}
     out = []
     for each in dict.fromkeys(wanted):
-        out.append(Joint(each, determine(_misfit([by_name[n] for n in each], plan.seed), seed=plan.seed, mcmc=False)))
+        out.append(
+            Joint(each, determine(_misfit([by_name[n] for n in each], plan.seed)[0], seed=plan.seed, mcmc=False))
+        )
     return tuple(out)
 
 
 def autocorrelated(have: Sequence[Learnt], seed: int) -> list[Learnt]:
     """What has been done with the memory of readings of one record, of which nobody says whether they have any; it will
     have it once more."""
-    measured = _measured(have)
-    known = iter(with_autocorrelation(measured, all_minima(measured, seed=seed)[0].x).data)
+    known = iter(with_autocorrelation(*_misfit(have, seed)).data)
     found = []
     for v in have:
-        item = dataclasses.replace(
-            v.item, blocks=tuple(dataclasses.replace(b, data=next(known)) for b in v.item.blocks)
-        )
-        covariance = functools.partial(_errors, item, v.emulator, v.share)
+        blocks = tuple(dataclasses.replace(b, data=next(known).without(*OF_THE_MODEL)) for b in v.item.blocks)
+        item = dataclasses.replace(v.item, blocks=blocks)
+        covariance = functools.partial(_errors, item, v.emulator, v.near)
         found.append(
             dataclasses.replace(v, item=item, experiment=dataclasses.replace(v.experiment, covariance=covariance))
         )
     return found
 
 
-def _measured(have: Sequence[Learnt]) -> Misfit:
-    """Likelihood of what was measured, without the model's own errors."""
+def _misfit(have: Sequence[Learnt], seed: int) -> tuple[Misfit, np.ndarray]:
+    """Likelihood of what was measured with the errors of the model at the most likely point (d,), and that point."""
     data = tuple(b.data for v in have for b in v.item.blocks if b.data is not None)
-    return Misfit(stack([v.experiment.model for v in have]), data)
-
-
-def _misfit(have: Sequence[Learnt], seed: int) -> Misfit:
-    """Likelihood of what was measured, with the model's own errors at the most likely point."""
-    measured = _measured(have)
+    measured = Misfit(stack([v.experiment.model for v in have]), data)
     x = all_minima(measured, seed=seed)[0].x
-    whole = []
-    for v in have:
-        for b in v.item.blocks:
-            assert b.data is not None
-            curves = [emulated(v.emulator, p)[0].predict(x[None])[0] for p in b.places]
-            whole.append(b.data.plus(_of_model(b, v.emulator, v.share, x, curves)))
-    return dataclasses.replace(measured, data=tuple(whole))
+    whole = tuple(_of_block(b, v.emulator, v.near, x) for v in have for b in v.item.blocks)
+    return dataclasses.replace(measured, data=whole), x
 
 
 def _places(axes: Axes, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:

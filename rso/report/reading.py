@@ -22,6 +22,7 @@ from rso.report.layout.digits import (
     shown,
     significant,
     symbol,
+    unit_text,
 )
 
 Results = Mapping[str, Any]
@@ -139,8 +140,11 @@ def _readings(row: Mapping[str, Any], keep: Callable[[float], bool]) -> dict[str
 def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarray:
     """A simulated curve (x, f) at depths `at` (n,) between contact and its end: the one that its metrics were taken of.
 
-    A curve is computed at a few travels only; straight lines between them lie above it by more than the noise.
+    A curve is computed at a few travels only; straight lines between them lie above it by more than the noise.  A way
+    back that goes above contact is computed at many, with straight lines between them.
     """
+    if len(x) and x[0] <= 0.0:
+        return np.interp(at, x, f)
     return loading(np.array(x), np.array(f))(at)
 
 
@@ -197,11 +201,13 @@ def parameters(results: Results, free: bool = False) -> tuple[ParameterView, ...
 
 
 def lettered(results: Results, text: object) -> str:
-    """A sentence of the program with the literature's letters: D1 → D₁."""
+    """A sentence of the program as people write it: D1 → D₁, 1/MPa → MPa⁻¹, <= → ≤."""
     said = sentence(text)
     for p in parameters(results):
         said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
-    return said
+    said = re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", said)
+    said = said.replace(" <= ", " ≤ ").replace(" >= ", " ≥ ")
+    return re.sub(r"(?<=\w) \* (?=[^\W\d])", " ", said)
 
 
 def outputs(results: Results) -> dict[str, OutputView]:

@@ -21,6 +21,7 @@ from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import TargetTable
 
 DEFAULT_SPEED = 0.5  # mm/s
+STEPS_BACK = 16  # travels at which a way back is computed, straight between them
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
@@ -32,6 +33,7 @@ FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument press
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
+BACK = "The way back is compared, down to the strongest pull; loading and holds are not."
 UNLOADING = "The way back is not compared; it is for rso diagnose."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 UNDRAWN = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")  # of settings
@@ -58,7 +60,7 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             readings = len(measurement.repeats[0].depth)
             if kind == "profile" and readings > READINGS:
                 raise ValueError(f"{readings} displacements of one profile: keep at most {READINGS}")
-            curve = combine(measurement, study.noise_of(e.name), e.compared[0])
+            curve = combine(measurement, study.noise_of(e.name), e.compared[0], e.branch)
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
             deepest, radius = float(curve.depth.max()), _radius(study, e.name)
@@ -95,6 +97,7 @@ def remarks(study: Study, name: str, of_hold: Sequence[str] = ()) -> list[str]:
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
     loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
+    loading = [BACK] if e.branch == "unloading" else loading
     if of_hold:
         back = any(np.any(r.segment == "unloading") for r in measurement.repeats)
         loading = [*of_hold, *([UNLOADING] if back else [])]
@@ -148,6 +151,8 @@ def sketches(study: Study, backend: Backend) -> list[dict[str, Any]]:
 
 def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None) -> tuple[float, ...]:
     """The targets, and evenly spaced travels to the deepest measured depth, that of a hold, where no target is near."""
+    if curve.back:
+        return _travels_back(curve)
     deepest = float(curve.depth.max()) if hold is None else hold.depth
     steps = 1 if len(curve.depth) == 1 else STEPS
     digits = 6 - math.floor(math.log10(deepest)) if deepest > 0.0 else 6
@@ -160,11 +165,29 @@ def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None)
     return tuple(sorted({*kept, *targets}))
 
 
+def _travels_back(curve: MeasuredCurve) -> tuple[float, ...]:
+    """Travels of a way back: those of its readings, or as many evenly spaced ones as are bearable."""
+    u = np.unique(np.round(curve.depth, 9))
+    u = u if len(u) <= STEPS_BACK else np.linspace(u[0], u[-1], STEPS_BACK)
+    return tuple(map(float, u))
+
+
 def case_for(study: Study, name: str, asked: tuple[float, ...], hold: Hold | None = None) -> Case:
     """Loading of an experiment through the asked travels (mm), and its hold; that its file also has an unloading is no
     setting."""
     settings = {k: v for k, v in study.settings_of(name).items() if k != "unload"}
-    return Case(name, programme_of(asked, speed_of(study, name)[0], hold), settings)
+    speed = speed_of(study, name)[0]
+    if study.experiment(name).branch == "unloading":
+        return Case(name, programme_back(asked, speed), settings)
+    return Case(name, programme_of(asked, speed, hold), settings)
+
+
+def programme_back(asked: tuple[float, ...], speed: float) -> Programme:
+    """To the deepest of the asked travels (mm) and back to the least at a speed (mm/s), asked for on the way back."""
+    deepest, least = asked[-1], min(asked[0], 0.0)
+    came = deepest / speed
+    moments = tuple(came + (deepest - u) / speed for u in reversed(asked))
+    return Programme((0.0, came, came + (deepest - least) / speed), (0.0, deepest, least), (deepest,), moments)
 
 
 def programme_of(asked: tuple[float, ...], speed: float, hold: Hold | None = None) -> Programme:
@@ -256,9 +279,13 @@ def merge(
         plain = backend.canonical(example, case)[1]
         speed = _pace(plain.programme)  # one and the same where rates do not matter
         rest = {} if hold is None else {"hold": [hold.depth, *hold.moments]}
+        rest |= {"back": list(asked[e.name])} if e.branch == "unloading" else {}
         same = digest({"settings": by_contents(dict(plain.settings)), "speed": round(speed, 12), **rest})
         if same in index:
             k = index[same]
+            if e.branch == "unloading":
+                case_of[e.name] = k
+                continue
             union, own = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]})), cases[k].programme
             cases[k] = dataclasses.replace(cases[k], programme=programme_of(union, _pace(own), hold))
         else:

@@ -66,8 +66,8 @@ class ColumnTable(StudyFileTable):
     """Whether the machine counts with the other sign."""
     zero: Annotated[Any, AfterValidator(_zeros), expected('number, list of numbers or "contact"')] = 0.0
     """Subtracted as the file has it, before the sign is turned; one for each file; depth and Fz may be "contact"."""
-    values: dict[str, Literal["loading", "hold", "unloading", "skip"]] | None = None
-    """Of `segment` alone: what a machine's codes mean."""
+    values: dict[str, Literal["loading", "hold", "creep", "unloading", "skip"]] | None = None
+    """Of `segment` alone: what a machine's codes mean; a hold keeps its depth, creep its force."""
     minus: MinusTable | None = None
     """Of `depth` alone: subtracted after zero and sign of the column itself."""
     stiffness: Stiffness | None = None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Backend, Case, Parameter, Relaxation, capability
-from rso.data import Hold, MeasuredCurve, hold_of
+from rso.data import CreepHold, Hold, MeasuredCurve, hold_of
 from rso.study.cases import case_for, speed_of
 from rso.study.errors import Problem, study_error
 from rso.study.resolve import Resolved
@@ -55,7 +55,7 @@ def relaxation(backend: Backend) -> tuple[Parameter, Parameter] | None:
     return None
 
 
-def ranges(pair: tuple[Parameter, Parameter], hold: Hold) -> dict[str, tuple[float, float]]:
+def ranges(pair: tuple[Parameter, Parameter], hold: Hold | CreepHold) -> dict[str, tuple[float, float]]:
     """Ranges of a share and a time that a hold can tell: the plausible ones, times as far as it lasts."""
     share, time = pair
     assert share.plausible is not None and time.plausible is not None
@@ -87,7 +87,7 @@ def _within(case: Case, settings: Mapping[str, Any]) -> Case:
     return dataclasses.replace(case, settings={**case.settings, **settings})
 
 
-def place_of_target(study: Study, t: TargetTable, hold: Hold | None) -> tuple[float, float]:
+def place_of_target(study: Study, t: TargetTable, hold: Hold | CreepHold | None) -> tuple[float, float]:
     """Depth (mm) and time in the hold (s) at which a target is met; StudyError for a hold that is not compared."""
     if not t.since:
         return (t.depth if hold is None else min(t.depth, hold.depth)), 0.0

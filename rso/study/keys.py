@@ -39,6 +39,11 @@ def reference(table: str = "") -> list[str]:
     return lines if not table else lines[1:]
 
 
+def schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a study file, for editors that complete and check TOML by one."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Study.model_json_schema()}
+
+
 def _tables(shape: Shape, known: Shape) -> Iterator[tuple[str, str, Shape]]:
     """Name, heading and shape of all tables within one, depth first; those of one kind are described once."""
     seen = {kind: "" for kind, _ in map(_table_in, shape["properties"].values()) if kind}  # these have their own place

@@ -14,6 +14,7 @@ from rso.data import Measurement, Noise, combine, fingerprint, read, value_at
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.confusable_text import look_alikes
+from rso.study.deck_table import deck_parameter
 from rso.study.errors import Problem, choose, schema_problems, study_error
 from rso.study.line_numbers import Place, lines_of
 from rso.study.schema import DoeTable, ExperimentTable, Study, StudySource
@@ -44,6 +45,7 @@ def load(path: str | Path) -> Study:
     problems += _check_search(raw, measurements)
     problems += _check_names(raw, file.parent)
     problems += _check_look_alikes(raw)
+    problems += [] if study is None else _check_deck(study)
     if problems or study is None:
         raise study_error(file, lines, problems)
     study._source = StudySource(file, lines, measurements)
@@ -271,6 +273,26 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
     for _, doe in _valid(DoeTable, [raw.get("doe", {})]):
         if doe.file is not None and not (folder / doe.file).is_file():
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
+
+
+def _check_deck(study: Study) -> Iterator[Problem]:
+    """Units of what a program is given and of what it writes; without a template the backend declares parameters."""
+    own = ("unit", "bounds", "description")
+    for name, table in study.parameters.items():
+        stated = [k for k in own if k in table.model_fields_set]
+        if study.backend.template is None and stated:
+            text = "belongs to a parameter of a template (backend.template); here the backend declares it"
+            yield Problem(("parameters", name, stated[0]), text, getattr(table, stated[0]))
+        elif study.backend.template is not None:
+            try:
+                deck_parameter(name, table)
+            except ValueError as error:
+                yield Problem(("parameters", name), str(error))
+    for name, output in study.backend.outputs.items():
+        try:
+            output.output(name)
+        except ValueError as error:
+            yield Problem(("backend", "outputs", name), str(error))
 
 
 def _check_look_alikes(raw: dict[str, Any]) -> Iterator[Problem]:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from rso.contract import Parameter
 from rso.core.units import quantity
+from rso.doe import Box
 from rso.study.errors import Problem, choose, study_error
 from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
@@ -50,6 +51,14 @@ class Resolved:
     fixed: Mapping[str, float]
     variants: tuple[Search, ...]
     start: Mapping[str, float]
+
+    @property
+    def box(self) -> Box | None:
+        """The ranges of the axes as the study states them; None where everything is fixed."""
+        if not self.axes:
+            return None
+        columns = [(a.name, a.parameter.unit, float(a.low), float(a.high), a.scale == "log") for a in self.axes]
+        return Box(*zip(*columns, strict=True))
 
 
 def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:

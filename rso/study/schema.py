@@ -6,7 +6,7 @@ is the backend's to say: see :func:`rso.study.resolve.resolve`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,9 +22,11 @@ from pydantic import (
 from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.emulation.polynomial import HIGHEST
+from rso.evaluation.decks import DELIMITERS, Deck
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
+from rso.study.deck_table import FailureTable, OutputTable, deck_parameter, names_of_settings, pattern_alone, two_marks
 from rso.study.fields import (
     Bound,
     Channels,
@@ -70,7 +72,19 @@ class BackendTable(StudyFileTable):
     use: Annotated[str, formed(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", 'expected is "package.module:NAME"')] | None = None
     """A Python object that simulates."""
     command: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=1)] | None = None
-    """Or a program, called with the paths of request.json and response.json behind its arguments."""
+    """Or a program, called with the paths of request.json and response.json behind its arguments, or, with a template,
+    as it is written."""
+    template: Files | None = None
+    """Input files of the program with placeholders such as {mu:.6e} or {2 / D1}, filled in for each run in a folder of
+    its own; a line {each asked}, and one {end}, repeat what is between for each asked {travel} and {time}."""
+    files: Names = ()
+    """Further files that are put beside them unchanged, such as a mesh."""
+    outputs: dict[str, OutputTable] = Field(default_factory=dict)
+    """Where the program writes each channel, Fz = {…}."""
+    failed: Annotated[FailureTable, BeforeValidator(pattern_alone)] | None = None
+    """What in the output means that there is no answer; a text is a regular expression."""
+    delimiters: Annotated[tuple[str, str], BeforeValidator(two_marks)] = DELIMITERS
+    """What placeholders begin and end with, for input files that have braces of their own."""
     settings: Settings = Field(default_factory=dict)
     """What the backend is told of every experiment: specimen, indenter, support, material, mesh, point, …"""
     timeout: Duration | None = None
@@ -80,6 +94,12 @@ class BackendTable(StudyFileTable):
     def _one_of(self) -> BackendTable:
         if (self.use is None) == (self.command is None):
             raise ValueError('give either use = "package.module:NAME" or command = ["program", "argument"]')
+        own = [k for k in ("files", "outputs", "failed", "delimiters") if k in self.model_fields_set]
+        if self.template is None and own:
+            raise ValueError(f"{own[0]} belongs to a program with a template: give template = [...] too")
+        if self.template is not None and (self.command is None or not self.outputs):
+            lost = "outputs.Fz = { file = …, reader = … }" if self.command else 'command = ["program", "argument"]'
+            raise ValueError(f"a template needs {lost}")
         return self
 
 
@@ -94,6 +114,13 @@ class ParameterTable(StudyFileTable):
     """Whether the range is covered evenly or in its logarithm; moduli go by logarithm."""
     value: Bound = None
     """Or the value that fixes the parameter."""
+    unit: str | None = None
+    """Of a parameter of a template, where its numbers do not say it: N, mm, MPa, s and what is made of them."""
+    bounds: Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)] | None = None
+    """Of such a parameter: between which values the program may be asked at all; by default its range, or any positive
+    value where its unit holds a stress."""
+    description: Annotated[str, Field(min_length=1, max_length=80), AfterValidator(seen)] | None = None
+    """Of such a parameter: what it means, in a few words."""
 
     @model_validator(mode="after")
     def _range_or_value(self) -> ParameterTable:
@@ -123,6 +150,8 @@ class ExperimentTable(StudyFileTable):
     """Forces against depth, or displacements of marks on the surface, which are not fitted by `rso run`."""
     channels: Channels = ()
     """Those compared with the model; by default Fz, or uz for a profile."""
+    branch: Literal["loading", "unloading"] = "loading"
+    """The way there or the way back, which tells what sticks: down to the strongest pull, also above contact."""
     settings: Settings = Field(default_factory=dict)
     """What the backend is told of this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
@@ -304,9 +333,28 @@ class Study(StudyFileTable):
     def inputs(self) -> list[Path]:
         """The files beside the study file from which it is read: data, points of a design, files that settings name."""
         names = [f for e in self.experiments for f in e.data] + ([] if self.doe.file is None else [self.doe.file])
+        names += [*(self.backend.template or ()), *self.backend.files]
         settings = [self.backend.settings, *(e.settings for e in self.experiments)]
         found = (self.folder / f for each in settings for f in named(each))
         return [*(self.folder / name for name in names), *(f for f in dict.fromkeys(found) if f.is_file())]
+
+    def deck(self) -> Deck | None:
+        """The input files of its program, None where the backend has none; ValueError for what contradicts."""
+        b = self.backend
+        if b.template is None:
+            return None
+        found = [deck_parameter(name, table) for name, table in self.parameters.items()]
+        settings = (b.settings, *(e.settings for e in self.experiments))
+        return Deck(
+            b.template,
+            tuple(p for p, _ in found),
+            tuple(r for _, r in found),
+            tuple(table.output(name) for name, table in b.outputs.items()),
+            b.files,
+            None if b.failed is None else b.failed.failure(),
+            b.delimiters,
+            names_of_settings(settings),
+        )
 
     @property
     def lines(self) -> Mapping[Place, int]:
@@ -326,6 +374,12 @@ class Study(StudyFileTable):
         e, found = self.experiment(name), self.measurement(name).contact
         noise = e.noise.noise()
         return replace(noise, contact=found) if noise.contact is None and found > 0.0 else noise
+
+    def beside(self, experiments: Sequence[ExperimentTable], measurements: Mapping[str, Measurement]) -> Study:
+        """The study with more experiments, of which the measured files are given by name."""
+        made = self.model_copy(update={"experiments": (*self.experiments, *experiments)})
+        made._source = replace(self._source, measurements={**self._source.measurements, **measurements})
+        return made
 
     def settings_of(self, name: str) -> dict[str, Any]:
         """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""

@@ -1,7 +1,7 @@
-"""Writes measured/*.csv: pucks of a gel full of water, pressed between smooth plates and held: finite differences in r.
+"""Writes measured/*.csv: pucks of a gel full of water between smooth plates; finite differences in r.
 
-Radial flow in unconfined compression (Armstrong, Lai and Mow 1984, J. Biomech. Eng. 106, 165), small strains, no code
-of `fem_backend`.  With the radial displacement u(r, t), the axial strain e(t), H = K + 4 μ/3 and λ = K − 2 μ/3:
+Radial flow in unconfined compression (Armstrong, Lai and Mow 1984, J. Biomech. Eng. 106, 165), small strains, and no
+code of `fem_backend`.  With the radial displacement u(r, t), the axial strain e(t), H = K + 4 μ/3 and λ = K − 2 μ/3:
 
     H (r⁻¹ (r u)′)′ = (u̇ + r ė/2)/k,   u(0) = 0,   H u′ + λ (u/r + e) = 0 at the side,
     F = −2π ∫ (H e + λ r⁻¹ (r u)′ − p) r dr,   p = H (r⁻¹ (r u)′ − its value at the side).

@@ -214,6 +214,9 @@ def test_round_off_ends_an_iteration_and_nothing_else_does():
     assert not newton.at_round_off([1e-3, 1e-9, 1e-11])  # still falling
     assert not newton.at_round_off([1.0, 1e-3, 1e-3])  # stuck far away
     assert not newton.at_round_off([1e-9])
+    assert newton.at_round_off([1e-3, 3e-6, 2e-6], lambda: 1e-6)  # of a body with elements as large as that
+    assert not newton.at_round_off([1e-3, 3e-5, 2e-5], lambda: 1e-6)
+    assert not newton.at_round_off([1.0, 1e-3, 1e-3], lambda: 1.0)  # that excuses nothing
 
 
 def test_a_nearly_incompressible_body_hardly_touched_has_an_answer(monkeypatch):
@@ -223,7 +226,7 @@ def test_a_nearly_incompressible_body_hardly_touched_has_an_answer(monkeypatch):
     F = BACKEND(values, case).channels["Fz"][0]
     hertz = 4.0 / 3.0 * 4.0 * 0.01 * np.sqrt(3.0) * 0.03**1.5  # E* = 4 μ where ν = 1/2 (Johnson 1985, eq. 4.23)
     assert 0.5 * hertz < F < 2.0 * hertz  # one element under the ball: no more is to be had of that mesh
-    monkeypatch.setattr(newton, "at_round_off", lambda history: False)
+    monkeypatch.setattr(newton, "at_round_off", lambda *told: False)
     monkeypatch.setattr(modified_newton, "FLAT", 0.0)
     with pytest.raises(SimulationFailed, match="no equilibrium"):
         BACKEND(values, case)

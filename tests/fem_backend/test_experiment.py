@@ -261,9 +261,7 @@ def test_travel_through_the_whole_body_is_refused_before_any_mesh():
     BACKEND.check(case((1.0, 69.0)))
 
 
-@pytest.mark.parametrize(
-    "travel,word", [((1.0, 0.0), "starts at 0"), ((0.1, 1.0), "starts at 0"), ((0.0, -1.0, 1.0), "never negative")]
-)
+@pytest.mark.parametrize("travel,word", [((1.0, 0.0), "starts at 0"), ((0.1, 1.0), "starts at 0")])
 def test_programme_starts_at_contact_and_stays_in_the_body(travel, word):
     programme = Programme(tuple(float(k) for k in range(len(travel))), travel, (0.5,))
     with pytest.raises(ValueError, match=word):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem_backend.accuracy import two_grid
 from fem_backend.backend import BACKEND
 from fem_backend.contact.rings import ring_patch
 from fem_backend.contact.tractions import contact_surface
@@ -17,6 +18,8 @@ from fem_backend.materials import meridian_zones
 from fem_backend.meshing import BadMesh, graded, triangulated
 from fem_backend.simulation import assembly
 from fem_backend.simulation.experiment import read_settings
+from fem_backend.solver.load_steps import Stopped
+from fem_backend.solver.newton import Counters
 from rso.contract import Case, Programme, SimulationFailed
 
 REFERENCE = json.loads((Path(__file__).parent / "reference_axisymmetric.json").read_text(encoding="utf-8"))["cases"]
@@ -219,3 +222,34 @@ def test_forces_without_multipliers_are_those_with_them():
     body = {"shape": "slab", "thickness": 4.0, "layers": [{"thickness": 0.5, "ratio": 3.0}]}
     exact, lean = (pressed(body, asked=(0.5, 1.0, 1.5, 2.0, 2.4), multipliers=m) for m in (True, False))
     np.testing.assert_allclose(lean.channels["Fz"], exact.channels["Fz"], rtol=2e-3)  # of second order in the penalty
+
+
+def test_a_response_says_where_no_second_run_tells_its_errors(monkeypatch):
+    """The run with elements of twice the size ends early: what stands in for it is larger, and said."""
+    plain = pressed()
+    assert "errors" not in plain.info
+
+    def ended(*args, **kwargs):
+        raise Stopped("step_limit", "no equilibrium beyond 0.3 mm", [], (), Counters())
+
+    whole = two_grid.indentation.solve
+    monkeypatch.setattr(
+        two_grid.indentation, "solve", lambda s, *a, **k: ended() if s.fineness > 3.0 else whole(s, *a, **k)
+    )
+    alone = pressed()
+    assert alone.channels["Fz"] == pytest.approx(plain.channels["Fz"], rel=1e-12)
+    assert "no equilibrium beyond 0.3 mm" in alone.info["errors"]
+    assert np.all(alone.error["Fz"] > plain.error["Fz"])
+
+
+@pytest.mark.parametrize("ratio", [34.0, 1e3])
+def test_a_half_space_hardly_touched_ends_at_its_round_off(ratio):
+    """Elements a hundred radii away have a round-off above the tolerance of the ball's force: it used to fail there.
+
+    Hertz with E = 9 K mu/(3 K + mu), within what is stated (4 %); at a twentieth of the radius strains are small.
+    """
+    mu, D1 = 0.01, 2.0 / (ratio * 0.01)
+    E, nu = 9.0 * ratio * mu / (3.0 * ratio + 1.0), (3.0 * ratio - 2.0) / (6.0 * ratio + 2.0)
+    found = pressed({"shape": "half_space"}, {"mu": mu, "D1": D1}, (0.15,), "standard")
+    hertz = 4.0 / 3.0 * E / (1.0 - nu**2) * 3.0**0.5 * 0.15**1.5
+    assert found.channels["Fz"][0] == pytest.approx(hertz, abs=float(found.error["Fz"][0]))

@@ -16,7 +16,18 @@ from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.shrinkage import Gap, summarise
 from rso.discrepancy.evidence.verdict import judge
 from rso.discrepancy.parameters import _outside, about, unproved
-from rso.discrepancy.wording import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
+from rso.discrepancy.wording import (
+    _alone,
+    _cause,
+    _gap,
+    _named,
+    _remainder,
+    _shrinkage,
+    _unlike,
+    _where,
+    next_sentence,
+    undecided,
+)
 
 STIFF, SKIN = toy.effects("stiff", "skin")
 BIAS, SCATTER = toy.effects("bias", "offset_each")
@@ -84,6 +95,25 @@ def test_the_share_closed_of_a_gap_in_one_curve_has_an_interval_that_means_somet
     assert high < 1.01  # what scatters below the floor is no gap that was closed twice
     even = summarise([Gap(f"curve {k}", "N", 5.0, 5.0, 1.0, (0.0, 0.0, 0.0)) for k in range(5)], [40] * 5, "", 1)
     np.testing.assert_allclose((even.closed, *even.interval), 1.0, rtol=1e-12)
+
+
+def test_no_cause_closes_more_than_all_of_a_gap():
+    """One held-out curve whose misfit with the cause happens to lie below the noise: 158 % were said to be closed."""
+    one = summarise([Gap("", "N", 2.0, 1.8, 0.42, (0.0, 0.0, 0.0))], [80], "", 1)
+    assert (one.closed, one.interval) == (1.0, None)
+    few = [Gap("", "N", 3.0, 2.0, w, (0.0, 0.0, 0.0), 0.2) for w in (0.5, 0.7, 0.6)]
+    found = summarise(few, [80] * 3, "", 1)
+    assert found.closed == 1.0 == found.interval[1]
+    assert summarise([Gap("", "N", 2.0, 1.8, 2.5, (0.0, 0.0, 0.0))], [80], "", 1).closed == -0.5
+
+
+@pytest.mark.parametrize(
+    ("chance", "said"),
+    [(0.003, "None of the tests"), (0.02, "No test in the list is likely"), (0.7, "Next test: deeper; it settles")],
+)
+def test_a_test_that_settles_nothing_is_not_proposed(chance, said):
+    sentence = next_sentence({"test": "deeper", "chance": chance})
+    assert sentence.startswith(said) and " 0 %" not in sentence
 
 
 def test_a_change_that_noise_makes_has_an_interval_that_holds_nothing():
@@ -563,3 +593,25 @@ def test_a_part_that_leaves_much_says_how_much():
     d = {"verdict": "partly", "left": 3.8, "remainder": None}
     assert _remainder(d, {}) == " What is left is 1.9 times the noise."
     assert _remainder({**d, "left": 1.1}, {}) == ""
+
+
+@pytest.mark.parametrize(
+    ("p", "factor", "said"),
+    [
+        (0.057, 0.2, "Undecided"),  # nearly as rare as an alarm, and a gap more probable than before
+        (0.057, -1.3, "Undecided"),  # nearly as rare
+        (0.5, 0.2, "Undecided"),  # common, and yet a gap more probable
+        (0.03, -0.4, "Undecided"),  # rare, but no hypothesis makes a gap more probable
+        (0.12, -0.4, "No gap beyond noise"),  # the control
+    ],
+)
+def test_no_gap_on_the_border_is_undecided(p, factor, said):
+    """p = 0.057 and 45 % for no gap was said to be "no gap, nothing beyond noise"; both numbers and limits are said."""
+    gap = {"p_value": p, "statistic": factor, "threshold": 0.4, "size_over_noise": 1.02}
+    d = {"verdict": "no_gap", "gap": gap, "causes": [], "next_test": []}
+    text = _gap(d, {})
+    assert text.startswith(said) and f"{p:.2g}" in text
+    assert undecided(d) == (said == "Undecided")
+    if said == "Undecided":
+        assert "at most 0.05" in text and f"factor {factor:.1f}" in text
+    assert not undecided(d | {"verdict": "ambiguous"})

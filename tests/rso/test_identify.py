@@ -15,7 +15,7 @@ from rso.core.curves import metrics
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation.emulator import Output, Sample, learn
-from rso.inference import Data, Misfit, Model
+from rso.inference import Data, Misfit, Model, determine
 from rso.inference.intervals import Interval, pieces
 from rso.inference.verdict import judge, sentences
 
@@ -607,3 +607,21 @@ def test_errors_stated_much_larger_than_the_curves_show_are_remarked_upon():
     found = (inference.determine(v, seed=0, mcmc=False) for v in (wide, m))
     said, silent = (inference.lenient(d.fit.chi2, d.degrees, d.p_value) for d in found)
     assert "stated errors" in said and "contact" in said and not silent
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(0.5, "agrees with the data"), (0.03, "is undecided; below 0.01"), (0.001, "misses the data by")],
+)
+def test_whether_a_model_fits_is_said_by_its_p_and_the_limits(share, said):
+    """χ² set to that of which noise leaves more in a share of all data sets; between the limits nothing is claimed."""
+    exact = soft_ball.data(0.01, 5.8, 1e-3)
+    r = np.cos(np.arange(40) ** 2)
+    misfit = Misfit(soft_ball.model(), (exact,))
+    Q = np.linalg.qr(misfit.jacobian(soft_ball.BOX.to_unit(np.array([0.01, 5.8]))))[0]
+    r = r - Q @ (Q.T @ r)  # nothing of it is the parameters'
+    off = 1e-3 * r * np.sqrt(stats.chi2.isf(share, 38) / (r @ r))
+    missed = dataclasses.replace(exact, value=exact.value + off)
+    found = determine(Misfit(soft_ball.model(), (missed,)), seed=0, mcmc=False)
+    assert found.p_value == pytest.approx(share, rel=0.1)
+    assert said in found.story

@@ -175,7 +175,7 @@ def test_a_study_holds_the_path_of_a_file_as_it_finds_it(folder):
     [
         ({"flat": (2.0,)}, {"shape": "flat", "radius": 2.0, "fillet": 0.1}, "its fillet"),
         ({"flat": (2.0, 0.2)}, {"shape": "flat", "radius": 2.0, "fillet": 0.2}, ""),
-        ({"cone": (60.0,)}, {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.05}, "the radius of its tip"),
+        ({"cone": (60.0,)}, {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.03}, "the radius of its tip"),
         ({"cone": (60.0, 0.1)}, {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.1}, ""),
     ],
 )
@@ -184,6 +184,16 @@ def test_each_indenter_has_its_options_and_what_was_left_out_is_a_guess(folder, 
     assert tomllib.loads(text)["backend"]["settings"]["indenter"] == indenter
     (line,) = [v for v in text.splitlines() if v.startswith("indenter")]
     assert line.partition("# <- ")[2].startswith(guess) and ("<-" in line) is bool(guess)
+
+
+@pytest.mark.parametrize(("deepest", "tip"), [(0.002, 1e-4), (4.0, 0.2)])
+def test_a_tip_that_nobody_said_goes_with_the_depth_of_the_record(folder, deepest, tip):
+    rows = "".join(f"{deepest * k / 20!r},{1e-3 * (k / 20) ** 2!r}\n" for k in range(1, 21))
+    (folder / "curve.csv").write_text("depth_mm,Fz_N\n" + rows)
+    text = begin(folder / "study.toml", BACKEND, NewTest({"half-space": (), "cone": (60.0,)}), ["curve.csv"])
+    assert tomllib.loads(text)["backend"]["settings"]["indenter"]["tip_radius"] == tip
+    (line,) = [v for v in text.splitlines() if v.startswith("indenter")]
+    assert "a twentieth of the depth of the record" in line
 
 
 def test_the_range_of_a_slab_is_about_the_modulus_of_a_layer(folder):

@@ -14,7 +14,6 @@ import sample_studies
 from sample_studies import D1, MU, QUICK, THICKNESS
 
 import rso
-from rso.api.models import passages
 
 PUBLIC = [
     "AskedRun", "Backend", "Case", "FunctionModel", "Parameter", "Programme", "Response", "RunResult",
@@ -197,7 +196,7 @@ def test_passages_are_those_of_the_finite_element_model(programme):
     from fem_backend.backend import passages as of_the_model
 
     expected = [(i.time, i.travel) for i in of_the_model(programme) if i.asked]
-    got = list(zip(*passages(programme), strict=True))
+    got = list(zip(*programme.passages(), strict=True))
     assert [g for g in got if g in expected] == expected
 
 

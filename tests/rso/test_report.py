@@ -23,7 +23,7 @@ from rso.report.layout.digits import aligned, between, duration, percent, rounde
 from rso.report.layout.document import Picture, Table, Text
 from rso.report.layout.page import html_page, pdf_page, pour
 from rso.report.notes import opening, sentences
-from rso.report.reading import about_zero
+from rso.report.reading import about_zero, lettered
 
 NASTY = (
     r"""<script>alert("1")</script> & 'x' #panic("no") $\frac{1}{0}$ _a_ *b* @cite \ `raw` [c] {{ 7*7 }} // no ~ <l>"""
@@ -153,7 +153,7 @@ def test_a_design_that_similarity_replaced_is_not_said_to_have_been_run():
 def test_every_candidate_run_and_metric_is_on_the_page():
     results, text = complete(), page(complete())
     for s in results["searches"]:
-        assert f"Search {s['name']}" in text and s["story"] in text
+        assert f"Search {s['name']}" in text and lettered(results, s["story"]) in text
     for r in results["runs"]:
         assert r["key"][:8] in text
         assert r["reason"] is None or r["reason"] in text

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.calibration import confirmed_optimum, identification_stage
+from rso.calibration import confirmed_optimum, identification_stage, readings
 from rso.calibration.confirmed_optimum import ConfirmedOptimum
 from rso.core.similarity import Group
 from rso.doe import Box
@@ -144,7 +144,8 @@ def test_a_misfit_that_only_surrogates_could_explain_is_no_fit(tmp_path, monkeyp
         model, band = known(emulator, place)
         return model, lambda x: band(x) + band_N * np.sin(6 * place.depth)
 
-    monkeypatch.setattr(confirmed_optimum, "emulated", unsure)
+    for room in (confirmed_optimum, readings):
+        monkeypatch.setattr(room, "emulated", unsure)
     found = studies.run(tmp_path, experiments=noise, doe="runs = 8\nheld_out = 0", surrogate='kind = "kriging"')
     known, again = found["identification"], found["identification"]["recomputed"]
     assert again["p_value_bare"] < 1e-3

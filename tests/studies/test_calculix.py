@@ -1,5 +1,6 @@
-"""CalculiX behind a study: the driver's deck and parser, and with `ccx` installed the whole study."""
+"""CalculiX behind a study: its mesh and deck, and with `ccx` installed the whole study."""
 
+import dataclasses
 import importlib.util
 import json
 import shutil
@@ -10,7 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rso.calibration.plan import make_plan, source_of
 from rso.cli import main
+from rso.contract import Case, Programme, SimulationFailed
+from rso.study.loader import load
 
 STUDY = Path(__file__).parents[2] / "studies" / "calculix"
 needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx (apt-get install calculix-ccx)")
@@ -18,8 +22,8 @@ LONG = pytest.mark.verification  # fTetWild makes a mesh of its own for this bod
 
 
 @pytest.fixture(scope="module")
-def driver():
-    spec = importlib.util.spec_from_file_location("ccx_indentation", STUDY / "ccx_indentation.py")
+def maker():
+    spec = importlib.util.spec_from_file_location("make_mesh", STUDY / "make_mesh.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -32,48 +36,50 @@ def copy(tmp_path):
     return tmp_path / "study"
 
 
-def test_the_mesh_is_graded_and_right_way_round(driver):
-    x = driver.graded(30.0, 0.3, 1.2)
+def test_the_mesh_is_graded_and_right_way_round(maker):
+    x = maker.graded(30.0, 0.3, 1.2)
     assert (x[0], x[-1]) == (0.0, 30.0) and 0.2 < x[1] <= 0.31
     np.testing.assert_allclose(np.diff(x)[1:] / np.diff(x)[:-1], 1.2, rtol=1e-9)  # by construction
     rows = [[(float(i), float(j)) for j in range(5)] for i in range(7)]
-    _, nodes, elements = driver.mesh(rows, 1, 1)
+    _, nodes, elements = maker.mesh(rows, 1, 1)
     assert len(elements) == 6 and len(nodes) == 35 - 6  # no nodes in the middle of the 8-node elements
     for corners in elements.values():
         (r0, z0), (r1, z1), (r2, z2) = (nodes[k] for k in corners[:3])
         assert (r1 - r0) * (z2 - z1) - (z1 - z0) * (r2 - r1) > 0
 
 
-def test_the_forces_are_read_from_what_ccx_prints(driver):
-    text = """
- total force (fx,fy,fz) for set BALLNODES and time  0.5000000E+00
-
-        1.0E-04 -2.0E-04 -1.3E-14
-
- total force (fx,fy,fz) for set BALLNODES and time  0.1000000E+01
-
-        1.0E-04 -4.0E-04 -1.3E-14
-"""
-    assert driver.forces(text) == [(0.5, -2e-4), (1.0, -4e-4)]
+def test_the_mesh_beside_the_study_is_the_one_that_its_script_makes(maker):
+    made = maker.included(maker.RADIUS, maker.BALL, maker.FINEST, maker.GROWTH)
+    assert (STUDY / "mesh.inp").read_text() == made
 
 
-def test_the_schema_is_one(copy):
-    from rso.evaluation import load_backend
+@pytest.fixture
+def by_hertz(tmp_path, monkeypatch):
+    """A program named ccx that reads the deck and writes a .dat file as CalculiX does, with Hertz's forces."""
+    place = tmp_path / "bin"
+    place.mkdir()
+    program = Path(__file__).parents[1] / "rso" / "hertz_program.py"
+    (place / "ccx").write_text(f'#!/bin/sh\nexec "{sys.executable}" "{program}" "$2"\n')
+    (place / "ccx").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{place}:/usr/bin:/bin")
 
-    backend = load_backend(command=[sys.executable, "ccx_indentation.py"], base=copy)
-    assert [p.name for p in backend.parameters] == ["mu", "D1"] and backend.channels["Fz"] == "N"
+
+def test_the_deck_says_constants_and_travels_and_the_reaction_is_read(copy, by_hertz):
+    plan = make_plan(load(copy / "study.toml"))
+    (case,) = plan.cases
+    answer = plan.backend({"mu": 0.01, "D1": 20.0}, case)
+    u = np.array(case.programme.asked_mm)
+    hertz = 16.0 / 3.0 * 0.01 * np.sqrt(3.0) * u**1.5  # Johnson, Contact Mechanics, eq. 4.23 at nu = 1/2
+    np.testing.assert_allclose(answer.channels["Fz"], 180.0 * hertz, rtol=1e-6)  # of the wedge of 2 degrees
+    filled = {number: text for number, text, _ in plan.backend.filled({"mu": 0.01, "D1": 20.0}, case)["hemisphere.inp"]}
+    assert filled[7] == "0.005, 20\n" and filled[16] == "10\n"
 
 
-def test_without_ccx_runs_crash_in_words(copy, monkeypatch, capsys):
-    monkeypatch.setenv("PATH", str(Path(sys.executable).parent) + ":/nonexistent")
-    text = (copy / "study.toml").read_text()
-    (copy / "study.toml").write_text(text.replace('"python3"', json.dumps(sys.executable)))
-    assert main(["run", str(copy), "--jobs", "1"]) == 3
-    said = capsys.readouterr()
-    assert "no run is done" in said.out and "the program ccx is not on the PATH" in said.out
-    assert "Traceback" not in said.out + said.err
-    kept = list((copy / "results" / "kept").iterdir())
-    assert kept and all((folder / "request.json").exists() for folder in kept)
+def test_without_ccx_check_and_run_say_so(copy, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", "/nonexistent")
+    assert main(["check", str(copy)]) == 2 and main(["run", str(copy), "--jobs", "1"]) == 2
+    said = capsys.readouterr().err
+    assert "program 'ccx' of command" in said and "was not found" in said and "Traceback" not in said
 
 
 @pytest.mark.parametrize(
@@ -82,7 +88,6 @@ def test_without_ccx_runs_crash_in_words(copy, monkeypatch, capsys):
 def test_the_reference_is_that_of_the_present_finite_elements(mesh):
     """On a coarser mesh, within what that mesh and the shipped curve, of the fine one, state for their errors."""
     from fem_backend.backend import BACKEND
-    from rso.contract import Case, Programme
 
     depth, F = np.loadtxt(STUDY / "measured" / "hemisphere.csv", delimiter=",", comments="#", skiprows=4).T
     settings = {
@@ -113,30 +118,36 @@ def test_calculix_finds_the_same_modulus(copy):
     assert list((copy / "results" / "kept").iterdir()) == []  # folders of runs that are done are removed
 
 
+def _backend(copy):
+    return make_plan(load(copy / "study.toml")).backend
+
+
 @needs_ccx
 @pytest.mark.verification
-def test_similarity_holds_in_calculix_too(copy, driver, tmp_path, monkeypatch):
+def test_similarity_holds_in_calculix_too(copy):
     """F(c mu, D1/c) = c F(mu, D1): the penalty is a multiple of mu."""
-    case = {"settings": {"h": 0.6, "growth": 1.4}, "programme": {"asked_mm": [1.0]}}
-    F = []
-    for c in (1.0, 3.0):
-        (tmp_path / str(c)).mkdir()
-        monkeypatch.chdir(tmp_path / str(c))
-        answer = driver.solve({"mu": 0.01 * c, "D1": 20.0 / c}, case)
-        F.append(answer["channels"]["Fz"][0])
+    case = Case("c", Programme.ramp((1.0,)))
+    F = [_backend(copy)({"mu": 0.01 * c, "D1": 20.0 / c}, case).channels["Fz"][0] for c in (1.0, 3.0)]
     assert F[1] == pytest.approx(3.0 * F[0], rel=2e-3)  # what ccx's own tolerance leaves
 
 
 @needs_ccx
 @pytest.mark.verification
-def test_a_time_out_stops_ccx_and_keeps_its_folder(copy, tmp_path):
-    from rso.contract import Case, Programme
-    from rso.evaluation import load_backend
+def test_calculix_without_an_answer_fails(copy):
+    """Deeper than its elements can follow with steps of at least a twentieth."""
+    deck = copy / "hemisphere.inp"
+    deck.write_text(deck.read_text().replace("0.25, 1.0, 1e-4, 0.5", "0.25, 1.0, 0.05, 0.5"))
+    with pytest.raises(SimulationFailed, match="increment size smaller than minimum"):
+        _backend(copy)({"mu": 0.01, "D1": 20.0}, Case("c", Programme.ramp((0.5, 30.0))))
 
-    backend = load_backend(
-        command=[sys.executable, "ccx_indentation.py"], base=copy, keep_folder=tmp_path / "kept", timeout_s=1.5
+
+@needs_ccx
+@pytest.mark.verification
+def test_a_time_out_stops_ccx_and_keeps_its_folder(copy, tmp_path):
+    source = dataclasses.replace(
+        source_of(load(copy / "study.toml")), keep_folder=str(tmp_path / "kept"), timeout_s=1.5
     )
     with pytest.raises(RuntimeError, match=r"time-out of 1\.5 s"):
-        backend({"mu": 0.01, "D1": 20.0}, Case("c", Programme.ramp((1.0, 2.0)), {"h": 0.1, "growth": 1.05}))
+        source.load()({"mu": 0.01, "D1": 20.0}, Case("c", Programme.ramp((1.0, 2.0))))
     (folder,) = (tmp_path / "kept").iterdir()
-    assert (folder / "job.inp").exists() and (folder / "ccx.log").exists()
+    assert (folder / "hemisphere.inp").exists() and (folder / "stdout.txt").exists()

@@ -11,7 +11,7 @@ import numpy as np
 from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_curves, ranges
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan
-from rso.calibration.readings import error_at, interpolated
+from rso.calibration.readings import of_response
 from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner, why
 from rso.core.similarity import Group
 from rso.doe import sobol
@@ -29,8 +29,8 @@ from rso.inference import (
     on_runs,
     resample,
     tangents,
-    together,
     with_autocorrelation,
+    with_model_errors,
     with_usual,
 )
 from rso.inference import descend as descend_along
@@ -150,7 +150,7 @@ class _Eyes:
         outcomes, case_of = self.outcomes[sight.x.tobytes()], self.bench.plan.case_of
         answers = [_response(outcomes[case_of[p.experiment]]) for p in self.places]
         return tuple(
-            d.plus(together(p.depth, error_at(r, p), float(p.depth.max()))).plus(interpolated(r, p))
+            with_model_errors(d, of_response(r, p, d.value))
             for p, d, r in zip(self.places, self.curves, answers, strict=True)
         )
 

@@ -58,6 +58,7 @@ from rso.data.files.rows import rows_of
 from rso.data.files.tables import FORCES
 from rso.data.files.whitespace_tables import parted, width_of
 from rso.data.files.workbook import BEGINS, block_of, sheet_of
+from rso.data.force_holds import HeldForce
 
 DISPLACEMENTS = ("ux", "uy", "uz")
 BOTH = "a pull looks the same where pressing counts as positive"
@@ -70,7 +71,8 @@ class Repeat:
     """One test as recorded: arrays (n,) in N, mm, s.
 
     `channels` holds forces (kind force) or x, y and displacements (kind profile); `sigma` the stated standard
-    uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.
+    uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.  `creep`
+    are the readings of a hold at constant force, which end the others, or why they cannot be compared; "" without one.
     """
 
     label: str
@@ -79,6 +81,7 @@ class Repeat:
     channels: Mapping[str, np.ndarray]
     sigma: Mapping[str, np.ndarray]
     segment: np.ndarray
+    creep: HeldForce | str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,18 +236,25 @@ def _left(table: _Table, r: Repeat) -> list[str]:
 
 
 def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
-    """A repeat up to where it is held at constant force, and what to say of the rest."""
-    found = force_holds.until(r.depth, r.channels["Fz"], r.time, r.segment) if "Fz" in r.channels else None
-    if found is None or found[0] < contact_point.FEWEST:
+    """A repeat up to where it is held at constant force, with the readings of that apart, and what to say of them."""
+    force = r.channels.get("Fz")
+    found = force_holds.until(r.depth, force, r.time, r.segment) if force is not None else None
+    if force is None or found is None or found[0] < contact_point.FEWEST:
         return r, []
     n, words = found
-    told = (
-        f"repeat {r.label}: {words}, held at constant force or a sensor at its end: creep cannot be expressed yet; "
-        f"the {len(r.depth) - n} readings from there on are left out"
-    )
-    channels, sigma = ({c: v[:n] for c, v in part.items()} for part in (r.channels, r.sigma))
+    sigma = r.sigma.get("depth", np.zeros(len(r.depth)))
+    creep = force_holds.readings(n, r.depth, force, r.time, r.segment, sigma)
+    lost = len(r.depth) - n - (0 if isinstance(creep, str) else len(creep.depth))
+    told = f"repeat {r.label}: {words}, held at constant force or a sensor at its end: "
+    if isinstance(creep, str):
+        told += f"that creep is not compared, as {creep}; "
+    else:
+        told += f"its {len(creep.depth)} readings are those of creep, depth over time; "
+    told += f"the {lost} readings behind it are left out" if lost else "there are none behind it"
+    channels, sigmas = ({c: v[:n] for c, v in part.items()} for part in (r.channels, r.sigma))
     time = None if r.time is None else r.time[:n]
-    return replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], channels=channels, sigma=sigma), [told]
+    kept = replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], channels=channels, sigma=sigmas, creep=creep)
+    return kept, [told]
 
 
 def _plausible(table: _Table, r: Repeat) -> list[str]:

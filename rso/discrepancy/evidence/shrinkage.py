@@ -45,8 +45,9 @@ class Gap:
 class Shrinkage:
     """Means over the held-out curves, the noise floor, the share closed with its interval, and how it was held out.
 
-    `closed` is (before − with_cause)/(before − floor), None where before does not exceed the floor by more than twice
-    its standard error.  `fitted` are the parameters of the model before, if that is the study's own answer.
+    `closed` is (before − max(with_cause, floor))/(before − floor): what is left below the floor is noise, and no share
+    exceeds all.  None where before does not exceed the floor by more than twice its standard error.  `fitted` are the
+    parameters of the model before, if that is the study's own answer.
     """
 
     curves: tuple[Gap, ...]
@@ -98,7 +99,7 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
     error = float(np.sqrt(np.sum([2.0 / n for n in sizes])) / len(sizes))
     closed, interval = None, None
     if means[0] - 1.0 > 2 * error:
-        closed = float((means[0] - means[2]) / (means[0] - 1.0))
+        closed = float(_share(means[0], means[2]))
         rng = np.random.default_rng(seed)
         if len(G) < 2:
             return Shrinkage(tuple(curves), before, refit_only, with_cause, 1.0, error, closed, None, how)
@@ -107,6 +108,11 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
         m = G[pick].mean(axis=1)
         m[:, 0] += z.mean(axis=1)  # what noise adds to before it adds to what is closed
         m = m[m[:, 0] - 1.0 > 2 * error]  # where the gap sits in one curve, resamples without it have no share
-        share = (m[:, 0] - m[:, 2]) / (m[:, 0] - 1.0)
+        share = _share(m[:, 0], m[:, 2])
         interval = (float(np.quantile(share, 0.05)), float(np.quantile(share, 0.95)))
     return Shrinkage(tuple(curves), before, refit_only, with_cause, 1.0, error, closed, interval, how)
+
+
+def _share(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The share of what exceeds the floor of 1 before that does no longer after; at most 1."""
+    return (before - np.maximum(after, 1.0)) / (before - 1.0)

@@ -41,10 +41,10 @@ class BaseAxis:
         """Value at coordinate x for a modulus."""
         return (np.exp(x) if self.log else np.asarray(x, float)) * modulus**self.exponent
 
-    def coordinate(self, value: float, modulus: float = 1.0) -> float:
+    def coordinate(self, value: np.ndarray | float, modulus: np.ndarray | float = 1.0) -> np.ndarray:
         """The coordinate of a value, see `physical`."""
-        reduced = value / modulus**self.exponent
-        return float(np.log(reduced)) if self.log else float(reduced)
+        reduced = np.asarray(value, float) / np.asarray(modulus, float) ** self.exponent
+        return np.log(reduced) if self.log else reduced
 
     @property
     def ends(self) -> tuple[float, float]:

@@ -16,6 +16,7 @@ import numpy as np
 from rso.contract import digest
 from rso.core.power_law import LEADING
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
+from rso.data.force_holds import HeldForce
 from rso.data.holds import BINS, at_peak, edges, stopped
 
 AIR = 3  # bins of the way before contact
@@ -314,10 +315,12 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     and a way back that is hardly one.
     """
     depth, back = r.depth, r.segment == "unloading"
+    begun: list[str] = []
+    if isinstance(r.creep, HeldForce):
+        begun.append(f"{len(r.creep.depth)} readings of creep at a held force, which rso run compares")
     if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
-        r, begun = kept(r, ~back), [f"{np.sum(back)} readings of a way back that has hardly begun"]
-    else:
-        begun = []
+        r = kept(r, ~back)
+        begun.append(f"{np.sum(back)} readings of a way back that has hardly begun")
     back, held = (np.nonzero(r.segment == s)[0] for s in ("unloading", "hold"))
     if not len(held):
         return r, begun

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.layout.digits import Unit, between, clean, fixed, percent, places, rounded, shown
+from rso.report.layout.digits import Unit, between, clean, fixed, percent, places, rounded, shown, significant
 from rso.report.layout.document import Fact, Table, column, table, words
 from rso.report.reading import Results, number, pair
 
@@ -71,7 +71,10 @@ def _unit(q: Mapping[str, Any]) -> Unit:
 
 def _value(q: Mapping[str, Any]) -> str:
     unit, (low, high) = _unit(q), q["interval"]
-    return f"{rounded(q['value'] * unit.factor, 0.5 * (high - low) * unit.factor)}{unit.after}"
+    half = 0.5 * (high - low) * unit.factor
+    value = q["value"] * unit.factor
+    text = rounded(value, half) if q.get("known") is True else significant(value, 2)
+    return f"{text}{unit.after}"
 
 
 def _span(q: Mapping[str, Any]) -> str:

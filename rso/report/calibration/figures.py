@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
-from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_resting
+from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_creep, draw_resting, left_of
 from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
@@ -183,12 +183,24 @@ def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
     simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in candidates(results) if c.curve(e["name"])[0]]
     holds = [(c, c.hold(e["name"])) for c in candidates(results) if c.hold(e["name"])]
     rest = Resting.of(whole, [(c, *points(h.get("since"), h.get("value")), h.get("error") or ()) for c, h in holds])
+    if not len(u) and rest is not None:
+        return _creep(name, e, unit, rest)
     return _curves(name, e, unit, u, y, _sigma(m, u), simulated, rest)
+
+
+def _creep(name: str, e: Mapping[str, Any], unit: Unit, hold: Resting) -> str:
+    """Depth over time at a held force."""
+    figure = canvas(4.6 if hold.simulated else 3.0)
+    force = shortest(float(f"{number((e.get('creep') or {}).get('held_N')) or 0.0:.3g}"))
+    fine = shown(e.get("unit", ""), largest(left_of(hold)))
+    draw_creep(figure, hold, unit, fine, f"{short(clean(e['name']), 60)}: held at {force} N")
+    return svg(figure, name)
 
 
 def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
-    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], FINE), u[(u > 0) & (u < x[-1])]]))
+    low = min(x[0], 0.0)
+    at = np.unique(np.concatenate([np.linspace(low, x[-1], FINE), u[(u > low) & (u < x[-1])]]))
     return at, drawn_at(x, f, at)
 
 
@@ -233,7 +245,7 @@ def _curves(
         axes.text(0.985, 0.04, word, transform=axes.transAxes, ha="right", color=GREY)
     axes.set_ylabel(f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     axes.set_title(short(clean(e["name"]), 60), color=GREY)
-    axes.set_xlim(0, None)
+    axes.set_xlim(min(0.0, float(u.min())) if len(u) else 0.0, None)
     fine = unit
     if rest is None:
         axes.set_xlabel("depth (mm)")
@@ -255,7 +267,7 @@ def _residuals(
     """What is left along the depth, in the unit that is returned."""
     left = []
     for c, x, f in simulated:
-        inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
+        inside = ((u > 0) | (x[0] < 0)) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
         left.append((c, u[inside], y[inside] - np.interp(u[inside], x, f)))
     unit = shown(e.get("unit", ""), largest([float(v) for _, _, r in left for v in r]))
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
@@ -282,15 +294,19 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
         c = known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))
         way, hold = on_the_way(v), at_rest(v)
         x, f = points(way.get("depth"), way.get("predicted"))
-        if c is not None and x:
-            found.append((c, np.array(x), np.array(f)))
+        if c is not None and (x or hold):
+            if x:
+                found.append((c, np.array(x), np.array(f)))
             times = points(hold.get("since"), hold.get("predicted"))
             holds.append((c, *times, hold.get("numerical_error") or ()))
     whole = e.get("measured") or {}
     m = on_the_way(whole)
     u, y = map(np.array, points(m.get("depth"), m.get("value")))
+    rest = Resting.of(whole, holds)
+    if not len(u) and rest is not None:
+        return _creep(name, e, unit, rest)
     if len(u) > 1:
-        return _curves(name, e, unit, u, y, _sigma(m, u), found, Resting.of(whole, holds))
+        return _curves(name, e, unit, u, y, _sigma(m, u), found, rest)
     return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), [(c, float(f[-1])) for c, _, f in found])
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rso.discrepancy.parameters import unproved
+from rso.discrepancy.wording import UNDECIDED, undecided
 from rso.report.discrepancy.reading import chance, sized
 from rso.report.layout.digits import DASH, channel_text, clean, known, percent, significant
 from rso.report.layout.document import Block, Cell, Fact, Section, Table, Text, column, table, words
@@ -20,6 +21,7 @@ _VERDICTS = {
     "partly": ("partly explained", "The model misses something; {0} is part of it, not all."),
     "unexplained": ("unexplained", "The model misses something, and nothing in the catalogue explains it."),
     "measurement": ("the measurement", "Not the model but the measurement is off: {0}."),
+    UNDECIDED: ("undecided", "Whether the model misses something is on the border: these data do not decide it."),
 }
 
 
@@ -33,9 +35,9 @@ def gap_fact(results: Results) -> list[Fact]:
     d = diagnosed(results)
     if not d:
         return []
-    title = _VERDICTS.get(clean(d.get("verdict")), (clean(d.get("verdict")) or DASH, ""))[0]
-    note = _closed(d) or "see the diagnosis"
-    return [Fact("Gap to reality", title, note, "good" if d.get("verdict") in ("no_gap", "explained") else "warn")]
+    v = UNDECIDED if undecided(d) else clean(d.get("verdict"))
+    title, note = _VERDICTS.get(v, (v or DASH, ""))[0], _closed(d) or "see the diagnosis"
+    return [Fact("Gap to reality", title, note, "good" if v in ("no_gap", "explained") else "warn")]
 
 
 def gap_sentences(results: Results) -> list[str]:
@@ -50,7 +52,8 @@ def gap_sections(results: Results) -> tuple[Section, ...]:
         return ()
     causes = list(d.get("causes") or ())
     names = ", ".join(_name(c) for c in causes) or "no cause is named"
-    said = _VERDICTS.get(clean(d.get("verdict")), ("", clean(d.get("verdict"))))[1].format(names)
+    v = UNDECIDED if undecided(d) else clean(d.get("verdict"))
+    said = _VERDICTS.get(v, ("", v))[1].format(names)
     closed = _closed(d)
     proved = unproved(d) if d.get("verdict") == "no_gap" else []
     how_much = f"{closed[:1].upper()}{closed[1:]}." if closed else ""

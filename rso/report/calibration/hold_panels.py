@@ -1,4 +1,4 @@
-"""A hold beside the loading: force over the logarithm of time, and what candidates leave of it."""
+"""A hold over the logarithm of time, and what candidates leave of it: force beside the loading, or creep by itself."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from scipy.interpolate import PchipInterpolator
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look, short, tag
 from rso.report.layout.digits import Unit, shortest
 from rso.report.reading import CandidateView, at_rest, number, points
 
@@ -50,7 +51,31 @@ class Resting:
         return Resting(float(m["depth"][0]), t, y, sigma, sorted(rows, key=lambda row: row[0].best))
 
 
-def draw_resting(axes: Axes, rest: Axes | None, hold: Resting, unit: Unit, fine: Unit) -> None:
+def draw_creep(figure: Figure, hold: Resting, unit: Unit, fine: Unit, title: str) -> None:
+    """Depth over the logarithm of time while a force is held, and what candidates leave of it."""
+    rows = 2 if hold.simulated else 1
+    grid = figure.subplots(rows, 1, sharex="col", squeeze=False, height_ratios=[2.6, 1][:rows])
+    rest = grid[1, 0] if rows == 2 else None
+    draw_resting(grid[0, 0], rest, hold, unit, fine, title)
+    grid[0, 0].set_ylabel(f"depth{unit.bracket}")
+    if rest is not None:
+        rest.set_ylabel(f"measured −\nsimulated{fine.bracket}")
+        rest.yaxis.set_major_locator(MaxNLocator(5))
+    k = len(hold.t) // 2
+    tag(grid[0, 0], hold.t[k], hold.y[k] * unit.factor, "measured ± σ", offset=(-12, 9), ha="right")
+    for c, x, f, _ in hold.simulated[-1:]:
+        j = int(np.argmin(np.abs(np.log(x) - np.log(hold.t[k + len(hold.t) // 4]))))
+        tag(grid[0, 0], x[j], f[j] * unit.factor, short(c.label), colour=ACCENT, offset=(12, -9), ha="left")
+
+
+def left_of(hold: Resting) -> list[float]:
+    """Measured less simulated at the moments of a hold, of all candidates."""
+    return [float(v) for _, x, f, _ in hold.simulated for v in hold.y - np.interp(hold.t, x, f)]
+
+
+def draw_resting(
+    axes: Axes, rest: Axes | None, hold: Resting, unit: Unit, fine: Unit, title: str | None = None
+) -> None:
     """A hold over the logarithm of time, and what is left of it."""
     t, y, s = hold.t, hold.y * unit.factor, hold.sigma * unit.factor
     axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
@@ -59,7 +84,7 @@ def draw_resting(axes: Axes, rest: Axes | None, hold: Resting, unit: Unit, fine:
         at = np.geomspace(x[0], x[-1], FINE)
         axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **(BEST if c.best else OTHER))
     axes.set_xscale("log")
-    axes.set_title(f"held at {shortest(float(f'{hold.depth:.3g}'))} mm", color=GREY)
+    axes.set_title(f"held at {shortest(float(f'{hold.depth:.3g}'))} mm" if title is None else title, color=GREY)
     if rest is not None:
         s = hold.sigma * fine.factor
         rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)

@@ -9,8 +9,10 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from rso.report.calibration.drawn_runs import drawn_runs
 from rso.report.canvas import (
     ACCENT,
     GREY,
@@ -86,7 +88,11 @@ def _surface(
     levels = MaxNLocator(9).tick_values(np.nanmin(Z), np.nanmax(Z))
     axes.contourf(X, Y, Z, levels, cmap=_SURFACE)
     lines = axes.contour(X, Y, Z, levels, colors=GREY, linewidths=0.5)
-    axes.clabel(lines, fmt=number_label(3), fontsize=7, inline_spacing=3, colors=INK)
+    # Inline labels would cut the steep part of a line away, and with it what the map is for.
+    labels = axes.clabel(lines, fmt=number_label(3), fontsize=7, inline=False, colors=INK)
+    for label in labels or ():
+        label.set_path_effects([withStroke(linewidth=2.0, foreground=PAPER)])
+        label.set_clip_on(True)
     for t in _targets(results, s["output"]):
         value, sigma = t["value"] * output.unit.factor, (number(t.get("sigma")) or 0) * output.unit.factor
         if sigma:
@@ -130,22 +136,10 @@ def _runs(axes: Axes, results: Results, x: ParameterView, y: ParameterView) -> N
         "crashed": {"marker": "^", "s": 26, "c": PAPER, "edgecolors": WARM, "linewidths": 1.3},
     }
     for state, look in looks.items():
-        chosen = [
-            r["values"]
-            for r in listed(results, "runs")
-            if r.get("state") == state and r.get("purpose") not in ("candidate", "validate")
-        ]
-        pairs = [(v[x.name], v[y.name]) for v in chosen if known(v.get(x.name)) and known(v.get(y.name))]
-        # By similarity some runs stand for the box without lying in it.
-        pairs = [(a, b) for a, b in pairs if _within(x, a) and _within(y, b)]
+        pairs = drawn_runs(results, state, x, y)
         if pairs:
             a, b = np.array(pairs).T
             axes.scatter(a * x.unit.factor, b * y.unit.factor, zorder=4, clip_on=False, **look)
-
-
-def _within(p: ParameterView, value: float) -> bool:
-    room = 1e-9 * max(abs(p.low), abs(p.high))
-    return not (value < p.low - room or value > p.high + room)
 
 
 def _marks(axes: Axes, results: Results, x: ParameterView, y: ParameterView) -> None:

@@ -29,7 +29,6 @@ from rso.report.layout.digits import (
     largest,
     percent,
     quantity,
-    sentence,
     shortest,
     shown,
     signed,
@@ -59,6 +58,7 @@ from rso.report.reading import (
     drawn_at,
     experiments,
     fitted_curves,
+    lettered,
     listed,
     number,
     on_the_way,
@@ -212,7 +212,7 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[CandidateV
     if each:
         said.append(f"Searched: {', '.join(each)}.")
     if s.get("story"):
-        said.append(sentence(s["story"]))
+        said.append(lettered(results, s["story"]))
     if s.get("infill"):
         said.append(f"{s['infill']} run{'s' if s['infill'] > 1 else ''} added until predicted = recomputed.")
     every = [o for c in chosen for o in c.data.get("outputs") or () if known(o.get("target")) and o.get("recomputed")]
@@ -250,9 +250,11 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     name, m = clean(e["name"]), on_the_way(whole)
     u, y = points(m.get("depth"), m.get("value"))
     x, f = best.curve(e["name"]) if best else ((), ())
+    if best is not None and not u:
+        return f"{name}: depth over time at a held force.{_hold_caption(whole, best.hold(e['name']), e['unit'])}"
     if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
-    reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
+    reached = [(a, b) for a, b in zip(u, y, strict=True) if min(x[0], 0) < a <= x[-1] * (1 + 1e-9) or a == x[0]]
     if not reached:
         return f"{name}: {len(u)} measured points; {best.label} ends before the first of them."
     predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
@@ -277,7 +279,8 @@ def _hold_caption(measured: Mapping[str, Any], hold: Mapping[str, Any], unit: st
     if not both:
         return ""
     off, at = max(both)
-    return f" In the hold, right, at most by {quantity(off, unit, 2)}, {shortest(float(f'{at:.2g}'))} s after it began."
+    where = "In the hold, right," if on_the_way(measured).get("depth") else "The simulation is off"
+    return f" {where} at most by {quantity(off, unit, 2)}, {shortest(float(f'{at:.2g}'))} s after it began."
 
 
 def metric_rows(results: Results, name: str) -> list[tuple[str, Mark, Mapping[str, Any]]]:

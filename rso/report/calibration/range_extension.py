@@ -7,7 +7,7 @@ from typing import Any
 
 from rso.report.layout.digits import DASH, clean, known, shortest, significant
 from rso.report.layout.document import Block, Cell, Text, column, table, words
-from rso.report.reading import ParameterView, Results, listed, parameters
+from rso.report.reading import ParameterView, Results, lettered, listed, parameters
 
 _WORDS = {"widened": "widened", "taken back": "taken back", "done": "done", "stopped": "stopped"}
 
@@ -19,7 +19,8 @@ def range_blocks(results: Results) -> list[Block]:
     last = rows[-1] if rows else {}
     end = {"done": "In the end ", "stopped": "It stopped there: "}.get(clean(last.get("what")), "")
     if not moved:
-        return [Text(f"Ranges of the main search: {clean(last['why'])}.")] if last.get("what") == "stopped" else []
+        why = lettered(results, f"Ranges of the main search: {clean(last.get('why'))}.")
+        return [Text(why)] if last.get("what") == "stopped" else []
     views = {p.name: p for p in parameters(results)}
     rounds = [a.get("round") for a in moved]
     first = [
@@ -35,10 +36,12 @@ def range_blocks(results: Results) -> list[Block]:
         column("to", words([_value(views, a, "to") for a in moved])),
         column("runs", words([shortest(a["runs"]) if a.get("runs") else "" for a in moved]), "added"),
         column(
-            "why", words([clean(a.get("why")) if f else "" for a, f in zip(moved, first, strict=True)]), number=False
+            "why",
+            words([lettered(results, a.get("why")) if f else "" for a, f in zip(moved, first, strict=True)]),
+            number=False,
         ),
     ]
-    note = f"{end}{clean(last['why'])}." if end else ""
+    note = lettered(results, f"{end}{clean(last['why'])}.") if end else ""
     return [table("Ranges of the main search: what was widened, and why", columns, note)]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.report.calibration.drawn_runs import drawn_runs
 from rso.report.calibration.influence import influence_blocks, over
 from rso.report.layout.digits import (
     DASH,
@@ -55,11 +56,7 @@ def surface_section(results: Results) -> Section:
 
 
 def _surface_caption(results: Results) -> str:
-    states = [r.get("state") for r in listed(results, "runs")]
-    parts = [f"{states.count('done')} runs done (dots)"]
-    parts += [f"{states.count('failed')} failed (crosses)"] if "failed" in states else []
-    parts += [f"{states.count('crashed')} crashed (triangles)"] if "crashed" in states else []
-    text = f"{', '.join(parts)}."
+    text = _runs_sentence(results)
     if story := (results.get("feasible") or {}).get("story"):
         text += f" Hatched: where runs would rather fail. {clean(story)}"
     flat = not any((s.get("y") or {}).get("values") for s in grids(results))
@@ -71,6 +68,23 @@ def _surface_caption(results: Results) -> str:
     others = {k: v for s in grids(results) for k, v in (s.get("others") or {}).items()}
     held = [f"{p.letter} = {p.show(others[p.name])}" for p in parameters(results) if known(others.get(p.name))]
     return text + (f" Held: {', '.join(held)}." if held else "")
+
+
+def _runs_sentence(results: Results) -> str:
+    """How many runs of each end the maps show, and how many lie outside of them."""
+    views = {p.name: p for p in parameters(results)}
+    grid = grids(results)[0]
+    x, y = views.get(grid["x"]["parameter"]), views.get((grid.get("y") or {}).get("parameter") or "")
+    shown_as = {"done": "done (dots)", "failed": "failed (crosses)", "crashed": "crashed (triangles)"}
+    drawn = {state: len(drawn_runs(results, state, x, y)) if x else 0 for state in shown_as}
+    every = [r.get("state") for r in listed(results, "runs") if r.get("purpose") not in ("candidate", "validate")]
+    parts = [f"{n} {shown_as[state]}" for state, n in drawn.items() if n]
+    outside = {state: every.count(state) - n for state, n in drawn.items() if every.count(state) > n}
+    text = f"Runs: {', '.join(parts)}." if parts else ""
+    if outside:
+        each = ", ".join(f"{n} {state}" for state, n in outside.items())
+        text += f" Outside of these ranges: {each}."
+    return text.strip()
 
 
 def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, OutputView]) -> Table:

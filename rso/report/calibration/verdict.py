@@ -302,8 +302,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
     facts += [*prediction_fact(results), *gap_fact(results)]
     if finished(results, "verify") and candidates(results):
         good = sum(c.verified for c in candidates(results))
-        note = "candidates verified: predicted = recomputed"
-        facts.append(Fact("Verified", f"{good} of {len(candidates(results))}", note))
+        note = "candidates whose rerun is what the surrogates predicted; no check of the model"
+        facts.append(Fact("Surrogates", f"{good} of {len(candidates(results))}", note))
     c, t = results.get("counts") or {}, results.get("timings") or {}
     if known(c.get("fe_runs")):
         facts.append(Fact("Cost", f"{c['fe_runs']} runs", f"simulations, {duration(t.get('total'))} of wall time"))

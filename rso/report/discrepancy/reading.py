@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rso.discrepancy.parameters import called
+from rso.discrepancy.wording import UNDECIDED, undecided
 from rso.report.layout.digits import (
     DASH,
     NBSP,
@@ -83,6 +84,11 @@ def core(found: Found) -> Mapping[str, Any]:
 def verdict_of(found: Found) -> str:
     """The verdict's key."""
     return str(core(found).get("verdict") or "")
+
+
+def told(found: Found) -> str:
+    """What a reader is told: the verdict's key, or `UNDECIDED` where no gap is one on the border."""
+    return UNDECIDED if undecided(core(found)) else verdict_of(found)
 
 
 def parts(name: str) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.discrepancy.parameters import beside, called, unproved
-from rso.discrepancy.wording import DOUBT, in_one_curve, may_be_absent, nothing, shaped
+from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
 from rso.report.canvas import short
 from rso.report.discrepancy.background import background
 from rso.report.discrepancy.figures import draw, leading
@@ -30,6 +30,7 @@ from rso.report.discrepancy.reading import (
     said_when,
     signatures,
     sized,
+    told,
     unit_of,
     verdict_of,
 )
@@ -65,6 +66,7 @@ _VERDICTS = {
     "partly": ("Partly explained", "The model misses something, and {0} is part of it, not all."),
     "unexplained": ("Unexplained", "The model misses something, and nothing in the catalogue explains it."),
     "measurement": ("The measurement", "Not the model but the measurement is off: {0}."),
+    UNDECIDED: ("Undecided", "Whether the model misses something is on the border: these data do not decide it."),
 }
 
 
@@ -100,7 +102,7 @@ def report(found: Found) -> Report:
 def verdict(found: Found) -> Section:
     """Section 1: the verdict in one sentence, the numbers behind it, and the story."""
     d = core(found)
-    text = _VERDICTS.get(verdict_of(found), ("", ""))[1]
+    text = _VERDICTS.get(told(found), ("", ""))[1]
     names = [descriptions(found).get(c, c) for c in map(lambda c: clean(c.get("effect")), d.get("causes") or ())]
     if d.get("ambiguous_with"):
         named = _listing(names if names[1:] else [*names, _other(d)], "or")
@@ -163,9 +165,9 @@ def _listing(names: list[str], word: str) -> str:
 def _facts(found: Found) -> list[Fact]:
     d = core(found)
     g, s, v = d.get("gap") or {}, d.get("shrinkage") or {}, verdict_of(found)
-    mark: Mark = "good" if v in ("no_gap", "explained", "measurement") else "warn"
+    mark: Mark = "good" if told(found) in ("no_gap", "explained", "measurement") else "warn"
     facts = [
-        Fact("Verdict", _VERDICTS.get(v, (clean(v) or DASH, ""))[0], _policy(d), mark),
+        Fact("Verdict", _VERDICTS.get(told(found), (clean(v) or DASH, ""))[0], _policy(d), mark),
         Fact("p, if there were no gap", p_text(g.get("p_value")), "rare below 0.05"),
         Fact(
             "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
@@ -203,6 +205,7 @@ _POLICY = {
     "partly": "a cause, and something more",
     "unexplained": "none in the catalogue",
     "measurement": "test or chain, not the specimen",
+    UNDECIDED: "neither shown nor excluded",
 }
 
 _EITHER = {
@@ -218,7 +221,7 @@ def _policy(d: Mapping[str, Any]) -> str:
     for like, either in _EITHER.items():
         if lone.get(like):
             return either
-    return _POLICY.get(clean(d.get("verdict")), "")
+    return _POLICY.get(UNDECIDED if undecided(d) else clean(d.get("verdict")), "")
 
 
 def _check_of(found: Found) -> float | None:

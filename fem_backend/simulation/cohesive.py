@@ -1,0 +1,95 @@
+"""Elements that resolve an attraction: the annulus beside a contact where it acts, and the contact itself.
+
+On a half-space of modulus E* the attraction w/ℓ of a range ℓ acts over l = (π/4) E* ℓ²/w beside the contact, and a
+ball sticks to a circle of a₀ = (9π w R²/2E*)^(1/3) under no force (JKR).  Elements are wanted as long as the less of
+l/2 and a₀/10, in steps of √2 so that runs of like values share a grid, out to where the deepest contact ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from fem_backend import closed_forms
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.knobs import Knobs
+
+PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
+BESIDE = 1.3  # of the deepest contact's radius: where elements begin to grow
+FAR = 100.0  # lengths of the indenter: a smaller specimen is no half-space
+GROWS = 0.25  # of the distance from there
+MOST = 800  # elements along the contact, at unit fineness
+SAMPLES = 40  # of a size, per finest element
+FEWEST_SAMPLES, MOST_SAMPLES = 400, 400_000
+
+
+class Unresolved(ValueError):
+    """An attraction whose annulus no grid of a bearable size resolves."""
+
+
+def stiff(knobs: Knobs) -> float:
+    """E* (MPa) of the body under a rigid indenter."""
+    K = 2.0 / knobs.D1
+    E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
+    return closed_forms.plane_modulus(E, nu)
+
+
+def zone(knobs: Knobs) -> float:
+    """Width l (mm) of the annulus where the attraction acts."""
+    return closed_forms.cohesive_zone(knobs.adhesion, stiff(knobs), knobs.adhesion / knobs.adhesion_range)
+
+
+def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
+    """The settings with elements that resolve the attraction down to the `deepest` travel (mm); Unresolved."""
+    if not knobs.adhesion:
+        return settings
+    R, E = settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point)), stiff(knobs)
+    l, a0 = zone(knobs), (4.5 * math.pi * knobs.adhesion * R**2 / E) ** (1.0 / 3.0)
+    unit = settings.indenter.length
+    h = min(l / PER_ZONE, a0 / PER_CONTACT)
+    if h >= float(settings.indenter.spacing(np.zeros(1))[0]):
+        return settings
+    radius = BESIDE * _deepest_contact(settings, knobs, R, E, max(deepest, 0.0))
+    if radius > MOST * h:
+        # of the same contact: the range at which MOST elements are enough
+        least = knobs.adhesion_range * math.sqrt(radius / (MOST * min(l / PER_ZONE, radius / MOST)))
+        number = closed_forms.tabor(R, knobs.adhesion, E, knobs.adhesion_range)
+        raise Unresolved(
+            f"adhesion_range = {knobs.adhesion_range:.3g} mm: attraction acts on {l:.3g} mm beside a contact of "
+            f"{radius / BESIDE:.3g} mm (Tabor parameter {number:.3g}), "
+            f"for which {MOST} elements are not enough; from {least:.2g} mm on they are"
+        )
+    return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))
+
+
+def spacing(settings: Settings) -> Callable[[np.ndarray], np.ndarray]:
+    """Wanted element size (…) mm at distances (…) mm from the axis: that of the indenter, finer where it attracts."""
+    own = settings.indenter.spacing
+    if settings.fine is None:
+        return own
+    h, radius = settings.fine
+    return lambda r: np.minimum(own(r), h + GROWS * np.maximum(np.asarray(r, float) - radius, 0.0))
+
+
+def samples(settings: Settings, length: float) -> int | None:
+    """Places at which sizes are looked up along an interval of a `length` (mm), None where the usual ones do."""
+    if settings.fine is None:
+        return None
+    return int(min(max(SAMPLES * length / (settings.fineness * settings.fine[0]), FEWEST_SAMPLES), MOST_SAMPLES))
+
+
+def _deepest_contact(settings: Settings, knobs: Knobs, R: float, E: float, depth: float) -> float:
+    """Radius (mm) of the contact at a depth (mm): JKR's a²/R = δ + √(2π w a/E*), on a layer as much as √2 wider."""
+    a = math.sqrt(R * depth)
+    for _ in range(60):
+        a = math.sqrt(R * (depth + math.sqrt(2.0 * math.pi * knobs.adhesion * max(a, 1e-12 * R) / E)))
+    layer = settings.specimen.smallest < FAR * settings.indenter.length
+    return a * (math.sqrt(2.0) if layer else 1.0)
+
+
+def _power(value: float, which: Callable[[float], int]) -> float:
+    """A power of √2 below or above a value."""
+    return 2.0 ** (0.5 * which(2.0 * math.log2(value)))

@@ -1,0 +1,204 @@
+"""New meshes of a deformed meridian: triangles, places traced back, fields carried over, runs that go on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem_backend.backend import BACKEND
+from fem_backend.contact.self_contact import met_itself
+from fem_backend.kinematics import axisymmetric
+from fem_backend.meshing import triangulated
+from fem_backend.remeshing import location
+from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
+from fem_backend.remeshing.triangulation import NoTriangles, filled, inside, quality, size_field
+from fem_backend.simulation import assembly, indentation, rezoning
+from fem_backend.simulation.experiment import read_settings
+from fem_backend.solver.load_steps import Instant
+
+
+def grid(n: int = 8):
+    return triangulated(np.linspace(0.0, 2.0, n + 1), np.linspace(0.0, 1.0, n + 1))
+
+
+def crescent(n: int = 24) -> np.ndarray:
+    """A half disc with a notch: an outline that is not convex, counterclockwise."""
+    turn = np.linspace(-0.5, 0.5, n) * np.pi
+    outer = 2.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    inner = np.column_stack([0.6 * np.cos(turn[::-1][1:-1]), 1.0 + 0.6 * np.sin(turn[::-1][1:-1])])
+    axis = np.linspace(2.0, 1.6, 4)[1:], np.linspace(0.4, -2.0, 14)[:-1]
+    return np.concatenate(
+        [outer, np.column_stack([0 * axis[0], axis[0]]), inner, np.column_stack([0 * axis[1], axis[1]])]
+    )
+
+
+def test_triangles_fill_their_polygon_well_shaped_and_the_same_every_time():
+    outline = crescent()
+    sizes = np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1)
+    line = np.column_stack([np.linspace(0.2, 1.2, 9), np.full(9, -0.6)])
+    points, triangles = filled(outline, [line], size_field(outline, sizes, 0.3))
+    q = quality(points[triangles])
+    x, y = outline.T
+    whole = 0.5 * float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+    a, b = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]
+    assert 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() == pytest.approx(whole, rel=1e-12)
+    assert q.min() > 0.3 and np.median(q) > 0.85
+    assert inside(outline, points[triangles].mean(1)).all()
+    sides = {frozenset(s) for t in triangles.tolist() for s in zip(t, t[1:] + t[:1], strict=True)}
+    first = len(outline)
+    assert all(frozenset((first + k, first + k + 1)) in sides for k in range(8))
+    again = filled(outline, [line], size_field(outline, sizes, 0.3))
+    assert (again[0] == points).all() and (again[1] == triangles).all()
+
+
+def test_a_polygon_that_crosses_itself_is_refused():
+    bow = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]])
+    with pytest.raises(NoTriangles):
+        filled(bow, [], size_field(bow, np.full(4, 0.3), 0.3))
+
+
+def test_places_are_found_in_curved_cells_and_fields_carried_exactly_where_they_can_be():
+    """A quadratic map of the grid: u of degree two is in the element, and traced back to round-off."""
+    mesh = grid()
+    X = mesh.points
+    u = np.column_stack([0.1 * X[:, 0] * X[:, 1], 0.05 * X[:, 0] ** 2 - 0.2 * X[:, 1] ** 2])
+    rng = np.random.default_rng(3)
+    at = rng.uniform([0.0, 0.0], [2.0, 1.0], (200, 2))
+    now = at + np.column_stack([0.1 * at[:, 0] * at[:, 1], 0.05 * at[:, 0] ** 2 - 0.2 * at[:, 1] ** 2])
+    cell, xi = location.located(X + u, mesh.cells, now)
+    np.testing.assert_allclose(location.at_nodes(X, mesh.cells, cell, xi), at, atol=1e-9)
+    with pytest.raises(location.Lost):
+        location.located(X, mesh.cells, np.array([[5.0, 0.5]]))
+
+
+def test_a_linear_field_at_points_is_carried_exactly_and_no_field_gets_new_extremes():
+    mesh = grid()
+    body = axisymmetric.discretise(mesh.points, mesh.cells, np.zeros((len(mesh.points), 3), bool))
+    x = location.quadrature_points(mesh.points, mesh.cells, axisymmetric.shape_functions())
+    inner = np.random.default_rng(4).uniform([0.4, 0.2], [1.6, 0.8], (100, 2))
+    cell, xi = location.located(mesh.points, mesh.cells, inner)
+    middle = np.full_like(xi, 1.0 / 3.0)
+    found = location.at_points(2.0 + x @ [1.0, -3.0], body.Q, cell, middle)
+    at = location.at_nodes(mesh.points, mesh.cells, cell, middle)
+    np.testing.assert_allclose(found, 2.0 + at @ [1.0, -3.0], rtol=1e-10)
+    steep = np.where(x[..., 0] > 1.0, 1.0, 0.0)
+    assert location.at_points(steep, body.Q, cell, xi).min() >= 0.0
+    assert location.at_points(steep, body.Q, cell, xi).max() <= 1.0
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_a_sheared_section_is_meshed_anew_well_shaped_with_the_same_volume(layers):
+    """Stretched twofold along the top: new cells are well shaped now, fill the old body, and keep its layers."""
+    mesh = grid(12)
+    X = mesh.points
+    u = np.column_stack([X[:, 0] * X[:, 1] ** 2, -0.35 * X[:, 1] ** 2])
+    part = np.zeros(len(mesh.cells), int) if layers == 1 else (X[mesh.cells[:, 6], 1] > 0.5).astype(int)
+    held = np.where(X[:, 1] == 0.0, 3, 0)
+    section = DeformedMeridian(X, u, mesh.cells, mesh.outline(), held, part)
+    new = rezoned(section, np.ones(len(mesh.cells), bool), lambda x: np.full(len(x), 0.25), 0.3)
+    body = axisymmetric.discretise(new.points, new.cells, np.zeros((len(new.points), 3), bool))
+    assert body.w.sum() == pytest.approx(4.0 * np.pi, rel=1e-9)
+    cell, xi = location.located(X, mesh.cells, new.points)
+    now = new.points + location.at_nodes(u, mesh.cells, cell, xi)
+    q, worn = quality(now[new.cells[:, :3]]), quality((X + u)[mesh.cells[:, :3]])
+    assert q.min() > 0.1 and np.median(q) > 0.8 > np.median(worn)  # the corner of the outline is sharp
+    top = np.unique(X[mesh.outline()[:, 0], 1])
+    assert top.max() == new.points[:, 1].max()
+    if layers == 2:
+        above = (new.points[new.cells[:, :3], 1] > 0.5 + 1e-9).any(1)
+        below = (new.points[new.cells[:, :3], 1] < 0.5 - 1e-9).any(1)
+        assert not (above & below).any()
+
+
+def test_a_part_with_a_hole_is_refused():
+    mesh = grid(6)
+    middle = mesh.points[mesh.cells[:, 6]]
+    near = np.hypot(middle[:, 0] - 1.0, middle[:, 1] - 0.5) > 0.2
+    flat = np.zeros_like(mesh.points)
+    section = DeformedMeridian(
+        mesh.points, flat, mesh.cells, mesh.outline(), np.zeros(len(flat), int), np.zeros(len(near), int)
+    )
+    with pytest.raises(NoMesh):
+        rezoned(section, near, lambda x: np.full(len(x), 0.2), 0.3)
+
+
+def test_a_surface_that_crosses_itself_has_met_itself():
+    """A groove whose walls come together: apart, and one through the other."""
+    for gap, met in ((0.1, False), (-0.1, True)):
+        ends = np.array([[0.0, 1.0], [1.0 - gap, 1.0], [1.0, 0.0], [1.0 + gap, 1.05], [2.0, 1.0]])
+        middles = 0.5 * (ends[1:] + ends[:-1])
+        x = np.column_stack([np.concatenate([ends, middles])[:, 0], np.zeros(9), np.concatenate([ends, middles])[:, 1]])
+        edges = np.array([[k, k + 1, 5 + k] for k in range(4)])
+        assert met_itself(x, edges) is met
+
+
+DEPTHS, SOFT = (3.0, 6.0), {"mu": 0.01, "D1": 40.0}
+
+
+def run(remesh, depths, knobs, gradients=(), programme=None):
+    """A ball to twice its radius in a thick soft slab, on crude elements."""
+    settings = read_settings(
+        {
+            "specimen": {"shape": "slab", "thickness": 12.0},
+            "support": {"kind": "bonded"},
+            "indenter": {"shape": "sphere", "radius": 3.0, "shaft": True},
+            "profile": [[2.0, 0.0], [5.0, 0.0]],
+            "mesh": {"level": "coarse", "remesh": remesh},
+        }
+    )
+    settings = replace(settings, fineness=3.0)
+    values = BACKEND.knobs(knobs, settings)
+    placement = assembly.place(settings, values)
+    model = assembly.model_for(settings, values, placement, None)
+    way = programme or [Instant(d, d, True) for d in depths]
+    return indentation.solve(settings, values, placement, model, way, None, gradients)
+
+
+@pytest.fixture(scope="module")
+def renewed():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rezoning, "LONGER", 1.7)  # sooner than usual: a shallow run is cheap
+        new = run("when_needed", DEPTHS, SOFT, ("mu", "D1"))
+    return new, run("never", DEPTHS, SOFT, ("mu", "D1"))
+
+
+def test_a_deep_run_goes_on_with_a_new_mesh(renewed):
+    """Force, marks and derivatives are those of the old mesh but for what crude elements miss, 1 to 2 %."""
+    new, old = renewed
+    assert new.legs and not old.legs and new.notes["meshes"] == 1 + len(new.legs)
+    assert all(3.0 < began < 6.0 and jump < 0.01 for began, jump in new.legs)
+    assert new.Fz[0] == old.Fz[0] and new.Fz[1] != old.Fz[1]
+    np.testing.assert_allclose(new.Fz, old.Fz, rtol=0.02)
+    for name in ("uz(2,0)", "uz(5,0)"):
+        np.testing.assert_allclose(new.channels[name], old.channels[name], atol=0.1)  # elements of 1 mm
+    for knob in ("mu", "D1"):
+        least = 0.02 * old.Fz[-1] / SOFT[knob]
+        np.testing.assert_allclose(new.gradients[knob]["Fz"], old.gradients[knob]["Fz"], rtol=0.02, atol=least)
+
+
+def test_the_reaction_of_the_support_balances_the_force_on_every_mesh(renewed):
+    new, _ = renewed
+    np.testing.assert_allclose(new.reaction[:, 2], new.Fz, rtol=1e-4)
+
+
+def test_histories_are_carried_over(monkeypatch):
+    """A body that relaxes and softens: within 2 % of the run on one mesh, loading, resting and back."""
+    knobs = {**SOFT, "prony_g": 0.4, "prony_tau": 2.0, "mullins": 0.5, "mullins_m": 0.3}
+    way = [Instant(3.0, 3.0, True), Instant(6.0, 6.0, True), Instant(10.0, 6.0, True), Instant(12.0, 4.5, True)]
+    old = run("never", (), knobs, programme=way)
+    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    new = run("when_needed", (), knobs, programme=way)
+    assert new.legs and all(jump < 0.01 for _, jump in new.legs)
+    assert new.Fz[2] < 0.95 * new.Fz[1]  # it relaxes on the new mesh, as before
+    np.testing.assert_allclose(new.Fz, old.Fz, rtol=0.02)
+
+
+def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
+    def none(*_):
+        raise NoMesh("none")
+
+    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "rezoned", none)
+    kept = run("when_needed", DEPTHS, SOFT)
+    np.testing.assert_allclose(kept.Fz, renewed[1].Fz, rtol=1e-6)
+    assert not kept.legs
