@@ -285,9 +285,14 @@ class FiniteElements:
         """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm that pulls."""
         return model_hierarchy.jkr(experiment.read_settings(settings), depth, force)
 
-    def resolution(self, settings: Mapping[str, Any], depth: float) -> Mapping[str, float]:
-        """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm)."""
+    def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
+        """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
+
+        Empty with adhesion among the knobs `given`: elements then resolve its range, whatever the level.
+        """
         own = experiment.read_settings(settings)
+        if "adhesion" in given:
+            return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}
         names = [own.level, *(name for name in RESOLVING if name != own.level)]

@@ -67,9 +67,11 @@ def unresolved(plan: Plan) -> list[str]:
             continue
         settings = {k: v for k, v in plan.study.settings_of(e.name).items() if k != "unload"}
         deepest = float(plan.curves[e.name].depth.max())
-        (own, error), *others = meshes.resolution(settings, deepest).items()
-        if deepest <= 0.0 or error <= COARSE:
+        given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
+        levels = list(meshes.resolution(settings, deepest, given).items())
+        if deepest <= 0.0 or not levels or levels[0][1] <= COARSE:
             continue
+        (own, error), *others = levels
         better = [f"{name} {100 * v:.2g} %" for name, v in others if v < 0.8 * error]
         hint = f"; by level: {', '.join(better)}" if better else ""
         lines.append(

@@ -186,8 +186,11 @@ class DraftSettings(Protocol):
 class Resolution(Protocol):
     """What the discretisation misses; without it nothing is said of it before a run."""
 
-    def resolution(self, settings: Settings, depth: float, /) -> Mapping[str, float]:
-        """Level of the mesh, that of the settings first → share of the force that it misses at a depth (mm)."""
+    def resolution(self, settings: Settings, depth: float, given: Collection[str], /) -> Mapping[str, float]:
+        """Level of the mesh, that of the settings first → share of the force that it misses at a depth (mm).
+
+        `given` are the knobs that have a value or are identified; empty where nothing is known of these.
+        """
         ...
 
 

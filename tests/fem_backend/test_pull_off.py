@@ -211,3 +211,13 @@ def test_elements_follow_the_attraction():
     assert less[0] == pytest.approx(fine[0] / 4.0)
     none = replace(knobs, adhesion=0.0)
     assert cohesive.resolved(settings, none, 0.01) is settings
+
+
+def test_nothing_is_said_of_a_mesh_that_resolves_the_adhesion_whatever_its_level():
+    from fem_backend.backend import BACKEND
+
+    settings = {"specimen": {"shape": "half_space"}, "indenter": {"shape": "sphere", "radius": 2.0}}
+    assert (
+        BACKEND.resolution(settings, 0.04, ("mu", "D1"))
+        and BACKEND.resolution(settings, 0.04, ("mu", "adhesion")) == {}
+    )

@@ -47,7 +47,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "hertz": ((SETTINGS, U, 0.16 * U), lambda v: np.isclose(v["mu"], 0.01)),
     "exponents": ((SETTINGS,), lambda v: v[0] == 1.0),
     "cost": ((VALUES, CASE), lambda v: v == 8.0),
-    "resolution": ((SETTINGS, 1.0), lambda v: v["coarse"] > v["fine"]),
+    "resolution": ((SETTINGS, 1.0, ("mu",)), lambda v: v["coarse"] > v["fine"]),
     "reduction": ((VALUES, CASE), lambda v: v == "of revolution: solved on its meridian"),
     "refused": ((VALUES, CASE), lambda v: v is None),
     "deep": ((SETTINGS,), lambda v: v == 4.0),
