@@ -492,7 +492,7 @@ def test_codes_of_a_machine_are_its_segments_and_what_is_no_test_is_skipped(tmp_
             {k: v for k, v in CODES.items() if k != "2"},
             [":7:", "'segment' ('Phase')", "'2.0' is none of '0', '1', '3'", "skip"],
         ),
-        (None, [":2:", "'0' is none of loading, hold, unloading", 'values = { "0" = "loading"']),
+        (None, [":2:", "'0' is none of loading, hold, creep, unloading", 'values = { "0" = "loading"']),
     ],
 )
 def test_codes_that_nobody_explained_are_refused(tmp_path, values, words):

@@ -787,7 +787,11 @@ def test_one_way_there_is_not_remarked_upon(tmp_path, what):
 def test_nothing_is_doubtful_in_the_records_of_the_studies():
     records = sorted((Path(__file__).parents[2] / "studies").glob("**/measured/*.csv"))
     assert len(records) > 10
-    assert [doubt for path in records for doubt in read(path).doubts] == []
+    said = [(path.parent.parent.name, doubt) for path in records for doubt in read(path).doubts]
+    assert [study for study, doubt in said if "are those of creep" in doubt] == [
+        "creep"
+    ] * 2  # held by force, knowingly
+    assert [doubt for study, doubt in said if study != "creep"] == []
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.2])
