@@ -37,7 +37,6 @@ ALLOWED = {
     "fem_backend/closed_forms/half_space.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/layer.py": "oracles by the name that the literature has for them",
     "fem_backend/simulation/cohesive.py": "the effective radius R of Tabor's parameter",
-    "fem_backend/export/febio.py": "Rx to Rw are degrees of freedom of another program",
     "fem_backend/adapter/command_line.py": "`rso new` and nominal.json of a laboratory know one specimen only",
 }
 

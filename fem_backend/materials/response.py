@@ -165,12 +165,12 @@ def carried(body: MeridianBody, at: Linearised, step: np.ndarray) -> Turning:
 
 
 def projected(
-    body: Body, material: Substance, scale: np.ndarray | None, most: float = LOCAL
+    body: Body, material: Substance, scale: np.ndarray | None, most: float | None = None
 ) -> tuple[Substance, float, np.ndarray | None]:
     """What acts at points, the bulk modulus (MPa) that elements project, and its factor (m, q)."""
     if not isinstance(material, Regions):
-        return *split(material, most), scale
-    parts = [split(m, most) for m in material.materials]
+        return *split(material, LOCAL if most is None else most), scale
+    parts = [split(m, LOCAL if most is None else most) for m in material.materials]
     K = np.array([k for _, k in parts])[material.of][:, None]
     s = K * (np.ones_like(body.w) if scale is None else scale)
     return Regions(tuple(m for m, _ in parts), material.of), 1.0, s

@@ -279,7 +279,7 @@ class _Walk:
         rate = (end - F0) / lasts if leg.to_N is not None else 0.0
         moments = {_of_end(t, lasts): (F0 + rate * t, True) for t in leg.asked}
         for f in self.drive.asked_N if rate else ():
-            if min(F0, end) < f < max(F0, end) or f == end:
+            if (min(F0, end) < f < max(F0, end) and abs(f - F0) > MET * abs(f)) or f == end:
                 moments[_of_end((f - F0) / rate, lasts)] = (f, True)
         moments[lasts] = (end, moments.get(lasts, (end, False))[1])
         for t in sorted(moments):

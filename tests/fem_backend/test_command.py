@@ -267,7 +267,9 @@ def test_failed_run_is_an_answer_with_what_was_reached(tmp_path):
     assert answer["cause"] in CAUSES and "mm" in answer["reason"] and answer["history"]
     assert answer["channels"]["travel"] == [0.5, 1]
     _, whole = ask(tmp_path, REQUEST)
-    np.testing.assert_allclose(answer["channels"]["Fz"], whole["channels"]["Fz"], rtol=1e-12)
+    # another mesh, as the run was asked to go deep: the same within what both state
+    off = np.abs(np.subtract(answer["channels"]["Fz"], whole["channels"]["Fz"]))
+    assert np.all(off <= np.add(answer["error"]["Fz"], whole["error"]["Fz"]))
     assert answer["units"] == whole["units"] and set(answer["error"]) == set(whole["error"])
 
 

@@ -146,6 +146,7 @@ def test_shallow_runs_and_meridians_keep_their_keys():
     assert BACKEND.canonical(again[0], again[1]) == again  # canonical settings are read again
 
 
+@pytest.mark.verification
 def test_a_held_sphere_in_space_is_that_of_another_program_to_eight_millimetres():
     """2.7 R deep, of a level that missed 1.2 to 5.2 % there: within 1.7 % and within what is stated, at most 6 %.
 

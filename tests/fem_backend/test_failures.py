@@ -125,15 +125,16 @@ def test_a_knob_switches_its_law_on(values, law):
 
 
 def test_what_was_reached_comes_with_the_failure():
-    """10.5 mm into elements of 5 mm: the curve so far is that of a run that ends there."""
+    """10.5 mm into elements of 5 mm: the curve so far is that of a run that ends there, within what both state."""
     failure = failed({}, (0.5, 1.0, 10.5))
     assert failure.cause in ("inversion", "step_limit", "instability", "contact")
     assert failure.history and {"iteration", "residual"} == set(failure.history[0])
     reached = failure.partial.channels
     assert reached["travel"].tolist() == [0.5, 1.0]
-    whole = BACKEND(VALUES, Case("c", Programme.ramp((0.5, 1.0), 1.0), {"mesh": SMALL})).channels
-    for name, channel in whole.items():
-        np.testing.assert_allclose(reached[name], channel, rtol=1e-9, err_msg=name)
+    whole = BACKEND(VALUES, Case("c", Programme.ramp((0.5, 1.0), 1.0), {"mesh": SMALL}))
+    for name in ("Fz", "uz_max"):
+        off, stated = np.abs(reached[name] - whole.channels[name]), failure.partial.error[name] + whole.error[name]
+        assert np.all(off <= stated), name
     assert "mm" in failure.reason
 
 

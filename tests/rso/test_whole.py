@@ -174,7 +174,7 @@ LAYOUT: dict[str, Any] = {
     "identification": {
         **dict.fromkeys(("level", "chi2", "degrees", "p_value", "noise_degrees", "scale", "story")),
         "values": VALUES,
-        "data": [dict.fromkeys(("experiment", "channel", "points"))],
+        "data": [{**dict.fromkeys(("experiment", "channel", "points")), "errors": None}],
         "recomputed": dict.fromkeys(("agreement", "chi2", "chi2_bare", "p_value_bare", "verified", "open")),
         "other_minima": [{"values": VALUES, "chi2": None}],
         "parameters": [
@@ -186,6 +186,13 @@ LAYOUT: dict[str, Any] = {
                 "profile": {key: [None] for key in ("values", "rise", "change", "sigma")},
                 "story": None,
                 "reason": None,
+            }
+        ],
+        "derived": [
+            {
+                **dict.fromkeys(("name", "letter", "description", "unit", "value", "known", "unlikely")),
+                "interval": [None],
+                "ends_by": [[None]],
             }
         ],
         "directions": [{"change": VALUES, "sd": None, "story": None}],
