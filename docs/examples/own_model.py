@@ -25,6 +25,13 @@ n = { low = 1.0, high = 2.0 }
 name = "pull"
 role = "fit"
 data = "pull.csv"
+[doe]
+runs = 8
+[sensitivity]
+sobol = false
+[search]
+population = 12
+generations = 5
 [report]
 html = false
 pdf = false

@@ -157,6 +157,7 @@ def test_a_held_sphere_in_space_is_that_of_another_program_to_eight_millimetres(
     assert np.all(np.abs(off) <= answer.error["Fz"]) and np.all(answer.error["Fz"] <= 0.06 * force)
 
 
+@pytest.mark.verification
 def test_without_a_second_mesh_errors_are_those_of_the_level():
     """Where the coarser run ends early nothing is compared, and what distorted elements add is stated as before."""
     solved = BACKEND.solve(SOFT, case([3.0, 7.0]))
@@ -165,6 +166,7 @@ def test_without_a_second_mesh_errors_are_those_of_the_level():
     assert other[1] / solved.result.Fz[1] > 0.02 > one[1] / solved.result.Fz[1]
 
 
+@pytest.mark.verification
 def test_derivatives_of_a_deep_run_are_those_of_its_element():
     """dF/dD1 beside a difference of two runs: the projected part of the volume change is in both."""
     asked = [4.0, 6.5]

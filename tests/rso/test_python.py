@@ -41,14 +41,15 @@ role = "fit"
 data = "pull.csv"
 noise = { Fz = "0.01 N", contact = "0 mm", gain = 0, correlation = "0 mm" }
 [doe]
-runs = 10
-held_out = 2
+runs = 8
+held_out = 1
 [sensitivity]
 sobol = false
 [search]
 repair = false
-population = 20
-generations = 10
+population = 12
+generations = 5
+candidates = 1
 [report]
 html = false
 pdf = false
@@ -88,7 +89,7 @@ def test_a_function_in_this_process_is_identified(spring):
     assert table.loc["k", "low"] < 2.0 < table.loc["k", "high"] and table.loc["n", "low"] < 1.5 < table.loc["n", "high"]
     assert list(table["verdict"]) == ["determined", "determined"] and table.loc["k", "unit"] == "N/mm"
     assert result.exit_code == 0 and result.exit_reason is None
-    assert set(result.runs["state"]) == {"done"} and len(result.runs) >= 12
+    assert set(result.runs["state"]) == {"done"} and len(result.runs) >= 9
     curves = result.curves
     best = curves[curves["what"] == "main 1"]
     assert len(curves[curves["what"] == "measured"]) == 20
@@ -107,7 +108,7 @@ def test_what_was_computed_is_not_computed_again(spring):
     first = rso.load(spring, backend=counted).run()
     done = len(calls)
     again = rso.load(spring, backend=counted)
-    assert again.run().parameters.equals(first.parameters) and len(calls) == done > 10
+    assert again.run().parameters.equals(first.parameters) and len(calls) == done > 8
     assert again.result.parameters.equals(first.parameters)
 
 
@@ -129,16 +130,16 @@ def test_runs_made_elsewhere_lead_to_the_same_answer(spring, tmp_path):
         study.tell([(run, {"Fz": run.values["k"] * run.travel ** run.values["n"]}) for run in runs])
         assert len(batches) < 30
     told, plain = study.run(), rso.load(spring, backend=stiffening, folder=tmp_path / "run").run()
-    assert batches[0] == 12 and len(batches) > 1
+    assert batches[0] > 5 and len(batches) > 1
     pd.testing.assert_frame_equal(told.parameters, plain.parameters)
     pd.testing.assert_frame_equal(told.candidates, plain.candidates)
 
 
 def test_some_of_a_batch_may_be_told(spring):
     study = rso.load(spring, backend=stiffening)
-    some = study.ask(5)
+    whole, some = len(study.ask()), study.ask(5)
     study.tell([(run, {"Fz": run.values["k"] * run.travel ** run.values["n"]}) for run in some])
-    assert len(some) == 5 and len(study.ask()) == 7
+    assert len(some) == 5 and len(study.ask()) == whole - 5 > 0
     assert not {r.key for r in some} & {r.key for r in study.ask()}
 
 
