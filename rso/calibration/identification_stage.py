@@ -97,7 +97,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
-            "derived": derived_quantities(plan, d),
+            "derived": derived_quantities(plan, d, trusted(d, settled)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
             "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
             "mcmc": None
@@ -121,13 +121,18 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
     }
 
 
-def derived_quantities(plan: Plan, d: Determination) -> list[dict[str, Any]]:
+def trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
+    """Whether simulations confirm what the surrogates say, and the model does not miss the data widely."""
+    return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED
+
+
+def derived_quantities(plan: Plan, d: Determination, sure: bool = True) -> list[dict[str, Any]]:
     """identification.derived: what the backend derives from the parameters, with intervals of its own."""
     offered, box = capability(plan.backend, DerivedQuantities), d.misfit.model.box
     fixed = plan.resolved.fixed
     settings = plan.study.backend.settings
     found = [] if offered is None else offered.derived(settings, [*box.names, *fixed])
-    return [_derived(q, box, fixed, d) for q in found]
+    return [{**one, "known": one["known"] and sure} for one in (_derived(q, box, fixed, d) for q in found)]
 
 
 def _derived(q: DerivedQuantity, box: Box, fixed: Mapping[str, float], d: Determination) -> dict[str, Any]:

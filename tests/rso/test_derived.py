@@ -120,3 +120,15 @@ def test_the_page_says_what_is_fixed_what_is_open_and_what_is_unlikely():
     assert table is not None and table.columns[-1].title == "ends by a range"
     assert [row[-1].text for row in table.rows] == ["", "upper: the range of D1"]
     assert derived_table({}) is None and derived_facts({}) == [] == derived_sentences({})
+
+
+def test_a_refuted_model_or_unconfirmed_surrogates_fix_nothing():
+    from types import SimpleNamespace as Some
+
+    from rso.calibration.identification_stage import trusted
+
+    good = Some(verified=True, open=(), poor=())
+    fits, misses = Some(scale=1.0, refuting=()), Some(scale=3.5, refuting=())
+    assert trusted(fits, good) and not trusted(misses, good) and not trusted(Some(scale=1.0, refuting=(3,)), good)
+    for worse in ({"verified": False}, {"open": ("D1",)}, {"poor": ("Fz",)}):
+        assert not trusted(fits, Some(**{**vars(good), **worse}))
