@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model derived model_hierarchy new_study priors programmes sketch",
+        "command_line cost_model deformed derived model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -145,7 +145,7 @@ LAYERS = {
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
         "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
-        "finished_runs held_out joined_runs sensitivity_stage",
+        "deformed_body finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
         "identification_stage results",
@@ -341,6 +341,7 @@ LAYERS = {
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
     "members",
+    "adapter.deformed",
     "adapter.derived",
     "simulation.knobs",
     "simulation.experiment",
