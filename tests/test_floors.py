@@ -301,7 +301,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms derived displacements drawn_runs gap gauss_newton hold_panels influence",
+        "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels influence",
         "identification maps range_extension",
         "predictive_check responses",
         "predictions",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import io
+import json
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -10,8 +12,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
@@ -24,11 +28,12 @@ if TYPE_CHECKING:  # matplotlib 3.9 does not name the keys of its settings
 INK, GREY, LIGHT, PALE, PAPER = "#23272b", "#7b8085", "#c9ccca", "#eceeed", "#ffffff"
 ACCENT, WARM = "#0b5a7d", "#b4481e"
 WIDTH = 7.2  # inch: 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
+_GROUP = "\x1f"  # between the name of a line and that of its group
 HALO: list[Stroke] = [withStroke(linewidth=2.2, foreground=PAPER)]
 
 _STYLE: dict[RcKeyType, Any] = {
     "svg.hashsalt": "rso",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
     "text.parse_math": False,  # names come from people's files and may hold a dollar sign
     "font.family": ["DejaVu Sans"],
     "font.size": 8.5,
@@ -82,20 +87,75 @@ def style() -> Iterator[None]:
         yield
 
 
-def canvas(height: float) -> Figure:
-    """An empty figure as wide as the page, `height` in inch; the layout leaves no label outside."""
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+def canvas(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure, as wide as the page, `height` in inch; the layout leaves no label outside."""
+    return Figure(figsize=(width, height), layout="constrained")
 
 
-def svg(figure: Figure, name: str) -> str:
-    """The figure as one SVG element; its ids start with `name`, so that several fit into one page."""
+def svg(figure: Figure, name: str, plate: bool = False) -> str:
+    """The figure as one SVG element; its ids start with `name`, so that several fit into one page.
+
+    What its lines and marks show goes along as data, for whoever points at them; a `plate` keeps its paper white.
+    """
+    series = _series(figure)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # Comments repeat the text of labels; a page needs neither them nor the metadata.
     text = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
-    return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    labels = [[axes.get_xlabel(), axes.get_ylabel().replace("\n", " ")] for axes in figure.axes]
+    for s in series:
+        s["g"] = f"{name}-{s['g']}"
+    held = html.escape(json.dumps({"series": series, "labels": labels}, separators=(",", ":")), quote=False)
+    mark = ' data-plate="1"' if plate else ""
+    return re.sub(
+        r"(<svg)([^>]*>)", lambda m: f'{m[1]}{mark}{m[2]}<metadata class="data">{held}</metadata>', text, count=1
+    )
+
+
+def grouped_as(name: str) -> str:
+    """What stands behind the label of a line so that it is shown or hidden with all others of that name."""
+    return f"{_GROUP}{name}"
+
+
+def _series(figure: Figure) -> list[dict[str, Any]]:
+    """Lines and marks with their values and their places in the picture (px, py), y downwards."""
+    figure.draw_without_rendering()  # settles the layout
+    found: list[dict[str, Any]] = []
+    height, points = figure.bbox.height, 72.0 / figure.dpi
+    for k, axes in enumerate(figure.axes):
+        for line in axes.lines:
+            if line.get_transform() == axes.transData:  # no rules of a panel
+                xy = np.column_stack([np.asarray(v, float) for v in line.get_data()])
+                _add(found, line, k, axes, xy[np.isfinite(xy).all(1)], height, points)
+        for marks in axes.collections:
+            if isinstance(marks, PathCollection):
+                xy = np.ma.getdata(marks.get_offsets()).astype(float)
+                _add(found, marks, k, axes, xy[np.isfinite(xy).all(1)], height, points)
+    return found
+
+
+def _add(
+    found: list[dict[str, Any]], artist: Any, k: int, axes: Axes, xy: np.ndarray, height: float, points: float
+) -> None:
+    if not len(xy):
+        return
+    place = axes.transData.transform(xy)
+    name, _, group = str(artist.get_label()).partition(_GROUP)
+    artist.set_gid(f"series{len(found)}")
+    found.append(
+        {
+            "a": k,
+            "g": artist.get_gid(),
+            "name": "" if name.startswith("_") else name,
+            "group": group or ("" if name.startswith("_") else name),
+            "x": [float(f"{v:.5g}") for v in xy[:, 0]],
+            "y": [float(f"{v:.5g}") for v in xy[:, 1]],
+            "p": [[round(px * points, 1), round((height - py) * points, 1)] for px, py in place.tolist()],
+        }
+    )
 
 
 def plain_log(axis: Axis) -> None:
