@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # matplotlib 3.9 does not name the keys of its settings
 
 INK, GREY, LIGHT, PALE, PAPER = "#23272b", "#7b8085", "#c9ccca", "#eceeed", "#ffffff"
 ACCENT, WARM = "#0b5a7d", "#b4481e"
+NARROW = 5.4  # the same of figures that a phone shows whole
 WIDTH = 7.2  # inch: 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
 _GROUP = "\x1f"  # between the name of a line and that of its group
 HALO: list[Stroke] = [withStroke(linewidth=2.2, foreground=PAPER)]
@@ -97,17 +98,17 @@ def svg(figure: Figure, name: str, plate: bool = False) -> str:
 
     What its lines and marks show goes along as data, for whoever points at them; a `plate` keeps its paper white.
     """
-    series = _series(figure)
+    shown_ones = _named(figure)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    series = [_places(figure, name, axes, artist) for name, axes, artist in shown_ones]  # now that it is laid out
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # Comments repeat the text of labels; a page needs neither them nor the metadata.
     text = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
     labels = [[axes.get_xlabel(), axes.get_ylabel().replace("\n", " ")] for axes in figure.axes]
-    for s in series:
-        s["g"] = f"{name}-{s['g']}"
+    series = [{**s, "g": f"{name}-{s['g']}"} for s in series if s["x"]]
     held = html.escape(json.dumps({"series": series, "labels": labels}, separators=(",", ":")), quote=False)
     mark = ' data-plate="1"' if plate else ""
     return re.sub(
@@ -120,42 +121,41 @@ def grouped_as(name: str) -> str:
     return f"{_GROUP}{name}"
 
 
-def _series(figure: Figure) -> list[dict[str, Any]]:
-    """Lines and marks with their values and their places in the picture (px, py), y downwards."""
-    figure.draw_without_rendering()  # settles the layout
-    found: list[dict[str, Any]] = []
+def _named(figure: Figure) -> list[tuple[str, int, Any]]:
+    """Lines and marks, each with an id of its own and the number of its panel; no rules of a panel."""
+    found = [
+        (k, artist)
+        for k, axes in enumerate(figure.axes)
+        for artist in (
+            *(line for line in axes.lines if line.get_transform() == axes.transData),
+            *(marks for marks in axes.collections if isinstance(marks, PathCollection)),
+        )
+    ]
+    for n, (_, artist) in enumerate(found):
+        artist.set_gid(f"series{n}")
+    return [(f"series{n}", k, artist) for n, (k, artist) in enumerate(found)]
+
+
+def _places(figure: Figure, gid: str, k: int, artist: Any) -> dict[str, Any]:
+    """Values of a line or of marks, and their places in the picture, y downwards."""
+    at = artist.get_offsets() if isinstance(artist, PathCollection) else np.column_stack(artist.get_data())
+    xy = np.ma.getdata(at).astype(float).reshape(-1, 2)
+    xy = xy[np.isfinite(xy).all(1)]
     height, points = figure.bbox.height, 72.0 / figure.dpi
-    for k, axes in enumerate(figure.axes):
-        for line in axes.lines:
-            if line.get_transform() == axes.transData:  # no rules of a panel
-                xy = np.column_stack([np.asarray(v, float) for v in line.get_data()])
-                _add(found, line, k, axes, xy[np.isfinite(xy).all(1)], height, points)
-        for marks in axes.collections:
-            if isinstance(marks, PathCollection):
-                xy = np.ma.getdata(marks.get_offsets()).astype(float)
-                _add(found, marks, k, axes, xy[np.isfinite(xy).all(1)], height, points)
-    return found
-
-
-def _add(
-    found: list[dict[str, Any]], artist: Any, k: int, axes: Axes, xy: np.ndarray, height: float, points: float
-) -> None:
-    if not len(xy):
-        return
-    place = axes.transData.transform(xy)
-    name, _, group = str(artist.get_label()).partition(_GROUP)
-    artist.set_gid(f"series{len(found)}")
-    found.append(
-        {
-            "a": k,
-            "g": artist.get_gid(),
-            "name": "" if name.startswith("_") else name,
-            "group": group or ("" if name.startswith("_") else name),
-            "x": [float(f"{v:.5g}") for v in xy[:, 0]],
-            "y": [float(f"{v:.5g}") for v in xy[:, 1]],
-            "p": [[round(px * points, 1), round((height - py) * points, 1)] for px, py in place.tolist()],
-        }
-    )
+    with np.errstate(all="ignore"):
+        places = figure.axes[k].transData.transform(xy)
+    inside = np.isfinite(places).all(1)
+    label, _, group = str(artist.get_label()).partition(_GROUP)
+    label = "" if label.startswith("_") else label
+    return {
+        "a": k,
+        "g": gid,
+        "name": label,
+        "group": group or label,
+        "x": [float(f"{v:.5g}") for v in xy[inside, 0]],
+        "y": [float(f"{v:.5g}") for v in xy[inside, 1]],
+        "p": [[round(px * points, 1), round((height - py) * points, 1)] for px, py in places[inside].tolist()],
+    }
 
 
 def plain_log(axis: Axis) -> None:

@@ -27,6 +27,7 @@ from rso.report.canvas import (
     HALO,
     INK,
     LIGHT,
+    NARROW,
     PALE,
     PAPER,
     WARM,
@@ -104,7 +105,7 @@ def draw(results: Results, name: str) -> str:
 def determined(results: Results, name: str) -> str:
     """One line per parameter: the range searched, what the data allow, the most likely value."""
     rows = interval_rows(results)
-    figure = canvas(0.2 + 0.62 * len(rows))
+    figure = canvas(0.2 + 0.55 * len(rows), NARROW)
     axes = figure.subplots()
     for k, (p, d) in enumerate(rows):
         y = -k
@@ -244,7 +245,7 @@ def _curves(
     hold: Resting | None = None,
 ) -> str:
     simulated = sorted(simulated, key=lambda row: row[0].best)
-    figure = canvas(4.6 if simulated else 3.0)
+    figure = canvas(3.8 if simulated else 2.6, NARROW if hold is None else WIDTH)
     rows, columns = 2 if simulated else 1, 1 if hold is None else 2
     heights, widths = [2.6, 1][:rows], [1.35, 1][:columns]
     grid = figure.subplots(
@@ -355,7 +356,7 @@ def _dots(
     name: str, e: Mapping[str, Any], unit: Unit, y: float, sigma: float, rows: list[tuple[CandidateView, float]]
 ) -> str:
     rows = rows[:_ROWS]
-    figure = canvas(0.85 + 0.19 * len(rows))
+    figure = canvas(0.85 + 0.19 * len(rows), NARROW)
     axes = figure.subplots()
     for k, alpha in ((2, 0.35), (1, 0.6)):
         axes.axvspan((y - k * sigma) * unit.factor, (y + k * sigma) * unit.factor, color=LIGHT, lw=0, alpha=alpha)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rso.inference.intervals import pieces
 from rso.report.calibration.derived import derived_table
-from rso.report.canvas import ACCENT, WARM, canvas, parameter_axis, svg
+from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
 from rso.report.layout.digits import (
     DASH,
     aligned,
@@ -242,7 +242,7 @@ def _values(results: Results, data: Mapping[str, Any]) -> Table | None:
 def profiles(results: Results, name: str) -> str:
     """Profile of the misfit along each parameter."""
     found = profiled(results)
-    figure = canvas(2.1)
+    figure = canvas(1.9, NARROW if len(found) < 3 else WIDTH)
     grid = figure.subplots(1, len(found), squeeze=False, sharey="row")
     level = number((results.get("identification") or {}).get("level")) or 0.9
     limit = NormalDist().inv_cdf(0.5 * (1 + min(level, 0.9999))) ** 2

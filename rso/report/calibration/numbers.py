@@ -274,6 +274,8 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     text += _hold_caption(whole, best.hold(e["name"]), e["unit"])
     if points(m.get("depth"), m.get("sigma"))[0]:
         text += " Grey band: ±σ of the measurement, whose errors may go up and down together over some depth."
+    if not best.search:
+        text += " The most likely curve may run beside the readings: an error that moves all of them counts once."
     if any(best.error(e["name"])[1]):
         text += " Blue band of the residual: estimated numerical error of the simulation."
     return text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +20,8 @@ from rso.report.layout.document import Block, Picture, Report, Text
 
 _HERE = Path(__file__).parent
 PAGES = {"report": "Identification", "diagnosis": "Diagnosis", "ladder": "Ladder of models", "next": "Next experiment"}
+GROWN, WIDEST = 1.8, 900  # px a point that a figure is drawn with; px
+NARROW = 420.0  # points: figures no wider than this shrink on a phone, others scroll
 FEW = 3  # warnings that stand open
 COLOURS = {  # of figures, by the variable of the page's theme
     "#23272b": "ink",
@@ -67,10 +70,12 @@ def _link(folder: Path) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Figure:
-    """A figure as the page takes it: markup, and how it is framed."""
+    """A figure as the page takes it: markup, how it is framed, how wide (px) it gets, whether a phone scrolls it."""
 
     svg: Markup
     look: str
+    most: int
+    wide: bool
 
 
 def html_page(document: Report, figures: Mapping[str, str]) -> str:
@@ -109,8 +114,11 @@ def _figure(name: str, svg: str, caption: str) -> _Figure:
     svg = svg.replace('font-family="DejaVu Sans"', 'style="font-family:var(--sans)"')
     label = Markup.escape(caption or name.replace("-", " "))
     head = f'<svg role="img" aria-label="{label}" data-name="{Markup.escape(name)}"'
-    look = "plate" if "data-plate" in svg[:2000] else "own" if 'id="' + name + '-svg"' in svg[:600] else ""
-    return _Figure(Markup(svg.replace("<svg", head, 1)), look)
+    look = "plate" if "data-plate" in svg[:2000] else ""
+    found = re.search(r'\bwidth="([\d.]+)(pt)?"', svg[:3000])
+    points = float(found[1]) * (1.0 if found[2] else 0.75) if found else 0.0
+    most = round(min(points * GROWN, WIDEST))
+    return _Figure(Markup(svg.replace("<svg", head, 1)), look, most, points > NARROW)
 
 
 def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
