@@ -1,9 +1,10 @@
 """The same meridian in felupe and here: `python benchmarks/meridian_felupe.py [--level standard] [--venv FOLDER]`.
 
-Neo-Hookean slab of 6 mm bonded to a plate, ball of 3 mm to 1.5 mm in 20 depths (felupe ends before 2.1 mm).  felupe is GPL-3 and no dependency: it
-is installed with pypardiso into an environment of its own (a temporary folder unless one is named) and runs there, in
-another process.  It gets the same triangles without their bubbles, and the fewest increments with which it ends.
-Its contact is of nodes with a penalty.  CPU seconds of one thread, without imports and set-up; medians of three.
+Neo-Hookean slab of 6 mm bonded to a plate, ball of 3 mm to 1.5 mm in 20 depths (felupe ends before 2.1 mm).  felupe is
+GPL-3 and no dependency: it is installed with pypardiso into an environment of its own (a temporary folder unless one is
+named) and runs there, in another process.  It gets the same triangles without their bubbles, and the fewest increments
+with which it ends.  Its contact is of nodes with a penalty; it has no derivatives and no second mesh for its error.
+CPU seconds of one thread, without imports and set-up; medians of three.
 """
 
 from __future__ import annotations

@@ -11,9 +11,10 @@ from scipy.special import logsumexp
 from scipy.stats import beta
 
 from rso.discrepancy.diagnosis import LEVEL
-from rso.discrepancy.evidence.attribution import NO_GAP, PRIOR, Comparison, Evidence
+from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
 from rso.discrepancy.evidence.verdict import Judgement, judge
 from rso.discrepancy.library.effects import Effect
 
@@ -60,13 +61,14 @@ class Scored:
         threshold: float,
         classes: Mapping[str, frozenset[str]],
         first: Sequence[Comparison] | None = None,
+        rules: VerdictRules = SETTINGS.rules,
     ) -> None:
         first = contests if first is None else first
         self.cases, self.contests, self.threshold = cases, contests, threshold
         B = range(len(contests))
         self.truth = [cases.truth(i) for i in B]
         self.found = np.array([c.statistic > threshold for c in first])
-        self.judged: list[Judgement] = [judge(c, bool(g)) for c, g in zip(contests, self.found, strict=True)]
+        self.judged: list[Judgement] = [judge(c, bool(g), rules) for c, g in zip(contests, self.found, strict=True)]
         source = {e.name.removesuffix("_twin"): e.source for c in contests[:1] for h in c.hypotheses for e in h.effects}
         self.named = [{source[n.removesuffix("_twin")] for n in j.named} for j in self.judged]
         self.probability = [by_key(c, c.probability) for c in contests]
@@ -106,7 +108,7 @@ def slope(scored: Scored, rows: np.ndarray, given: bool) -> float:
         if given:
             p = {k: v for k, v in p.items() if len(k) == 1 and k != UNEXPLAINED}
         else:
-            often = (NULL / NO_GAP, (1 - NULL - PAIRS) / ((1 - NO_GAP) * PRIOR["single"]))
+            often = (NULL / SETTINGS.priors.no_gap, (1 - NULL - PAIRS) / SETTINGS.priors.of("single"))
             p = {k: v * often[len(k)] for k, v in p.items() if len(k) < 2 and k != UNEXPLAINED}
         total = sum(p.values())
         for k, v in p.items():
