@@ -1,6 +1,7 @@
 """Everything that a diagnosis assumes before it has seen data, in one place: what decides a verdict.
 
-`python benchmarks/diagnosis_settings.py STUDY` halves and doubles each number and prints what becomes of the verdicts.
+`python benchmarks/diagnosis STUDY --sections settings` halves and doubles each number and prints what becomes of the
+verdicts.
 """
 
 from __future__ import annotations
