@@ -210,6 +210,7 @@ LAYERS = {
         "jumps",
     ),
     "rso.discrepancy.evidence": (
+        "settings",
         "gaussian_mixture noise",
         "hypotheses localisation shrinkage",
         "model_form_tolerance",
