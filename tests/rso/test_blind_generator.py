@@ -63,7 +63,7 @@ def test_folders_do_not_hint(round_of_cases):
         files = sorted(folder.iterdir())
         lengths = tuple(len(f.read_text().splitlines()) for f in files)
         nominal = json.loads((folder / "nominal.json").read_text())
-        assert set(nominal.pop("noise")) == {"force_N", "depth_mm", "repeat_gain", "profile_mm"}  # each case has its own
+        assert set(nominal.pop("noise")) == {"force_N", "depth_mm", "repeat_gain", "profile_mm"}
         seen.add((tuple(f.name for f in files), lengths, tuple(f.stat().st_mtime for f in files), json.dumps(nominal)))
     assert len(folders) == 10 and len(seen) == 1
 
