@@ -137,15 +137,14 @@ def parameters(
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
             raise ValueError(
-                f"the modulus by {name} would be {mu:.2g} MPa, which is none: "
-                "Fz falls while the indenter goes deeper; is it a tensile record, "
-                "or a sign or a zero wrong?"
+                f"the modulus by {name} would be {mu:.2g} MPa, which is not possible. Fz falls while the indenter "
+                "goes deeper: is this a tensile record, or is a sign or a zero wrong?"
             )
     low, high = (mu / (STIFFENED if walled else 1.0) / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"{name} of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     limit += "; the wall of the well makes that too much, no formula has one" if walled else ""
-    why = limit if mu > 0 else "no reading tells: narrow it"
+    why = limit if mu > 0 else "the readings do not show it: narrow it"
     bulk = "bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"
     return {
         "mu": _range(1e3 * low, 1e3 * high, "kPa", why),
@@ -164,7 +163,7 @@ def _adhesion(pull: Mapping[str, float]) -> dict[str, Line]:
     if "adhesion_range" not in pull:
         return found
     reach = f"{_two(pull['adhesion_range'])} mm"
-    short = "or shorter and dearer, of no influence once it is short enough; rso run at two of them tells"
+    short = "shorter costs more and stops to matter at some length; compare rso run at two of them"
     return {**found, "adhesion_range": Line({"value": reach}, short, True)}
 
 

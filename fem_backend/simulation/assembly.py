@@ -275,8 +275,8 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         holding = " or ".join(f'"{name}"' for name, member in SUPPORTS.members.items() if not member.loose)
         raise NotModelled(
             "not_supported",
-            f'law = "{settings.law}" with support = "{settings.support.name}" where the body may turn '
-            "(point, tilt or misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "
+            f'law = "{settings.law}" with support = "{settings.support.name}" lets the body turn (point, tilt or '
+            "misalignment off the axes), and its strain, sym grad u, grows with a rotation. Use law = "
             f'"{LAWS.default}", which agrees to first order, or support = {holding}',
         )
     everything = (stuff, *of_layers(settings, knobs))

@@ -264,8 +264,8 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     key, bends = indenter.finest
     if not specimen.of_revolution and bends < RESOLVED * meshed.h0:  # a meridian is as fine as the indenter wants it
         raise ValueError(
-            f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact do not resolve a radius of {bends:.3g} mm, "
-            f"at least {1.006 * RESOLVED * meshed.h0:.3g} mm; a larger one, or a finer mesh"
+            f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact cannot resolve a radius of {bends:.3g} "
+            f"mm. Use at least {1.006 * RESOLVED * meshed.h0:.3g} mm, or a finer mesh"
         )
     control = Control().scaled(indenter.length)
     return Settings(

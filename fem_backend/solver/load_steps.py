@@ -327,9 +327,9 @@ def proper(
     least = float(np.linalg.det(np.eye(3) + H).min())
     if min(shortest, least) <= 0.0:
         raise Stopped(
-            "inadmissible", f'law = "{system.material.law.name}": small-strain kinematics end between {here:.4g} and '
-            f"{goal:.4g} mm of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = "
-            f"{shortest:.3g}; take a law of finite strain, such as neo_hookean, or smaller depths",
+            "inadmissible", f'law = "{system.material.law.name}": small-strain kinematics end between {here:.4g} '
+                            f'and {goal:.4g} mm of travel: det(I + grad u) = {least:.3g}, 1 + smallest strain = '
+                            f'{shortest:.3g}. Use a law of finite strain, such as neo_hookean, or smaller depths',
             points, found.history, counters,
         )  # fmt: skip
 

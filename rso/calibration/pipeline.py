@@ -107,7 +107,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
 def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     """Design, surrogates, the ranges that the main search needs, sensitivities."""
     plan, found = bench.plan, notes.found
-    say("design: simulations to learn from")
+    say("design: training runs of the surrogates")
     known = joined_runs.joined(plan, bench.store, notes.before)
     if known.story:
         say(f"store: {known.story}")
@@ -192,7 +192,7 @@ def _validate(
     plan, found = bench.plan, notes.found
     result_files.write_draws(notes.path.parent / result_files.POSTERIOR, determination)
     if plan.validation:
-        say("validation: experiments kept for the end")
+        say("validation: held-out experiments")
     values = None if determination is None else predictive_check.most_likely(plan, determination, chosen)
     if values is not None:
         bench.begin([held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)])
@@ -305,9 +305,9 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
             share = max(curve["error"], default=0.0) / size if size else 0.0
             worst[name] = max(worst.get(name, 0.0), share)
     return [
-        f"{name}: the stated numerical error of the simulations is up to {100 * share:.2g} % of the largest value, so "
-        "that an agreement within errors says little; the contact is small against the elements: a finer mesh.level, "
-        "or a specimen that is no larger than it must be"
+        f"{name}: the numerical error of the simulations is up to {100 * share:.2g} % of the largest value, so "
+        "agreement within errors says little. The contact is small against the elements: use a finer mesh.level or "
+        "a smaller specimen"
         for name, share in worst.items()
         if share > ROUGH
     ]
@@ -329,9 +329,9 @@ def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, A
         (low, high), value = p["stated"], values.get(p["name"])
         if value is not None and max(low - value, value - high) > 1e-9 * max(abs(low), abs(high)):
             said.append(
-                f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the stated "
-                f"range, {low:g} to {high:g}{spaced(p['unit'])}: a wrong range, or a model that makes up for what it "
-                "lacks"
+                f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the "
+                f"stated range, {low:g} to {high:g}{spaced(p['unit'])}. The range is wrong, or the parameter makes "
+                "up for something that the model lacks"
             )
     return said
 
@@ -346,8 +346,8 @@ def _warn_of_extrapolation(plan: Plan, one: SearchResult, found: dict[str, Any])
     count = sum(results.extrapolated(plan, emulator, c.values) for c in one.result.candidates)
     if count:
         found["warnings"].append(
-            f"search {one.plan.name!r}: {count} of {len(one.result.candidates)} candidates lie outside the convex hull "
-            "of the runs; only their reruns tell what happens there"
+            f"search {one.plan.name!r}: {count} of {len(one.result.candidates)} candidates lie outside the convex "
+            "hull of the runs; only their reruns are reliable there"
         )
 
 
@@ -359,8 +359,7 @@ def _warn_of_poor_surrogates(plan: Plan, fitted: stages.FittedSurrogates, found:
         name = max(poor, key=lambda i: poor[i])
         found["warnings"].append(
             f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % of the spread of "
-            f"their output on the last {used[name].n} runs that were new to them; "
-            f"worst is {name} with {100 * poor[name]:.2g} %"
+            f"their output on the last {used[name].n} unseen runs. The worst is {name} with {100 * poor[name]:.2g} %"
         )
 
 

@@ -67,12 +67,12 @@ def _guarded(call: Callable[[], int]) -> int:
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""
         _tell(
-            f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and that the disk is not "
-            "full, then run again; runs stored so far are kept"
+            f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and the disk not full, "
+            "then run again. Finished runs stay stored"
         )
         return EXIT_BROKEN
     except MemoryError:
-        _tell("rso: the memory of this machine is not enough; runs stored so far are kept")
+        _tell("rso: this machine ran out of memory. Finished runs stay stored")
         return EXIT_BROKEN
     except Exception as error:
         code, text = _foreseen(error)
@@ -92,8 +92,8 @@ def _foreseen(error: Exception) -> tuple[int, str]:
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
         why = one(f"{type(error).__name__}: {error}")[:800]
         return EXIT_BROKEN, (
-            f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, "
-            "let NUMBA_CACHE_DIR name a folder that can be written"
+            f"rso: cannot be loaded on this machine: {why}. If compiled code cannot be written, set NUMBA_CACHE_DIR "
+            "to a writable folder"
         )
     if isinstance(error, StudyError):
         return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
@@ -108,8 +108,8 @@ def _fault(error: Exception) -> str:
     where = "".join(f" at {os.path.basename(f.filename)}:{f.lineno}" for f in frames)
     said = one(f"{type(error).__name__}: {error}")
     return (
-        f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with "
-        f"what {DEBUG}=1 before the command prints"
+        f"rso: a fault of the program{where}: {said[:800]}. Finished runs stay stored. Please report it, with what "
+        f"{DEBUG}=1 before the command prints"
     )
 
 

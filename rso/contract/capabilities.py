@@ -446,8 +446,8 @@ def beyond_control(backend: object, case: Case) -> str | None:
         return None
     name = getattr(backend, "name", type(backend).__name__)
     return (
-        f'programme: force controls it (control = "force", to_N or asked_N), which the backend {name!r} does not '
-        "understand: it has no controls_force (rso.contract.ForceControl); a programme of travel alone is followed"
+        f'programme: it is controlled by force (control = "force", to_N or asked_N). The backend {name!r} does not '
+        "understand that (no controls_force, see rso.contract.ForceControl); give a programme of travel"
     )
 
 

@@ -114,7 +114,7 @@ def on_the_way_back(travel: np.ndarray, value: np.ndarray, depth: np.ndarray) ->
     s, f = u[rows][::-1], y[rows][::-1]
     if depth.min() < s[0] - _ROUND_OFF * s[-1] or depth.max() > s[-1] * (1.0 + _ROUND_OFF):
         raise ValueError(
-            f"depths {depth.min():g} to {depth.max():g} mm lie beyond the way back, {s[0]:g} to {s[-1]:g} mm"
+            f"depths {depth.min():g} to {depth.max():g} mm lie beyond the unloading, {s[0]:g} to {s[-1]:g} mm"
         )
     return np.interp(depth, s, f)
 

@@ -110,7 +110,7 @@ def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
 def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
     """The contact of a rounded tip where there is air before it beyond doubt; ValueError where there is not."""
     if contact is None:
-        raise ValueError("too few readings before 0.7 of the largest force to tell the contact")
+        raise ValueError("too few readings before 0.7 of the largest force to find the contact")
     before = int(np.sum(depth < contact.depth))
     if before < BEFORE or contact.depth - float(depth.min()) < SURE * contact.deviation:
         where = f"{contact.depth:.3g} ± {contact.deviation:.2g} mm"
@@ -147,7 +147,7 @@ def zeroed(
     ValueError where loading, where `loading` (n,), does not show an approach.
     """
     if "Fz" not in channels:
-        raise ValueError("Fz tells it, which is not there")
+        raise ValueError("it is found from Fz, which is missing")
     found = approached(depth[loading], channels["Fz"][loading])
     first = float(depth[loading].min())
     air = loading & (depth < found.depth - min(found.deviation, 0.5 * (found.depth - first)))

@@ -124,7 +124,7 @@ class Chain:
     )
 
     backlash: float = knob(  # of either sign: a gauge that sticks shows on the way back what was
-        "play of the drive, taken up on the way back; negative: of the depth gauge",
+        "play of the drive, taken up when unloading; negative: of the depth gauge",
         "mm",
         -1.0,
         1.0,

@@ -394,14 +394,14 @@ def judge(
         picks = discrepancy.finalists(library, result)
         if not picks:
             break
-        say(f"computed anew at the size found: {', '.join(e.name for e in picks)}")
+        say(f"simulated again at the estimated size: {', '.join(e.name for e in picks)}")
         library, check = discrepancy.corrected_library(library, picks, run)
         checks.append(check)
         if check.rms is None or check.rms < discrepancy.CLOSE:
             break
         result = discrepancy.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""
-    further = "; tests that could settle it" if run is not None and len(result.named) > 1 else ""
+    further = "; tests that could decide it" if run is not None and len(result.named) > 1 else ""
     say(f"the verdict is {result.verdict}{named}{further}")
     title = asked.study.study.title
     if run is not None and len(result.named) > 1:

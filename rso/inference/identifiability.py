@@ -257,9 +257,9 @@ def lenient(chi2: float, ν: int, p: float | None) -> str:
     if p is None or p <= 1.0 - LENIENT:
         return ""
     return (
-        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors say. Fz, "
-        "depth and a column of Fz_sigma_N are errors of each reading by itself, which many readings average out; what "
-        "moves a whole curve is contact, gain or calibration under noise"
+        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors. "
+        "noise.Fz, noise.depth and a column Fz_sigma_N are independent errors of single readings. An error of a "
+        "whole curve is contact, gain or calibration under noise"
     )
 
 
@@ -304,8 +304,9 @@ def _known(
 def refuted(known: Known, count: int) -> Known:
     """The same, not called determined: so many finished runs agree with the data at values that were left out."""
     why = (
-        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that the "
-        "surrogates exclude: they do not know the curves well enough, more runs (verify.max_infill, [doe]) would tell."
+        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that "
+        "the surrogates exclude. The surrogates are not accurate enough; more runs (verify.max_infill, [doe]) "
+        "would help."
     )
     return doubt(known, "weakly", why)
 
@@ -413,8 +414,8 @@ def _by_what_is_left(misfit: Misfit) -> str:
     if not each:
         return ""
     return (
-        "Nobody states the errors of single readings, and the readings show none: what the best fit leaves over is "
-        f"taken for them, of {', of '.join(each)}. Whether the model fits cannot be said; noise.Fz would tell."
+        "The noise of single readings is not stated, and the readings show none. The residual of the best fit is "
+        f"taken for it, of {', of '.join(each)}. Whether the model fits is undecided; state noise.Fz."
     )
 
 
@@ -433,9 +434,8 @@ def _together(misfit: Misfit, fit: Fit) -> str:
     if not each:
         return ""
     return (
-        f"Neighbouring readings miss the model together, those of {', of '.join(each)}, root mean square: either they "
-        "remember each other, which the intervals allow for and noise.correlation would state, or the model is wrong "
-        "by that."
+        f"The residuals are autocorrelated: those of {', of '.join(each)}, root mean square. Either the noise is "
+        "autocorrelated, which the intervals allow for and noise.correlation states, or the model is wrong by that."
     )
 
 

@@ -33,8 +33,8 @@ FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument press
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
-BACK = "The way back is compared, down to the strongest pull; loading and holds are not."
-UNLOADING = "The way back is not compared; it is for rso diagnose."
+BACK = "The unloading is compared, down to the strongest pull; loading and holds are not."
+UNLOADING = "The unloading is not compared; rso diagnose uses it."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 UNDRAWN = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")  # of settings
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these

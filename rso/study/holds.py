@@ -144,6 +144,6 @@ def unseen(study: Study, backend: Backend, opened: Mapping[str, object], fitted:
     if not times or max(speeds) > RATES * min(speeds):
         return []
     return [
-        f"No fitted record holds, and all go at one speed: this hardly tells {' and '.join(times)} and what relaxes "
-        "from a modulus. A hold would, or tests at different speeds."
+        f"No fitted record holds, and all go at one speed: relaxation ({' and '.join(times)}) and a modulus are "
+        "hardly separable. A hold, or tests at different speeds, would separate them."
     ]

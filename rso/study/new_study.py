@@ -207,7 +207,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
         f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
     ]
     if m.kind == "force" and pulls_off(m):
-        lines += [f'branch = "unloading"  {GUESS} Fz pulls on the way back, which tells by how much it sticks']
+        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows the adhesion']
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']
@@ -217,7 +217,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
     whose = f"  {GUESS} by the name of the file" if e.by_name else f"  {GUESS} the top" if e.point is None else ""
     lines += [f"settings = {{ {', '.join(settings)} }}{whose}"]
     if m.kind == "force" and not recorded_speed(m):
-        lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body remembers']
+        lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body is history-dependent']
     unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']
     if m.kind == "force":
         lines += [f"# noise = {{ {', '.join(unseen)} }}  {GUESS} what a record cannot show of itself; usual figures"]

@@ -127,7 +127,7 @@ class ParameterTable(StudyFileTable):
         if self.value is None and (self.low is None or self.high is None):
             raise ValueError("give low and high, or value to fix it")
         if (self.low is None) != (self.high is None):
-            raise ValueError("low and high belong together")
+            raise ValueError("low and high must be given together")
         beside = [k for k in ("low", "high", "scale") if k in self.model_fields_set]
         if self.value is not None and beside:
             raise ValueError(f"value fixes it, and {beside[0]} belongs to a range to search: leave one of them out")
@@ -203,7 +203,7 @@ class DoeTable(StudyFileTable):
     @model_validator(mode="after")
     def _file_with_kind(self) -> DoeTable:
         if (self.kind == "file") != (self.file is not None):
-            raise ValueError('file = "points.csv" and kind = "file" belong together')
+            raise ValueError('file = "points.csv" and kind = "file" must be given together')
         owners = {k: s.name for s in SAMPLERS.values() for k in s.options}
         wrong = [k for k, kind in owners.items() if k in self.model_fields_set and self.kind != kind]
         if wrong:

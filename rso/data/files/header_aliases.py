@@ -153,7 +153,7 @@ def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     slope = [sign * (at(b, b + 0.05) - at(a, a + 0.05)) for a, b in itertools.pairwise((0.0, 0.2, 0.4, 0.6, 0.8, 0.95))]
     if len(x) > FEW and slope[0] > max(STEEPER * max(slope[-1], 0.0), *slope[1:]) and slope[0] > 0.25 * sum(slope):
         raise ValueError(
-            "the force changes most where the record begins: a way back alone, or a cell tared on the way? Leave such "
-            "readings out, or say with [columns] in the study file what the columns are"
+            "the force changes most where the record begins: unloading alone, or a cell tared during the test? "
+            "Remove such readings, or describe the columns with [columns] in the study file"
         )
     return float(np.sign(way[end])), sign

@@ -573,8 +573,8 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     data = {name: column[rows] for name, column in table.columns.items()}
     if table.less is not None and "Fz" in data and _against(table.less[rows], data["Fz"]):
         raise ValueError(
-            f"{table.path}: repeat {label!r}: what is subtracted of depth falls while Fz grows, and nothing bends so: "
-            "turn its sign (flip = true in minus, or without it), or that of Fz"
+            f"{table.path}: repeat {label!r}: what is subtracted from depth falls while Fz grows, which nothing "
+            "elastic does. Change its sign (flip = true in minus), or that of Fz"
         )
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):

@@ -157,8 +157,8 @@ def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str
         )
     longest = max(found, key=lambda title: len(sheets[title]))
     raise ValueError(
-        f"{path}: {len(found)} of its sheets hold readings ({_few(found)}): name one behind a #, as in "
-        f'data = "{path.name}#{longest}", several in a list are repeats; or save each as a file of its own'
+        f"{path}: {len(found)} of its sheets hold readings ({_few(found)}): name one behind a #, as in data = "
+        f'"{path.name}#{longest}". Several in a list are repeats'
     )
 
 

@@ -130,7 +130,7 @@ def left_out(
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
     beside = " where forces remain beside it" if len(found) < len(curves) else ""
-    causes = ", the cause chosen anew without it," if chosen.effects and anew else ""
+    causes = ", the cause chosen again without it," if chosen.effects and anew else ""
     how = f"each left out in turn{beside}{causes} as there are no validate curves"
     return shrinkage.summarise(found, sizes, how, seed)
 

@@ -320,7 +320,7 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
         begun.append(f"{len(r.creep.depth)} readings of creep at a held force, which rso run compares")
     if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
         r = kept(r, ~back)
-        begun.append(f"{np.sum(back)} readings of a way back that has hardly begun")
+        begun.append(f"{np.sum(back)} readings of an unloading that has hardly begun")
     back, held = (np.nonzero(r.segment == s)[0] for s in ("unloading", "hold"))
     if not len(held):
         return r, begun
@@ -331,7 +331,7 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
         without.append(f"{len(lost)} readings of a hold {'elsewhere' if timed else 'without times'}")
     if len(resting) and len(back) and not timed:
         lost = np.concatenate([lost, back])
-        without.append(f"{len(back)} readings of the way back after a hold")
+        without.append(f"{len(back)} readings of the unloading after a hold")
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
 
 

@@ -134,8 +134,8 @@ def _unsaid(story: str, x: object) -> bool:
 def _caption(data: Mapping[str, Any]) -> str:
     level = percent(number(data.get("level")))
     return (
-        "Above: how much worse the best fit becomes when one parameter is held and the others follow; what lies below "
-        f"the line is the {level} interval. Below: the change of the curve where it shows most; band: ±σ of the data."
+        f"Above: rise of the misfit when one parameter is held and the others are refitted. The {level} interval "
+        "lies below the line. Below: the change of the curve where it shows most; band: ±σ of the data."
     )
 
 
