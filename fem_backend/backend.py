@@ -198,7 +198,7 @@ class FiniteElements:
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
                     f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
-                    "reaches along the way of the indenter"
+                    "reaches along the way of the indenter; is the unit of depth right?"
                 )
         if case.programme.travel_mm[0] > 0.0:
             raise ValueError(

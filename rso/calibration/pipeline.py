@@ -33,7 +33,8 @@ from rso.calibration.plan import Plan
 from rso.calibration.range_extension import ExtendedRanges
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import Runner, Watch
-from rso.core.units import spaced
+from rso.core.symbols import symbol, unit_text
+from rso.core.units import people, spaced
 from rso.emulation import emulator as emulator_file
 from rso.evaluation.store import Done, RunStore
 from rso.inference import Determination
@@ -78,7 +79,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
     plan, found = bench.plan, notes.found
     say("search: Gauss–Newton on simulations and their derivatives")
     try:
-        there = iteration.run_gauss_newton(bench)
+        there = iteration.run_gauss_newton(bench, lambda theta, chi2: say(f"  {_values(plan, theta)}, χ² = {chi2:.4g}"))
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
         notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
@@ -157,10 +158,22 @@ def _search(ranges: ExtendedRanges, notes: _Notes, say: Say) -> tuple[Runner, li
         _warn_of_reach(one, found)
         _warn_of_extrapolation(plan, one, found)
         found["runs"] += results.candidate_runs(plan, one)
+        for c in results.of_searches(plan, [one], audit)["searches"][0]["candidates"]:
+            state = "verified" if c["verified"] else "not verified" if c["state"] == "done" else c["state"]
+            say(f"  {wanted.name} {c['name']}: {_values(plan, c['values'])} ({state})")
         notes.write("search", **results.of_searches(plan, searches, audit))
     found["warnings"] += [f"Ranges of the main search: {s.why}" for s in audit[-1:] if s.what == "stopped"]
     found["warnings"] += rough(found["searches"][0]["candidates"])
     return bench, searches
+
+
+def _values(plan: Plan, values: Mapping[str, float]) -> str:
+    """Values of the open parameters in the units that people use."""
+    each = []
+    for a in plan.resolved.axes:
+        label, factor = people(a.parameter.unit, abs(values[a.name]))
+        each.append(f"{symbol(a.name)} = {values[a.name] * factor:.4g} {unit_text(label)}".strip())
+    return ", ".join(each)
 
 
 def _identify(

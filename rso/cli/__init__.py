@@ -1,4 +1,4 @@
-"""rso new | check | run | status | diagnose | ladder | next | blind | report | keys: parse, call a stage, print."""
+"""The command line `rso`: parse, call a stage, print."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from collections.abc import Callable, Sequence
 
 from rso.cli.arguments import parser
 from rso.cli.commands import EXIT_BAD_INPUT, EXIT_BROKEN, EXIT_INTERRUPTED
+from rso.cli.output import wrapped
 from rso.core.printable import Printable, one
 
-DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of told
+DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of explained
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Console script; returns the exit code.  Whatever goes wrong is told in one message, never as a traceback."""
+    """Console script; returns the exit code.  Whatever goes wrong ends in one message, never in a traceback."""
     _open_streams()
     os.environ["MPLBACKEND"] = "agg"  # figures go to files; matplotlib does not start with a name that it lacks
     arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -51,7 +52,7 @@ def _flushed(code: int) -> int:
 
 
 def _guarded(call: Callable[[], int]) -> int:
-    """Exit code of a command; whatever it raises is told."""
+    """Exit code of a command; whatever it raises is explained."""
     try:
         return call()
     except KeyboardInterrupt:
@@ -116,4 +117,4 @@ def _fault(error: Exception) -> str:
 def _tell(text: str) -> None:
     """A message for people, as far as somebody reads."""
     with contextlib.suppress(OSError, ValueError):
-        print(text, file=sys.stderr, flush=True)
+        print(wrapped(text, sys.stderr), file=sys.stderr, flush=True)

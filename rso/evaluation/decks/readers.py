@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from rso.contract import Programme
 from rso.core import disk
@@ -135,6 +134,8 @@ def _interpolated(
     line = np.interp(clipped, x, y)
     if len(x) < 3:
         return line, np.zeros(len(line)) if len(x) < 2 else np.abs(line - _nearest(x, y, clipped))
+    from scipy.interpolate import PchipInterpolator  # 0.3 s of start-up that only a deck needs
+
     smooth = PchipInterpolator(x, y)(clipped)
     return smooth, np.abs(smooth - line)
 
