@@ -28,7 +28,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | N
     """The end of a law on the way to the `deepest` travel (mm); None where there is none for certain.
 
     Raises model.NotModelled for laws that do not combine.  Skins, holes, inclusions, fibres and layers with a law of
-    their own change what is reached below the ball: nothing is foretold of them.  A body that sinks on its support is
+    their own change what is reached below the ball: nothing is predicted of them.  A body that sinks on its support is
     indented by less than the travel.
     """
     stuff = modelling.material(settings, knobs)

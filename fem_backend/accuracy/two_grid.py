@@ -145,7 +145,7 @@ def checked(
     start: Guess | None = None,
     slopes: Sequence[str] = (),
 ) -> Result:
-    """Result of a run beside the channels of one on a coarser mesh, which tell its error.
+    """Result of a run beside the channels of one on a coarser mesh, which show its error.
 
     A meridian has elements of twice the size there, a body in space those of a level below.  Where the other ends
     early, its channels are nan from there on, and the result says so.  Raises NotModelled and Stopped, as the run

@@ -32,7 +32,7 @@ def options() -> tuple[SettingsOption, ...]:
 def geometry(given: Given, depths: Sequence[float] = ()) -> dict[str, Line]:
     """Specimen, indenter, support and law by options; ValueError for what is missing or contradicts.
 
-    `depths` (mm) of records tell lengths that were left out.
+    `depths` (mm) of records show lengths that were left out.
     """
     known = {o.name: o for o in options()}
     tables: dict[str, dict[str, Any]] = {}
@@ -106,7 +106,7 @@ def _other_supports(specimen: Any) -> str:
 def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, float]]) -> Line:
     """The cheapest level that resolves the shallowest of tests to `depths` (mm), and what it misses of the force there.
 
-    `errors_at` says of a depth (mm) the share that each level misses, from cheap to dear.
+    `errors_at` says of a depth (mm) the share that each level misses, from cheap to costly.
     """
     d = min(depths, default=0.0)
     if d <= 0.0:

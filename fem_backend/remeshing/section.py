@@ -1,6 +1,6 @@
 """A new mesh of the deformed meridian around an indenter, its nodes pulled back to where they were before.
 
-The part of the body around the indenter is triangulated anew where it lies now; every new node is then traced back by
+The part of the body around the indenter is retriangulated where it lies now; every new node is then traced back by
 the old mesh to its place in the undeformed body (rezoning).  What follows goes on in total Lagrangian form: laws,
 histories, marks and derivatives know nothing of it.  The rest of the mesh stays, node by node.
 """

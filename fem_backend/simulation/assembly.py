@@ -341,7 +341,7 @@ def _symmetric(settings: Settings, knobs: Knobs) -> bool:
 
 
 def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
-    """The settings as far as a model hangs on them, so that runs share it."""
+    """The settings as far as a model depends on them, so that runs share it."""
     return Settings(
         settings.specimen,
         settings.indenter,

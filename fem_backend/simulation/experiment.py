@@ -50,7 +50,7 @@ class Settings:
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
     `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
-    `remesh` says whether its mesh is made anew where it is outworn; `drainage` are those under the indenter and at the
+    `remesh` says whether its mesh is remade where it is outworn; `drainage` are those under the indenter and at the
     support; `large_strain` says that mesh and element in space are those of deep indentations, see `for_travel`.
     """
 
@@ -319,7 +319,7 @@ def on_axis(settings: Settings) -> bool:
 
 
 def remeshed_from(settings: Settings) -> float:
-    """Travel (mm) up to which no mesh is made anew: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
+    """Travel (mm) up to which no mesh is remade: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
     smooth = np.isinf(settings.indenter.finest[1])
     if settings.remesh == "never" or not on_axis(settings) or not settings.multipliers:
         return np.inf

@@ -162,7 +162,7 @@ def identification(
     best: tuple[str, int] | None,
     meanwhile: Sequence[Task] = (),
 ) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:
-    """Two parts of results.json, the runs made for them, warnings, what they tell; `best` is a search and a place.
+    """Two parts of results.json, the runs made for them, warnings, what they show; `best` is a search and a place.
 
     What is wanted later may be run `meanwhile`.
     """

@@ -57,7 +57,7 @@ def run_study(
 ) -> dict[str, Any]:
     """Run every stage, write ``results.json`` after each, return the results; `strict` is for the exit code alone.
 
-    Where an earlier call has left results of the same study, they stay until there is more to tell, and wall times
+    Where an earlier call has left results of the same study, they stay until there is more to show, and wall times
     add up; a call that finds everything computed keeps the times of the calls that did.
 
     Raises stages.NothingToFit when too few runs are done, StoreError, KeyboardInterrupt; what was computed stays.
@@ -244,7 +244,7 @@ class _Notes:
     clock: _Clock
 
     def write(self, stage: str, *, end: bool = False, **parts: Any) -> dict[str, Any]:
-        """Take the parts of a finished stage down; the file changes as soon as it tells more than it did before."""
+        """Take the parts of a finished stage down; the file changes as soon as it shows more than it did before."""
         self.found.update(parts, stage=stage)
         self.clock.lap(stage)
         reached = -1 if self.before is None else result_files.STAGES.index(self.before["stage"])

@@ -388,7 +388,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
 
 @contextmanager
 def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
-    """The store of a study, what runs its simulations, and what tells of them; the folder is its own from then on."""
+    """The store of a study, what runs its simulations, and what shows of them; the folder is its own from then on."""
     from rso.api.workspace import executor
     from rso.calibration.result_files import claim
     from rso.cli.progress import Progress

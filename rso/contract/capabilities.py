@@ -2,7 +2,7 @@
 
 Each is optional and stands alone: a backend implements what it can answer, under the name given here, and
 :func:`capability` is how `rso` asks.  What happens without it stands in each docstring; no answer of a simulation
-and no run key hangs on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
+and no run key depends on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
 times in s, forces in N, moduli in MPa; `settings` are those of one case, as the study states them.
 `docs/adding.md` has an example of each.
 """
@@ -307,7 +307,7 @@ class FilledInputs(Protocol):
 class DerivedQuantity:
     """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
 
-    Where its interval lies outside of the `ordinary` range, a reader is told `otherwise`.
+    Where its interval lies outside of the `ordinary` range, a reader reads `otherwise`.
     """
 
     name: str
@@ -399,7 +399,7 @@ class NewStudies(Protocol):
 
 
 class Fingerprint(Protocol):
-    """What answers hang on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
+    """What answers depend on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
 
     @property
     def fingerprint(self) -> str:

@@ -84,7 +84,7 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
 
 def _arrival(time: np.ndarray, depth: np.ndarray, level: float) -> float:
     """When a level is reached from the last of the readings at the speed of the way, which the machine's brake ends;
-    infinite where these do not tell it."""
+    infinite where these do not show it."""
     start, end = (int(np.argmax(depth >= share * level)) for share in (0.5, 0.9))
     if end <= start or not time[end] > time[start]:
         return np.inf

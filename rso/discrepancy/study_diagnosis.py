@@ -378,7 +378,7 @@ def judge(
 ) -> dict[str, Any]:
     """The verdict on a finished library as plain data; `fitted` are open parameters as the study found them.
 
-    With `run` the effects that the verdict names are computed anew at their sizes, the library is mended there and the
+    With `run` the effects that the verdict names are recomputed at their sizes, the library is mended there and the
     verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.  What is
     known before these is handed to `keep`.
     """

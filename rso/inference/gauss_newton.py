@@ -1,4 +1,4 @@
-"""Least misfit straight on simulations: Gauss–Newton with what every run tells of its own derivatives."""
+"""Least misfit straight on simulations: Gauss–Newton with what every run shows of its own derivatives."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def contradiction(frame: TangentFrame, runs: Sequence[EvaluatedPoint]) -> float:
 
     over all pairs (i, j) nearer than `NEAR`, or the nearest one: what the derivatives would have to be multiplied with;
     t = ln f′ as in :func:`~rso.inference.tangents.tangents`.  The result is max |α_k − 1|; ρ keeps a parameter of which
-    these pairs tell nothing at 1.
+    these pairs show nothing at 1.
     """
     Z, T, G, log = unfolded(frame, runs)
     size = np.where(log, 1.0, np.abs(T).max(axis=0) + 1e-300)

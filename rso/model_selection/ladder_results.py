@@ -1,4 +1,4 @@
-"""`ladder.json`: a climb as plain data (layout in docs/results.md)."""
+"""`ladder.json`: a selection as plain data (layout in docs/results.md)."""
 
 from __future__ import annotations
 

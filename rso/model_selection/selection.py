@@ -1,4 +1,4 @@
-"""Deciding: from which level to climb on, which one is taken, and why, in words.
+"""Model selection: which levels are rejected, which one is accepted, and why, in words.
 
 Each level is a model fitted to the same curves; whether it is good enough is asked in :mod:`.goodness_of_fit`.
 """
@@ -69,7 +69,7 @@ class Judged:
 
     `problem` says why there is no answer, and then the rest is empty.  `onto` is the level that it was put on,
     `detail` whatever the caller keeps with it.  `if_remembering` is the goodness of a level that is not good enough if
-    readings of which nobody knows whether they remember each other do so as what it leaves does; None where that does
+    readings of which nobody knows whether they are autocorrelated do so as what it leaves does; None where that does
     not go together, or is far more than noise.
     """
 
@@ -128,10 +128,10 @@ class Selection:
 def select_model(
     rungs: Sequence[Sequence[ModelLevel]], judge: Callable[[ModelLevel, Judged | None], Judged]
 ) -> Selection:
-    """Climb rung by rung; `judge` fits one level, given what holds so far, and is asked only where it is needed.
+    """Compare levels rung by rung; `judge` fits one level, given what holds so far, and is asked only where it is needed.
 
     A rung is tried when what holds so far fails.  Of its levels with an answer, nothing undetermined and more evidence
-    than what holds, those that are good enough end the climb and the likeliest is chosen; else the likeliest takes
+    than what holds, those that are good enough end the selection and the likeliest is chosen; else the likeliest takes
     over and the next rung is tried.
     """
     judged: list[Judged] = []

@@ -1,4 +1,4 @@
-"""`next.json`: what further experiments would tell, as plain data and in words (layout in docs/results.md)."""
+"""`next.json`: what further experiments would show, as plain data and in words (layout in docs/results.md)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def ranked(found: DesignResult, size: int) -> list[tuple[str, ...]]:
 
 
 def _of(found: DesignResult, added: Sequence[str]) -> list[ExpectedInformation]:
-    """What a set tells, truth by truth."""
+    """What a set shows, truth by truth."""
     return [next(t for t in row if t.added == tuple(added)) for row in found.told]
 
 

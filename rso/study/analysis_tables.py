@@ -118,7 +118,7 @@ class NextExperiment(StudyFileTable):
 
 
 class NextTable(StudyFileTable):
-    """[next]: what experiments that nobody has done yet would tell."""
+    """[next]: what experiments that nobody has done yet would show."""
 
     experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()
     """The experiments that are asked about."""

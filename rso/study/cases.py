@@ -166,7 +166,7 @@ def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None)
 
 
 def _travels_back(curve: MeasuredCurve) -> tuple[float, ...]:
-    """Travels of a way back: those of its readings, or as many evenly spaced ones as are bearable."""
+    """Travels of an unloading: those of its readings, or as many evenly spaced ones as are bearable."""
     u = np.unique(np.round(curve.depth, 9))
     u = u if len(u) <= STEPS_BACK else np.linspace(u[0], u[-1], STEPS_BACK)
     return tuple(map(float, u))
@@ -183,7 +183,7 @@ def case_for(study: Study, name: str, asked: tuple[float, ...], hold: Hold | Non
 
 
 def programme_back(asked: tuple[float, ...], speed: float) -> Programme:
-    """To the deepest of the asked travels (mm) and back to the least at a speed (mm/s), asked for on the way back."""
+    """To the deepest of the asked travels (mm) and back to the least at a speed (mm/s), asked for in unloading."""
     deepest, least = asked[-1], min(asked[0], 0.0)
     came = deepest / speed
     moments = tuple(came + (deepest - u) / speed for u in reversed(asked))

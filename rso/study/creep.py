@@ -119,7 +119,7 @@ def said_of(
 
 
 def _too_short(hold: CreepHold, taus: Mapping[str, tuple[float, float]]) -> list[str]:
-    """What a hold cannot tell of the times that are open: beyond its end, and before its first moment."""
+    """What a hold cannot show of the times that are open: beyond its end, and before its first moment."""
     said = []
     for name, (low, high) in taus.items():
         if high > REACH * hold.lasts:

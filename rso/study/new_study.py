@@ -1,4 +1,4 @@
-"""A first study file from readings: what they tell is filled in, what they cannot tell is marked for their owner."""
+"""A first study file from readings: what they show is filled in, what they cannot show is marked for their owner."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TOP = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class NewTest:
-    """What the readings do not tell.
+    """What the readings do not show.
 
     The backend's own options by name; the point (mm) that was pressed where the name of a file says none (the top
     without); whether the files fitted are repeats of one test; and what columns are called, with the keys of

@@ -370,7 +370,7 @@ class Study(StudyFileTable):
         return self._source.measurements[name]
 
     def noise_of(self, name: str) -> Noise:
-        """Errors of an experiment as stated; of its contact, unless stated, as the record tells where it was found."""
+        """Errors of an experiment as stated; of its contact, unless stated, as the record shows where it was found."""
         e, found = self.experiment(name), self.measurement(name).contact
         noise = e.noise.noise()
         return replace(noise, contact=found) if noise.contact is None and found > 0.0 else noise

@@ -47,14 +47,14 @@ def unit_of(cell: str, beneath: str, name: str) -> str:
 
 
 def is_one(cell: str) -> bool:
-    """Whether a header is a customary name."""
+    """Whether a header is a usual name."""
     return any(plain(cell, name) in names for name, names in NAMES.items())
 
 
 def named(
     cells: Sequence[str], beneath: Sequence[str], known: Sequence[str | None], clocks: Sequence[bool]
 ) -> dict[str, int]:
-    """Known name → column of a line of headers; empty unless travel and force are there and one by a customary name.
+    """Known name → column of a line of headers; empty unless travel and force are there and one by a usual name.
 
     `beneath` are the units in the row below, `known` what a header is by itself, `clocks` whether a time of day stands
     below.  A known name without its unit is none of these names; a time without a unit or a clock is left out.

@@ -108,10 +108,10 @@ def left_out(
     seed: int,
     anew: bool = True,
 ) -> shrinkage.Shrinkage:
-    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
-    or known.
+    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen
+    again without it (`anew`), or known.
 
-    Without any force nothing tells an open modulus: an experiment that has all of them is not left out.
+    Without any force nothing shows an open modulus: an experiment that has all of them is not left out.
     """
     first = _fitted_rows(library)
     found, sizes = [], []

@@ -35,7 +35,7 @@ class LibraryFrame:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """What the base model's runs tell of each place (n_places,): whether they are dear, and the body pushed aside."""
+    """What the base model's runs show of each place (n_places,): whether they are costly, and the body pushed aside."""
 
     dear: np.ndarray
     aside: np.ndarray
@@ -71,7 +71,7 @@ def _pressed(test: Test) -> int:
 
 
 def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[LibraryJob]:
-    """Different simulations that a library asks for at most; fewer where runs at a place turn out to be dear.
+    """Different simulations that a library asks for at most; fewer where runs at a place turn out to be costly.
 
     Raises ValueError for a base model that cannot have one.
     """

@@ -141,7 +141,7 @@ def _interpolated(
 
 
 def _nearest(x: np.ndarray, y: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """The value of the nearest row: two rows tell nothing of what is between them."""
+    """The value of the nearest row: two rows show nothing of what is between them."""
     return y[np.argmin(np.abs(wanted[:, None] - x), axis=1)]
 
 

@@ -277,7 +277,7 @@ def _morris_table(results: Results) -> Table:
 
 
 def over(results: Results) -> str:
-    """The ranges that sensitivities are about, in a sentence; empty where nothing tells."""
+    """The ranges that sensitivities are about, in a sentence; empty where nothing shows."""
     data = results.get("sensitivity") or {}
     ranges, whose = (
         data.get("ranges") or {},

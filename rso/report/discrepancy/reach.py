@@ -1,4 +1,4 @@
-"""How far a diagnosis reaches: its self-check, what its test plan can see, and which test would tell more."""
+"""How far a diagnosis reaches: its self-check, what its test plan can see, and which test would show more."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def _in_letters(found: Found, text: str) -> str:
 
 
 def _other(d: Mapping[str, Any]) -> str:
-    """What a single cause cannot be told apart from."""
+    """What a single cause cannot be separated from."""
     if any(c.get("like_a_modulus") for c in d.get("causes") or ()):
         return "a specimen that is stiffer in one test than in another"
     if any(c.get("like_a_body") for c in d.get("causes") or ()):

@@ -49,7 +49,7 @@ def how_much(found: Found) -> Section:
 
 
 def _part(found: Found) -> str:
-    """What held-out curves took no part in: without those left out in turn the cause is chosen anew."""
+    """What held-out curves took no part in: without those left out in turn the cause is chosen again."""
     curves = list((core(found).get("shrinkage") or {}).get("curves") or ())
     anew = chosen(found) and all("cause" in c for c in curves)
     if anew or "validate" in {e.get("role") for e in listed(found, "experiments")}:

@@ -1,4 +1,4 @@
-"""The report of what further experiments would tell: the answer, every experiment and pair, what has been done."""
+"""The report of what further experiments would show: the answer, every experiment and pair, what has been done."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def two(found: Found) -> Section:
 
 
 def alone(found: Found) -> list[Table]:
-    """What each experiment would tell by itself, and what of the other parameters."""
+    """What each experiment would show by itself, and what of the other parameters."""
     rows = [r for r in rows_of(found, 1) if not r["added"][0].endswith("once more")]
     truths, unit, out = _truths(found), _unit(found).strip(), []
     asked = [("alone", found["focus"], f"{_focus(found)} from one experiment alone")]
