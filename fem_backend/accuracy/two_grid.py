@@ -26,7 +26,7 @@ from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
-COARSE = "the run on a coarser mesh, which tells the errors,"
+COARSE = "the run on a coarser mesh, which gives the errors,"
 AS_OTHERS = "they are several times those of a specimen whose meshes are calibrated"
 BEYOND = "a power of the travel"
 ROUGHER = {"coarse": meshing.CRUDE, "standard": meshing.CRUDE, "fine": "coarse", "reference": "coarse"}

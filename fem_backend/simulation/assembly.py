@@ -276,7 +276,7 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         raise NotModelled(
             "not_supported",
             f'law = "{settings.law}" with support = "{settings.support.name}" lets the body turn (point, tilt or '
-            "misalignment off the axes), and its strain, sym grad u, grows with a rotation. Use law = "
+            "misalignment off the axes). Its strain, sym grad u, grows with a rotation: use law = "
             f'"{LAWS.default}", which agrees to first order, or support = {holding}',
         )
     everything = (stuff, *of_layers(settings, knobs))

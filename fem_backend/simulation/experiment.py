@@ -130,7 +130,7 @@ class MeshTable(members.MemberTable):
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
     remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "when_needed"
-    """when_needed | never: whether the mesh of a body of revolution is made anew where it is outworn on the way."""
+    """when_needed | never: whether the mesh of a body of revolution is remade where it is worn out."""
 
     @model_validator(mode="before")
     @classmethod
@@ -173,7 +173,7 @@ class SettingsTable(members.MemberTable):
     speed: Annotated[Any, BeforeValidator(_speed)] = 1.0
     """Not used: the programme carries the times."""
     unload: members.Flag = False
-    """Not used: the programme carries the way back."""
+    """Not used: the programme has the unloading."""
     profile: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_places)] = ()
     """Surface marks (x, y) mm whose vertical displacement is asked for."""
     earlier: Annotated[float, BeforeValidator(_earlier)] = 0.0

@@ -1,4 +1,4 @@
-"""What measured curves are compared with: the likelihood on an emulator, settled by runs where it counts."""
+"""What measured curves are compared with: the likelihood on an emulator, confirmed by runs where it counts."""
 
 from __future__ import annotations
 

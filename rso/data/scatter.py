@@ -1,4 +1,4 @@
-"""What readings scatter by: noise, how it changes along the curve and remembers, gain and contact of each test."""
+"""What readings scatter by: noise, its change and autocorrelation along the curve, gain and contact of each test."""
 
 from __future__ import annotations
 

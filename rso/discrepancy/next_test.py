@@ -8,7 +8,7 @@ true the log likelihood ratio against l is about N(D²/2, D²), so that the test
 
     Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
 
-Where the truth is none of the hypotheses that can be simulated nothing is settled: P need not sum to 1.  What every
+Where the truth is none of the hypotheses that can be simulated nothing is decided: P need not sum to 1.  What every
 curve has for itself moves no mean, but widens Σ of the new curves.
 """
 

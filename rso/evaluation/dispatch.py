@@ -296,7 +296,7 @@ def _prepare(
 
 
 def begin(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Executor, ahead: Ahead) -> None:
-    """Let a pool begin tasks that will be wanted soon, their artefacts first; nothing is waited for, nothing is announced.
+    """Let a pool begin tasks that will be wanted soon, their artefacts first; nothing is waited for or announced.
 
     To be called again when artefacts may be there; other executors than pools begin nothing.  :func:`run_all` with the
     same `ahead` takes the results over.

@@ -55,7 +55,7 @@ class PossibleExperiment:
 class ExpectedInformation:
     """What a set of experiments shows at one truth: sd of ln θ by name.
 
-    `alone` without what exists, `fisher` with it, `expected` the same from made-up data (root mean square),
+    `alone` without what exists, `fisher` with it, `expected` the same from simulated data (root mean square),
     `coverage` the share of those whose 90 % interval of the weakest parameter holds the truth (None: not asked, or the
     truth is an end of the box).
     """

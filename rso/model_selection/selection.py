@@ -128,7 +128,7 @@ class Selection:
 def select_model(
     rungs: Sequence[Sequence[ModelLevel]], judge: Callable[[ModelLevel, Judged | None], Judged]
 ) -> Selection:
-    """Compare levels rung by rung; `judge` fits one level, given what holds so far, and is asked only where it is needed.
+    """Compare levels rung by rung; `judge` fits one level, given what holds so far, where it is needed.
 
     A rung is tried when what holds so far fails.  Of its levels with an answer, nothing undetermined and more evidence
     than what holds, those that are good enough end the selection and the likeliest is chosen; else the likeliest takes

@@ -127,7 +127,7 @@ class NextTable(StudyFileTable):
     runs: Runs | None = None
     """Size of the design of each experiment."""
     draws: Annotated[int, Field(ge=10, le=10_000)] = 60
-    """Made-up data sets behind every expectation."""
+    """Simulated data sets behind every expectation."""
 
     @field_validator("experiments")
     @classmethod

@@ -168,7 +168,7 @@ def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndar
             fail(
                 path,
                 line,
-                f"a table begins again, with the repeat {label!r} of the one above: number its column 'repeat' "
+                f"a table begins again, with the repeat {label!r} of the one above. Number its column 'repeat' "
                 "through all tables, or remove it: then each table is a repeat",
             )
 

@@ -78,7 +78,7 @@ def rows_of(found: Found, size: int) -> list[Mapping[str, Any]]:
 
 
 def size_at(found: Found, row: Mapping[str, Any], which: str = "expected") -> list[float]:
-    """sd of ln θ of the weakest parameter, truth by truth; `expected`: of made-up data where there are some."""
+    """sd of ln θ of the weakest parameter, truth by truth; `expected`: of simulated data where there are some."""
     out = []
     for at in row.get("at") or ():
         values = at.get(which) or at.get("fisher") or {}
