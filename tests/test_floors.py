@@ -157,8 +157,9 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
-        "text_sketch",
-        "checking progress",
+        "answer output text_sketch",
+        "checking progress status",
+        "compare doctor example pages",
         "commands",
         "arguments",
         "__init__",
@@ -172,7 +173,7 @@ LAYERS = {
         "keys",
         "__init__",
     ),
-    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity units",),
+    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity symbols units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",

@@ -1,4 +1,4 @@
-"""Experiments that were not fitted, foretold by the most likely point, with what the fit leaves open of it.
+"""Experiments that were not fitted, predicted by the most likely point, with what the fit leaves open of it.
 
     f = f₀ + J (x̂ − x₀),   Σ = (F/b² + 12 I)⁻¹,   C = C_y + s sᵀ + J Σ Jᵀ,   χ² = (y − f)ᵀ C⁻¹ (y − f)
 
@@ -40,7 +40,7 @@ WORDS = ("yes", "among", "no")  # among: it agrees because the fit leaves the pr
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One channel: readings, what is foretold there (n,), numerical error and the parameters' share of its sd (n,)."""
+    """One channel: readings, what is predicted there (n,), numerical error and the parameters' share of its sd (n,)."""
 
     kept: HeldOutReadings
     predicted: np.ndarray
@@ -119,8 +119,8 @@ def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
     missed = [v for v in found if v.verdict == "no" and v.experiment not in plan.validation]
     return [
-        f"{v.experiment}, which is not fitted but selects, is missed by the most likely values: χ² = {v.chi2:.3g} for "
-        f"{v.points} readings is more than their errors and what the fit leaves open explain"
+        f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: χ² = {v.chi2:.3g} "
+        f"for {v.points} readings. All known uncertainties are included"
         for v in missed
     ]
 
@@ -171,7 +171,7 @@ def _foretold(
 
 
 def _test(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> tuple[float, float]:
-    """χ² of readings y (n,) foretold as f (n,) with covariance C (n, n), and the share p of larger ones."""
+    """χ² of readings y (n,) predicted as f (n,) with covariance C (n, n), and the share p of larger ones."""
     floor = SMALLEST * (float(np.abs(y).max()) or 1.0)
     r = solve_triangular(cholesky(C + floor**2 * np.eye(len(y)), lower=True), y - f, lower=True)
     chi2 = float(r @ r)

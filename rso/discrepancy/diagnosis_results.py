@@ -43,7 +43,7 @@ def story(
     """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report.
 
     `visible` is what the plan can see, `run` simulates candidates of the next test, `checked` are the rounds in which
-    finalists were computed anew.
+    finalists were recomputed.
     """
     plan = library.plan.seen()
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []

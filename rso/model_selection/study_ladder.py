@@ -82,7 +82,7 @@ class FittedLevel:
 
 @dataclass(frozen=True, eq=False)
 class LadderFit:
-    """The climb, the rungs, the start by closed form (None if the backend has none), validation by level."""
+    """The selection, the rungs, the start by closed form (None if the backend has none), validation by level."""
 
     rungs: tuple[tuple[ModelLevel, ...], ...]
     climb: Selection
@@ -116,7 +116,7 @@ def run_ladder(
     watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> LadderFit:
-    """Climb the ladder of a study; the curves for validation are looked at when the climb has ended."""
+    """Run the ladder of a study; the curves for validation are used only after the selection."""
     began, bench, table = time.perf_counter(), LadderRunner(plan, store, executor, watch), plan.study.ladder
     rungs, start = levels_of(plan), starting(plan)
     ranges = {k: (v[0], v[2]) for k, v in (start or {}).items()} if table.ranges == "start" else {}
@@ -319,7 +319,7 @@ def judged(plan: Plan, level: ModelLevel, whole: ModelLevel, found: FittedLevel,
 
 
 def if_autocorrelated(plan: Plan, found: FittedLevel, elsewhere: Sequence[Left]) -> model_selection.Goodness | None:
-    """How good a level is if readings that count as white by default remember each other as what it leaves does.
+    """How good a level is if readings that count as white by default are autocorrelated as what it leaves does.
 
     The size of such errors is not seen in how neighbours differ: where nobody has stated it, it is what is left.
     """

@@ -81,7 +81,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
+    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set shows at each.
 
     `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
     what exists lies above its least value at each truth, after that.

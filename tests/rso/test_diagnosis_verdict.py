@@ -112,7 +112,11 @@ def test_no_cause_closes_more_than_all_of_a_gap():
 
 @pytest.mark.parametrize(
     ("chance", "said"),
-    [(0.003, "None of the tests"), (0.02, "No test in the list is likely"), (0.7, "Next test: deeper; it settles")],
+    [
+        (0.003, "None of the proposed tests"),
+        (0.02, "No proposed test is likely"),
+        (0.7, "Next test: deeper; it separates"),
+    ],
 )
 def test_a_test_that_settles_nothing_is_not_proposed(chance, said):
     sentence = next_sentence({"test": "deeper", "chance": chance})
@@ -219,9 +223,9 @@ def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is
     }
     effects = [{"name": n, "description": n} for n in ("skin", "gain")]
     said = _cause(d, {"effects": effects})
-    assert said == "Cause: cannot be told apart with these data: skin (> 99 %), gain (< 1 %)."
+    assert said == "Cause: these data cannot separate skin (> 99 %), gain (< 1 %)."
     said = _cause(d, {"effects": effects, "diagnosis": d, "probabilities": {"none": 0.41}})
-    assert said.startswith("Cause, if there is a gap (chances given one): cannot be told apart with these data: skin")
+    assert said.startswith("Cause, if there is a gap (chances given one): these data cannot separate skin")
     g = {"p_value": 0.04, "size_over_noise": 1.0, "statistic": 2.0, "threshold": 1.0}
     found = {"diagnosis": d, "probabilities": {"none": 0.41}}
     assert _gap(d | {"gap": g}, found) == (
@@ -311,7 +315,7 @@ def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
     gain, other = _unlike({"noise": {"Fz": bound}})
     assert "5.4 % in Fz, 1 % is stated or usual: far beyond what is stated, this counts as a gap" in gain
     assert "taken for noise" in other
-    assert contact.startswith("Contact points of repeats differ by 0.14 mm by Fz, 0.01 mm is usual")
+    assert contact.startswith("Contact points of repeats differ by 0.14 mm (Fz); 0.01 mm is usual")
 
 
 def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
@@ -449,7 +453,7 @@ def test_the_odd_one_is_told_and_asked_about(points, words):
         "of_largest": True,
     }
     assert (
-        "Measured against what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest "
+        "Compared with what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest "
         "force)." in _where(d | {"where": [region]}, found)
     )
     assert "what all other data predict" in _where(d | {"where": [region], "odd": None}, found)
@@ -543,7 +547,7 @@ def test_what_gives_way_at_one_place_may_be_a_soft_spot_of_the_body():
     }
     d = {"verdict": "ambiguous", "ambiguous_with": [["compliance at (10, 0)"]], "causes": [c]}
     said = _cause(d, {"effects": [{"name": "compliance at (10, 0)", "description": "load-train compliance"}]})
-    assert "softer spot" in said and "inclusion" in said and "compliance at (10, 0) = 0.52 mm/N" in said
+    assert "soft inclusion" in said and "inclusion" in said and "compliance at (10, 0) = 0.52 mm/N" in said
 
 
 def test_two_signs_with_nothing_between_are_two_intervals():

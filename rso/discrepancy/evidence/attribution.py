@@ -246,7 +246,7 @@ class Evidence:
 
     def odd(self, y: np.ndarray) -> tuple[str, float] | None:
         """The experiment that has most of what is unexplained for itself, and how probable it is that it alone has it;
-        None where no experiment can be told from others."""
+        None where no experiment can be separated from others."""
         if not self.bench.alone:
             return None
         levels = map(partial(self.ready, ()), self._levels((), True))

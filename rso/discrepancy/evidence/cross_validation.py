@@ -109,10 +109,10 @@ def left_out(
     seed: int,
     anew: bool = True,
 ) -> shrinkage.Shrinkage:
-    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
-    or known.
+    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen
+    again without it (`anew`), or known.
 
-    Without any force nothing tells an open modulus: an experiment that has all of them is not left out.
+    Without any force nothing shows an open modulus: an experiment that has all of them is not left out.
     """
     first = _fitted_rows(library)
     found, sizes = [], []
@@ -131,7 +131,7 @@ def left_out(
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
     beside = " where forces remain beside it" if len(found) < len(curves) else ""
-    causes = ", the cause chosen anew without it," if chosen.effects and anew else ""
+    causes = ", the cause chosen again without it," if chosen.effects and anew else ""
     how = f"each left out in turn{beside}{causes} as there are no validate curves"
     return shrinkage.summarise(found, sizes, how, seed)
 

@@ -31,7 +31,7 @@ class Detectable:
     """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, which it grows with.
 
     `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than CONFUSED of it:
-    both at the smallest clear size, since what is large enough is told apart from much, or where none is clear at the
+    both at the smallest clear size, since what is large enough is separated from much, or where none is clear at the
     one that is seen most often."""
 
     effect: Effect

@@ -168,7 +168,7 @@ def _unseen(
 ) -> list[Unseen]:
     """Every effect that moves a mean and is none of those that are said, beside these in the middle of `post`.
 
-    Without it the data are fitted anew for each of SIZES draws of its size; a new modulus makes another size of it.
+    Without it the data are refitted for each of SIZES draws of its size; a new modulus makes another size of it.
     """
     library, μ, priors = evidence.bench.library, evidence.bench.modulus, evidence.bench.settings.priors
     at, m = np.mean(post.at, axis=0), float(np.mean(post.modulus))
@@ -200,8 +200,8 @@ def _averaged(
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Draws (count,) of the parameters under a hypothesis, and which of the unseen effects (count, k) each holds.
 
-    Subsets are proposed from what the data say of each effect by itself and drawn anew by what they say of all together
-    (sampling–importance resampling, Rubin 1988).
+    Subsets are proposed from what the data say of each effect by itself and drawn again by what they say of all
+    together (sampling–importance resampling, Rubin 1988).
     """
     taken, own = {e.source for e in g.effects}, {e.name for e in g.effects}
     m = EACH * count + FEWEST

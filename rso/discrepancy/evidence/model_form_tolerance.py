@@ -88,7 +88,7 @@ def _sizes_of_supports(effects: Sequence[Effect], own: Tiles, d: int) -> list[np
 
 
 def loops(library: Library, effects: Sequence[Effect], own: Tiles, modulus: float) -> np.ndarray:
-    """ℓ (T, n): force on the way back less that on the way there, of the tile with the widest loop at the same κ."""
+    """ℓ (T, n): force in unloading less that on the way there, of the tile with the widest loop at the same κ."""
     places = []
     for here in library.places:
         there = [nearest(here.passes, Pass(None, p.earlier)) for p in here.passes]

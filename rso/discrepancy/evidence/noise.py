@@ -130,7 +130,7 @@ def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], f
 
     The last number is that of independent ones.  Experiments share their noise but for those whose own is clearly
     another (by half and more, one in a thousand, and in the middle of its readings too, which a few jumps do not
-    change); 0 where too few readings tell.
+    change); 0 where too few readings show.
     """
     if sum(map(len, own)) <= FEW:
         return [0.0] * len(own), 0.0, 0.0

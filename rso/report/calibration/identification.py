@@ -117,11 +117,10 @@ def _fit(data: Mapping[str, Any]) -> str:
     m = data.get("mcmc") or {}
     if known(m.get("draws")):
         said.append(
-            f"Posterior on a grid: {m['draws']} draws, "
-            f"as good as {significant(m.get('independent'), 3)} independent ones."
+            f"Posterior on a grid: {m['draws']} draws, effective sample size {significant(m.get('independent'), 3)}."
             if m.get("method") == "cells"
-            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, as good as "
-            f"{significant(m.get('independent'), 3)} independent ones"
+            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, effective "
+            f"sample size {significant(m.get('independent'), 3)}"
             f"{'' if m.get('converged', True) else '; it has not converged, its intervals are not given'}."
         )
     return " ".join(said)
@@ -134,8 +133,8 @@ def _unsaid(story: str, x: object) -> bool:
 def _caption(data: Mapping[str, Any]) -> str:
     level = percent(number(data.get("level")))
     return (
-        "Above: how much worse the best fit becomes when one parameter is held and the others follow; what lies below "
-        f"the line is the {level} interval. Below: the change of the curve where it shows most; band: ±σ of the data."
+        f"Above: rise of the misfit when one parameter is held and the others are refitted. The {level} interval "
+        "lies below the line. Below: the change of the curve where it shows most; band: ±σ of the data."
     )
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import jinja2
-import typst
 from markupsafe import Markup
 
 from rso.core import disk
@@ -26,13 +26,13 @@ def pictures(document: Report) -> list[str]:
 
 
 def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, html: bool, pdf: bool) -> list[Path]:
-    """Write `stem`.html and `stem`.pdf into `folder`, which is made; list of files."""
+    """Write `stem`.html and, where typst is installed, `stem`.pdf into `folder`, which is made; list of files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if html:
         written.append(disk.replace(folder / f"{stem}.html", html_page(document, figures)))
         _link(folder)
-    if pdf:
+    if pdf and has_pdf():
         written.append(disk.replace(folder / f"{stem}.pdf", pdf_page(document, figures)))
     return written
 
@@ -60,6 +60,11 @@ def html_page(document: Report, figures: Mapping[str, str]) -> str:
     return template.render(report=document, figures={k: Markup(v) for k, v in figures.items()})
 
 
+def has_pdf() -> bool:
+    """Whether PDF files can be written: typst is installed (the extra `pdf`)."""
+    return importlib.util.find_spec("typst") is not None
+
+
 def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
     """A4 pages set by typst; texts travel as JSON strings, which it never reads as markup."""
     with tempfile.TemporaryDirectory() as name:
@@ -70,4 +75,6 @@ def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
         (folder / "report.json").write_text(data, encoding="utf-8")
         source = folder / "page.typ"
         source.write_bytes((_HERE / "page.typ").read_bytes())
+        import typst
+
         return typst.compile(str(source), root=str(folder), format="pdf", ignore_system_fonts=True)
