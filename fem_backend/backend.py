@@ -189,6 +189,8 @@ class FiniteElements:
         for name, sha in case.artefacts.items():
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
+        if case.programme.still:
+            raise ValueError("programme: nothing is moved; time_s and travel_mm, or segments, are expected")
         settings = experiment.read_settings(case.settings)
         through = _through(settings)
         if programmes.controlled(case.programme):

@@ -377,6 +377,14 @@ class DerivedQuantities(Protocol):
         ...
 
 
+class FreeCurves(Protocol):
+    """Curves over abscissae of their own, such as a stretch or a frequency; without it there are channels alone."""
+
+    def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
+        """Name → unit of the curve, name of its abscissa, and that one's unit: what `Response.curves` will hold."""
+        ...
+
+
 class Exports(Protocol):
     """Files for other programs; without it `rso export` writes tables only."""
 
@@ -472,7 +480,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, Exports),
+    "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, FreeCurves, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
