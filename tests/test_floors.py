@@ -267,7 +267,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "derived usual_errors",
+        "derived predictive_test usual_errors",
         "__init__",
     ),
     "rso.model_selection": (

@@ -217,6 +217,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "refit_only": c.refit_only,
                     "with_cause": c.with_cause,
                     "rms": list(c.rms),
+                    "p_values": list(c.p_values),
                     "cause": list(c.cause),
                 }
                 for c in s.curves

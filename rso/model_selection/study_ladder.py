@@ -12,6 +12,7 @@ import numpy as np
 
 from rso import model_selection
 from rso.calibration.plan import Plan, make_plan
+from rso.calibration.predictive_check import PredictiveCheck
 from rso.calibration.readings import (
     curve_data,
     curve_outputs,
@@ -42,7 +43,7 @@ from rso.inference import (
 from rso.inference.verdict import REFUTED, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
 from rso.model_selection.candidate_models import Axes, axes_of, beside, levels_of
-from rso.model_selection.held_out import Unused, validate
+from rso.model_selection.held_out import validate
 from rso.model_selection.simulations import LadderRunner, LadderUnanswered, Watch, design, prove, sampled
 from rso.study.schema import Study
 
@@ -87,7 +88,7 @@ class LadderFit:
     rungs: tuple[tuple[ModelLevel, ...], ...]
     climb: Selection
     start: Mapping[str, tuple[float, float, float]] | None
-    validation: Mapping[str, tuple[Unused, ...]]
+    validation: Mapping[str, tuple[PredictiveCheck, ...]]
     cost: Mapping[str, float]
     seconds: float
 

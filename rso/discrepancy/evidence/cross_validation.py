@@ -16,6 +16,7 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import LOADING, SurfaceProfile, Test
+from rso.inference.predictive_test import chi2_of, predictive_test
 
 TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
@@ -92,7 +93,7 @@ def shrinkage_of(
         C = _covariance(unseen, bench, evidence, y)
         fits = _fits(unseen, bench, y, first, np.arange(len(y)), chosen.effects, seed + 2)
         own = None if fitted is None else _at(unseen, fitted, bench.modulus)
-        fits[0] = fits[0] if own is None else own
+        fits[0] = fits[0] if own is None else own[None]
         found = [_gap(name, unit, rows, v, fits, C, chosen.effects) for name, unit, rows in shrinkage.curves_of(unseen)]
         sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
         told = shrinkage.summarise(found, sizes, "those with role validate", seed)
@@ -153,13 +154,15 @@ def _fits(
     cause: Sequence[Effect],
     seed: int,
 ) -> list[np.ndarray]:
-    """Predictions (n,) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
+    """Predictions (k, n) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
     cause; without one that is the second once more."""
     rng = np.random.default_rng(seed)
-    before, again = (shrinkage.predicted(library, (), fit(bench, (), r, y, rng), bench.modulus) for r in (first, rows))
-    if not cause:
-        return [before, again, again]
-    return [before, again, shrinkage.predicted(library, cause, fit(bench, cause, rows, y, rng), bench.modulus)]
+
+    def draws(effects: Sequence[Effect], some: np.ndarray) -> np.ndarray:
+        return shrinkage.predictive_draws(library, effects, fit(bench, effects, some, y, rng), bench.modulus)
+
+    before, again = draws((), first), draws((), rows)
+    return [before, again, draws(cause, rows) if cause else again]
 
 
 def _gap(
@@ -171,13 +174,16 @@ def _gap(
     C: np.ndarray,
     cause: Sequence[Effect],
 ) -> shrinkage.Gap:
-    C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
+    C, value = C[np.ix_(rows, rows)], y[rows]
+    means = [f[:, rows].mean(axis=0) for f in fits]
+    δ = means[2] - means[0]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
-    before, again, with_cause = (shrinkage.gap(y[rows], f[rows], C) for f in fits)
-    a, b, c = (float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
-    return shrinkage.Gap(
-        name, unit, before, again, with_cause, (a, b, c), noise_of_change, tuple(e.name for e in cause)
-    )
+    before, again, with_cause = (chi2_of(value, f, C) / len(rows) for f in means)
+    a, b, c = (float(np.sqrt(np.mean((value - f) ** 2))) for f in means)
+    spread = [np.cov(f[:, rows].T).reshape(C.shape) if len(f) > 1 else None for f in fits]
+    p_values = tuple(predictive_test(value, f, C, s).p_value for f, s in zip(means, spread, strict=True))
+    effects = tuple(e.name for e in cause)
+    return shrinkage.Gap(name, unit, before, again, with_cause, (a, b, c), noise_of_change, effects, p_values)
 
 
 def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
