@@ -176,9 +176,12 @@ class KrigingBatch:
         """Lengths (m, d), variances (m, 1, 1), coefficients of the trend (terms, m), weights (m, N, 1)."""
         each: Sequence[Kriging] = self.models
         lengths, variance = np.array([k.lengths for k in each]), np.array([k.variance for k in each])
-        return lengths, variance[:, None, None], np.array([k.beta for k in each]).T, np.array(
-            [k.weights for k in each]
-        )[:, :, None]
+        return (
+            lengths,
+            variance[:, None, None],
+            np.array([k.beta for k in each]).T,
+            np.array([k.weights for k in each])[:, :, None],
+        )
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Means (n, m) at X (n, d) in the unit cube, those of :meth:`Kriging.mean` to round-off."""

@@ -7,7 +7,6 @@ import numpy as np
 from rso.doe.farthest import extend, farthest
 from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Feasible, Sampler, enough
 
-
 SWAPS, IN_VAIN = 10_000, 100  # tries at most, and those in a row that improve nothing
 
 
