@@ -157,8 +157,9 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
-        "text_sketch",
-        "checking progress",
+        "answer output text_sketch",
+        "checking progress status",
+        "compare doctor example pages",
         "commands",
         "arguments",
         "__init__",
@@ -172,7 +173,7 @@ LAYERS = {
         "keys",
         "__init__",
     ),
-    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity units",),
+    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity symbols units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -210,6 +211,7 @@ LAYERS = {
         "jumps",
     ),
     "rso.discrepancy.evidence": (
+        "settings",
         "gaussian_mixture noise",
         "hypotheses localisation shrinkage",
         "model_form_tolerance",
@@ -265,7 +267,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "derived usual_errors",
+        "derived predictive_test usual_errors",
         "__init__",
     ),
     "rso.model_selection": (

@@ -2,7 +2,7 @@
 
 Each is optional and stands alone: a backend implements what it can answer, under the name given here, and
 :func:`capability` is how `rso` asks.  What happens without it stands in each docstring; no answer of a simulation
-and no run key hangs on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
+and no run key depends on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
 times in s, forces in N, moduli in MPa; `settings` are those of one case, as the study states them.
 `docs/adding.md` has an example of each.
 """
@@ -357,7 +357,7 @@ class FilledInputs(Protocol):
 class DerivedQuantity:
     """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
 
-    Where its interval lies outside of the `ordinary` range, a reader is told `otherwise`.
+    Where its interval lies outside of the `ordinary` range, a reader reads `otherwise`.
     """
 
     name: str
@@ -374,6 +374,14 @@ class DerivedQuantities(Protocol):
 
     def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
         """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
+class FreeCurves(Protocol):
+    """Curves over abscissae of their own, such as a stretch or a frequency; without it there are channels alone."""
+
+    def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
+        """Name → unit of the curve, name of its abscissa, and that one's unit: what `Response.curves` will hold."""
         ...
 
 
@@ -449,7 +457,7 @@ class NewStudies(Protocol):
 
 
 class Fingerprint(Protocol):
-    """What answers hang on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
+    """What answers depend on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
 
     @property
     def fingerprint(self) -> str:
@@ -472,7 +480,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, Exports),
+    "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, FreeCurves, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
@@ -496,8 +504,8 @@ def beyond_control(backend: object, case: Case) -> str | None:
         return None
     name = getattr(backend, "name", type(backend).__name__)
     return (
-        f'programme: force controls it (control = "force", to_N or asked_N), which the backend {name!r} does not '
-        "understand: it has no controls_force (rso.contract.ForceControl); a programme of travel alone is followed"
+        f'programme: it is controlled by force (control = "force", to_N or asked_N). The backend {name!r} does not '
+        "understand that (no controls_force, see rso.contract.ForceControl); give a programme of travel"
     )
 
 

@@ -117,7 +117,7 @@ def test_the_verdict_answers_first():
     said = page(complete())
     assert "μ is determined: 10.2 kPa (0.0102 MPa), and with 90 % confidence anything from 8.8 to 12.6 kPa" in said
     assert "D₁ is not determined: with 90 % confidence every value from 1.09 to 160 MPa⁻¹ (a factor of 150)" in said
-    assert "D₁ goes from 6.20 MPa⁻¹ to 139 MPa⁻¹, a factor of 22" in said
+    assert "D₁ goes from 6.20 MPa⁻¹ to 139 MPa⁻¹" in said
     assert "13 of 15 candidates are verified" in said and "Not within the tolerance: 3P 2" in said
     assert "1P FR 3 (failed)" in said
     assert "NRMSE of 2.8 % (RMSE 6.56 mN); the model that only predicts the mean of the curve has 71 %" in said
@@ -150,9 +150,9 @@ def test_two_pieces_of_a_profile_are_said_and_drawn_as_two():
 
 def test_a_design_that_similarity_replaced_is_not_said_to_have_been_run():
     results = complete()
-    assert "In place of its points, 26 other points were run" in page(results)
+    assert "so 26 other points were run instead of its points" in page(results)
     results["design"]["similarity"]["applied"] = False
-    assert "In place of its points" not in page(results)
+    assert "instead of its points" not in page(results)
 
 
 def test_every_candidate_run_and_metric_is_on_the_page():

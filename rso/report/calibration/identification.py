@@ -122,11 +122,10 @@ def _fit(data: Mapping[str, Any]) -> str:
     m = data.get("mcmc") or {}
     if known(m.get("draws")):
         said.append(
-            f"Posterior on a grid: {m['draws']} draws, "
-            f"as good as {significant(m.get('independent'), 3)} independent ones."
+            f"Posterior on a grid: {m['draws']} draws, effective sample size {significant(m.get('independent'), 3)}."
             if m.get("method") == "cells"
-            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, as good as "
-            f"{significant(m.get('independent'), 3)} independent ones"
+            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, effective "
+            f"sample size {significant(m.get('independent'), 3)}"
             f"{'' if m.get('converged', True) else '; it has not converged, its intervals are not given'}."
         )
     return " ".join(said)

@@ -18,7 +18,7 @@ def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: boo
     """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
 
     The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
-    diagnosis that lies in the folder is told of, too.
+    diagnosis that lies in the folder is shown, too.
     """
     results = _with_draws(_with_body(_with_diagnosis(results, folder), folder), folder)
     document = report(results)
@@ -26,7 +26,7 @@ def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: boo
 
 
 def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
-    """A run writes its results anew, without what a diagnosis has put into them."""
+    """A run writes its results again, without what a diagnosis has put into them."""
     path = folder / "diagnosis.json"
     if results.get("diagnosis") or not path.exists():
         return results

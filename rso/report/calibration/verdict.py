@@ -29,7 +29,6 @@ from rso.report.layout.digits import (
     quantity,
     rounded,
     shortest,
-    significant,
     unit_text,
 )
 from rso.report.layout.document import Answers, Block, Fact, Facts, Mark, Picture, Section, Text
@@ -255,9 +254,8 @@ def _valley(results: Results, name: str, p: ParameterView) -> str:
     if len(values) < 2 or spread is None:
         return ""
     return (
-        f"The candidates of search {name} show it: {p.letter} goes from {p.show(min(values), 3)} to "
-        f"{p.show(max(values), 3)}, a factor of {significant(max(values) / min(values), 2)}, and yet their recomputed "
-        f"target values differ by at most {percent(spread)}."
+        f"Between the candidates of search {name}, {p.letter} goes from {p.show(min(values), 3)} to "
+        f"{p.show(max(values), 3)}. Their recomputed targets still differ by at most {percent(spread)}."
     )
 
 
@@ -322,10 +320,7 @@ def _fit(results: Results) -> list[str]:
         whose = f"The best candidate, {best.label}," if best.search else "The fitted model, the most likely one,"
         text = f"{whose} reproduces the measured curve {clean(name)} with an {score}"
         if not flat and known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
-            text += (
-                f"; the model that only predicts the mean of the curve has {percent(base['nrmse'])}, "
-                f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
-            )
+            text += f". For scale: a flat line at the mean force has {percent(base['nrmse'])}"
         e = experiment(results, name)
         v = prediction_of(results, e) if e.get("role") == "select" else None
         if v is not None and v.get("verdict") == "no" and (name == e["experiment"] or missed_channel(e, v)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import itertools
 import json
 import re
@@ -12,7 +13,6 @@ from pathlib import Path
 
 import jinja2
 import matplotlib
-import typst
 from markupsafe import Markup
 
 from rso.core import disk
@@ -43,13 +43,13 @@ def pictures(document: Report) -> list[str]:
 
 
 def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, html: bool, pdf: bool) -> list[Path]:
-    """Write `stem`.html and `stem`.pdf into `folder`, which is made; list of files."""
+    """Write `stem`.html and, where typst is installed, `stem`.pdf into `folder`, which is made; list of files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if html:
         written.append(disk.replace(folder / f"{stem}.html", html_page(document, figures)))
         _link(folder)
-    if pdf:
+    if pdf and has_pdf():
         written.append(disk.replace(folder / f"{stem}.pdf", pdf_page(document, figures)))
     return written
 
@@ -121,6 +121,11 @@ def _figure(name: str, svg: str, caption: str) -> _Figure:
     return _Figure(Markup(svg.replace("<svg", head, 1)), look, most, points > NARROW)
 
 
+def has_pdf() -> bool:
+    """Whether PDF files can be written: typst is installed (the extra `pdf`)."""
+    return importlib.util.find_spec("typst") is not None
+
+
 def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
     """A4 pages set by typst; texts travel as JSON strings, which it never reads as markup."""
     with tempfile.TemporaryDirectory() as name:
@@ -131,5 +136,7 @@ def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
         (folder / "report.json").write_text(data, encoding="utf-8")
         source = folder / "page.typ"
         source.write_bytes((_HERE / "page.typ").read_bytes())
+        import typst
+
         fonts = [str(Path(matplotlib.get_data_path()) / "fonts" / "ttf")]  # what figures are set in
         return typst.compile(str(source), root=str(folder), format="pdf", ignore_system_fonts=True, font_paths=fonts)
