@@ -20,9 +20,14 @@ def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: boo
     The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
     diagnosis that lies in the folder is shown, too.
     """
-    results = _with_draws(_with_body(_with_diagnosis(results, folder), folder), folder)
+    results = with_files(results, folder)
     document = report(results)
     return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
+
+
+def with_files(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """The results with what other files of their folder add: a diagnosis, the deformed body, draws of the posterior."""
+    return _with_draws(_with_body(_with_diagnosis(results, folder), folder), folder)
 
 
 def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
