@@ -325,18 +325,19 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert "is not there; run the study first" in said and "Errno" not in said
     assert main(["run", path, "--jobs", "1"]) == 0
     said = capsys.readouterr().out
-    assert "mu is determined: with 90 % confidence" in said
+    assert "μ is determined: with 90 % confidence" in said
     done = re.search(r"(\d+) simulations \(\1 done, 0 failed, 0 crashed", said)[1]
     results = tmp_path / "results"
     assert b"<html" in (results / "report.html").read_bytes()[:500]
     assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
     assert main(["status", path]) == 0
-    assert capsys.readouterr().out.splitlines() == [
-        "last finished stage: validate",
-        f"done: {done}",
-        "failed: 0",
-        "crashed: 0",
-    ]
+    said = capsys.readouterr().out
+    assert re.search(r"^  ✓ μ = [\d.]+ kPa \([\d.]+ to [\d.]+ kPa\)$", said, re.MULTILINE)
+    assert f"  simulations, done: {done}, failed: 0, crashed: 0\n" in said and str(results / "report.html") in said
+    assert said.splitlines()[-1].startswith("  next: rso ")
+    assert main(["status", path, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["parameters"]["mu"]["verdict"] == "determined" and told["runs"]["done"] == int(done)
     page = (results / "report.html").read_bytes()
     (results / "report.html").unlink()
     assert main(["report", path]) == 0
@@ -467,7 +468,7 @@ def test_failures_and_crashes_end_with_3_and_a_message(tmp_path, capsys):
     found = studies.read(tmp_path)
     assert found["exit_code"] == 3 and {r["state"] for r in found["runs"]} == {"done", "failed", "crashed"}
     main(["status", path])
-    assert re.search(r"  failed \w{12} .*: too soft", capsys.readouterr().out)
+    assert re.search(r"  failed \w{12} \(μ = .* kPa\): too soft", capsys.readouterr().out)
     every = studies.write(tmp_path / "b", backend__settings="thickness = 8\ncrash_above = 0.001")
     assert main(["run", str(every), "--jobs", "2"]) == 3
     said = capsys.readouterr()
