@@ -90,7 +90,7 @@ def gallery() -> str:
     for page in sorted((ROOT / "studies").glob("*/README.md")):
         text, name = page.read_text(encoding="utf-8"), page.parent.name
         title = text.split("\n")[0].removeprefix("# ")
-        problem = re.search(r"\*\*Problem\.\*\* (.*?)\n\n", text, re.DOTALL)
+        problem = re.search(r"\*+Problem\.\*+ (.*?)\n\n", text, re.DOTALL)
         words = problem[1] if problem else text.split("\n\n")[1]
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(words.split()))
         first = re.split(r"(?<=[.!?])[”\"]*\s(?=[A-Z“\"])", words)[:2]

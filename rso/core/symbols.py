@@ -39,6 +39,11 @@ def raised(text: str) -> str:
     return re.sub(r"(?<=[A-Za-zµ])\^(-?\d+)", lambda m: m.group(1).translate(_SUPERSCRIPT), text)
 
 
+def in_units(text: str) -> str:
+    """A sentence with its units as they are printed: 1.2 1/MPa → 1.2 MPa⁻¹."""
+    return re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", text)
+
+
 def superscript(number: int) -> str:
     """An exponent: −3 → ⁻³."""
     return str(number).translate(_SUPERSCRIPT)
