@@ -23,7 +23,6 @@ from rso.report.layout.digits import (
     shown,
     significant,
     symbol,
-    unit_text,
 )
 
 Results = Mapping[str, Any]
