@@ -15,7 +15,7 @@ from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
+from fem_backend.adapter import cost_model, deformed, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.export import files as export_files
@@ -37,6 +37,7 @@ from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DeformedBody,
     DerivedQuantity,
     FormulaCurve,
     Given,
@@ -188,6 +189,8 @@ class FiniteElements:
         for name, sha in case.artefacts.items():
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
+        if case.programme.still:
+            raise ValueError("programme: nothing is moved; time_s and travel_mm, or segments, are expected")
         settings = experiment.read_settings(case.settings)
         through = _through(settings)
         if programmes.controlled(case.programme):
@@ -324,6 +327,12 @@ class FiniteElements:
     def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
+
+    def deformed(self, values: Mapping[str, float], case: Case) -> DeformedBody:
+        """Sections through the deformed body and its surface; see :mod:`fem_backend.adapter.deformed`."""
+        solved = self.solve(values, case)
+        result = solved.result
+        return deformed.deformed(solved.placement, result.points, result.on, result.Fz)
 
     def exports(self) -> Mapping[str, str]:
         """Input files of other programs and material cards."""

@@ -30,10 +30,10 @@ from rso.inference import (
     all_minima,
     determine,
     emulated,
+    emulated_together,
     p_value,
     resample,
     spread_of,
-    stack,
     with_autocorrelation,
     with_model_errors,
 )
@@ -100,9 +100,8 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     """
     box, near = ranges(plan), _start(plan, found)
     places, curves = (list(v) for v in zip(*fitted_curves(plan), strict=True))
-    pairs = [emulated(emulator, p) for p in places]
-    models = [_within(plan, box, model) for model, _ in pairs]
-    plain = Misfit(stack(models) if len(models) > 1 else models[0], tuple(curves), wall=_wall(plan, box))
+    model = _within(plan, box, emulated_together(emulator, places))
+    plain = Misfit(model, tuple(curves), wall=_wall(plan, box))
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
     data = [_with_model(plan, found, emulator, there, p, d) for p, d in zip(places, curves, strict=True)]

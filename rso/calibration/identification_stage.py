@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,7 @@ from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum,
 from rso.calibration.finished_runs import finished
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
-from rso.calibration.search_stage import SearchResult
+from rso.calibration.search_stage import SearchResult, curve_metrics, curves_of
 from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
 from rso.contract import DerivedQuantities, DerivedQuantity, capability
@@ -94,6 +95,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
                 "p_value_bare": settled.p_bare,
                 "verified": settled.verified,
                 "open": list(settled.open),
+                **_recomputed(plan, settled),
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
@@ -119,6 +121,15 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
     }
+
+
+def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
+    """Values, curves and metrics of the run that confirmed the most likely point; none where no run of it has to."""
+    run = next((r for r in reversed(settled.runs) if r.purpose == "identified"), None)
+    if run is None or not run.done or not settled.verified:
+        return {"values": None, "curves": {}, "metrics": {}}
+    metrics = {e: dataclasses.asdict(m) for e, m in curve_metrics(plan, run.outcomes).items()}
+    return {"values": dict(run.values), "curves": curves_of(plan, run.outcomes), "metrics": metrics}
 
 
 def trusted(d: Determination, settled: ConfirmedOptimum) -> bool:

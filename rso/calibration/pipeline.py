@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration import (
+    deformed_body,
     formula_comparison,
     held_out,
     identification_stage,
@@ -204,6 +205,7 @@ def _validate(
     """The experiments kept for the end, and everything that is known only then; the whole results."""
     plan, found = bench.plan, notes.found
     result_files.write_draws(notes.path.parent / result_files.POSTERIOR, determination)
+    picture = deformed_body.begin_deformed(bench, found, notes.path.parent)
     if plan.validation:
         say("validation: held-out experiments")
     values = None if determination is None else predictive_check.most_likely(plan, determination, chosen)
@@ -229,6 +231,7 @@ def _validate(
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
     found.update(**results.of_validation(checked), **predictive_check.of_predictions(foretold), counts=counts)
+    deformed_body.write_deformed(picture, notes.path.parent)
     code, reason = ended(found, plan.study.identify.require, strict)
     return notes.write("validate", end=True, exit_code=code, exit_reason=reason)
 

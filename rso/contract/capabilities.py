@@ -295,6 +295,56 @@ class Sketches(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class DeformedFrame:
+    """A section at one travel (mm) and force (N): points (n, 2) mm, triangles (t, 3) of them, fields (n,).
+
+    `indenter` (k, 2) mm is its outline; `mirrored` says that the section goes on beyond 0 as its mirror image.
+    """
+
+    travel: float
+    force: float
+    points: np.ndarray
+    triangles: np.ndarray
+    fields: Mapping[str, np.ndarray]
+    indenter: np.ndarray
+    mirrored: bool = False
+
+
+@dataclass(frozen=True)
+class DeformedSurface:
+    """The surface of the body in the last frame: points (n, 3) mm, triangles (t, 3), the same fields (n,).
+
+    `mirrored` says of x and y whether the body goes on beyond 0 as its mirror image.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    fields: Mapping[str, np.ndarray]
+    mirrored: tuple[bool, bool]
+
+
+@dataclass(frozen=True)
+class DeformedBody:
+    """A body as it is deformed: vertical sections along `plane` (as in :class:`Sketch`) from contact to the end.
+
+    `units` are those of the fields, the most telling first.  No frames without an answer.
+    """
+
+    plane: str
+    units: Mapping[str, str]
+    frames: tuple[DeformedFrame, ...]
+    surface: DeformedSurface | None = None
+
+
+class DeformedBodies(Protocol):
+    """The deformed body of a run in colour, for the first screen of a report; without it that shows none."""
+
+    def deformed(self, values: Mapping[str, float], case: Case, /) -> DeformedBody:
+        """The body of a run that is done, simulated anew with its states; SimulationFailed where there is none."""
+        ...
+
+
 class FilledInputs(Protocol):
     """The input files of a program as they would be filled, for `rso check`; without it none is shown."""
 
@@ -324,6 +374,14 @@ class DerivedQuantities(Protocol):
 
     def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
         """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
+class FreeCurves(Protocol):
+    """Curves over abscissae of their own, such as a stretch or a frequency; without it there are channels alone."""
+
+    def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
+        """Name → unit of the curve, name of its abscissa, and that one's unit: what `Response.curves` will hold."""
         ...
 
 
@@ -422,7 +480,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches, FilledInputs, DerivedQuantities, Exports),
+    "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, FreeCurves, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }

@@ -221,9 +221,9 @@ def forecast(
 def covariance(there: Library, bench: Shared, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    mark = noise.NoiseLevel(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    mark = noise.NoiseLevel(there.plan.scale * bench.settings.noise.mark, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
     levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
-    return noise.covariance(there, levels, force, noise.slope_of(there, force))
+    return noise.covariance(there, levels, force, noise.slope_of(there, force), bench.settings.model_error)
 
 
 def gauges(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rso.discrepancy.evidence.attribution import FALSE_ALARM
 from rso.discrepancy.evidence.noise import UNLIKE
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.parameters import about, called, of_unit, values_of
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
@@ -128,8 +128,9 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
     if undecided(d):
+        limit = SETTINGS.rules.false_alarm
         return (
-            f"Undecided: a gap is called where p is at most {FALSE_ALARM:g} and its ln Bayes factor above 0; p is "
+            f"Undecided: a gap is called where p is at most {limit:g} and its ln Bayes factor above 0; p is "
             f"{p:.2g}, the factor {g['statistic']:.1f}. The misfit is {g['size_over_noise']:.2f} times the noise."
         )
     if d["verdict"] == "no_gap":
@@ -150,7 +151,7 @@ def undecided(d: Mapping[str, Any]) -> bool:
     """
     gap = d.get("gap") or {}
     p, factor = gap.get("p_value"), gap.get("statistic")
-    near = p is not None and p <= BORDER * FALSE_ALARM
+    near = p is not None and p <= BORDER * SETTINGS.rules.false_alarm
     return d.get("verdict") == "no_gap" and (near or (factor is not None and factor >= 0.0))
 
 

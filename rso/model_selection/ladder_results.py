@@ -12,11 +12,13 @@ import rso
 from rso import model_selection
 from rso.calibration import result_files
 from rso.calibration.plan import Plan
+from rso.calibration.predictive_check import Channel, PredictiveCheck
+from rso.calibration.readings import label
 from rso.calibration.results import data_hashes
 from rso.inference.error_model import shares
+from rso.inference.predictive_test import limit
 from rso.inference.verdict import physical
 from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
-from rso.model_selection.held_out import Unused
 from rso.model_selection.study_ladder import FittedLevel, LadderFit
 from rso.study.cases import sketches
 
@@ -82,16 +84,16 @@ def warnings(plan: Plan, found: LadderFit) -> list[str]:
             f"the fitted curves leave χ² = {t.chi2:.3g}, a perfect model {t.expected:.3g} on average. The stated "
             "errors are larger than the curves show, so the ladder may stop too early"
         )
-    for u in found.validation.get(climb.chosen, ()):
-        if u.goodness is None:
-            said.append(f"validation: whether {j.level.label} predicts {u.curve} is open: {u.why}")
-        elif not u.goodness.passes:
-            (e,) = u.goodness.errors
-            said.append(
-                f"validation: {j.level.label} misses {e.name} (NRMSE {100 * e.nrmse:.3g} %, threshold "
-                f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
-                "the decision"
-            )
+    for check in found.validation.get(climb.chosen, ()):
+        if check.test is None:
+            said.append(f"validation: whether {j.level.label} predicts {check.experiment} is open: {check.why}")
+        for row in _validated(plan, check):
+            if row["verdict"] is not None and not row["verdict"]["passes"]:
+                said.append(
+                    f"validation: {j.level.label} misses {row['curve']} (χ² = {row['chi2']:.3g} for {row['points']} "
+                    f"readings, NRMSE {100 * row['nrmse']:.3g} %), which it did not see; with count_validation in "
+                    "[ladder] that curve counts in the decision"
+                )
     failing = {s.name for s in climb.steps if s.verdict == "fails"}
     told = ((v, g) for v in climb.judged if v.level.name in failing and (g := v.if_remembering) and g.passes)
     for v, goodness in itertools.islice(told, 1):
@@ -160,16 +162,14 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
         )
     g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
     assert g is not None
-    errors = [_error(e) for v in (g, *(u.goodness for u in elsewhere if u.goodness)) for e in v.errors]
-    for row, data in zip(errors, d.data, strict=False):  # curves kept for the end come last, and have none
-        row["parts"] = shares(data)
+    errors = [_error(e) | {"parts": shares(data)} for e, data in zip(g.errors, d.data, strict=True)]
     return head | {
         "parameters": rows,
         "values": d.axes.physical(d.values),
         "verdict": _verdict(g),
         "fitted": _test(g.checks[0]) | {"p_analytic": d.determination.p_value},
         "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
-        "validated": [_validated(u) for u in elsewhere],
+        "validated": [row for v in elsewhere for row in _validated(plan, v)],
         "errors": errors,
         "log_evidence": j.log_evidence,
         "agreement": d.agreement,
@@ -195,10 +195,28 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
     }
 
 
-def _validated(u: Unused) -> dict[str, Any]:
-    if u.goodness is None:
-        return {"curve": u.curve, "verdict": None, "why": u.why}
-    return {"curve": u.curve} | _test(u.goodness.checks[0]) | {"verdict": _verdict(u.goodness), "why": None}
+def _validated(plan: Plan, v: PredictiveCheck) -> list[dict[str, Any]]:
+    """A row for each curve of an experiment that took no part."""
+    if v.test is None:
+        every = plan.study.experiment(v.experiment).compared
+        return [{"curve": label(plan, v.experiment, c), "verdict": None, "why": v.why} for c in every]
+    return [_curve(plan, v.experiment, c) for c in v.channels]
+
+
+def _curve(plan: Plan, experiment: str, c: Channel) -> dict[str, Any]:
+    confidence, t = plan.study.ladder.confidence, c.test
+    assert t is not None  # the experiment has one
+    return {
+        "curve": label(plan, experiment, c.kept.channel),
+        "chi2": t.chi2,
+        "expected": float(t.points),
+        "limit": limit(t.points, confidence, t.freedom),
+        "p_value": t.p_value,
+        "points": t.points,
+        "nrmse": c.metrics.nrmse,
+        "verdict": {"passes": t.p_value >= 1.0 - confidence, "p_value": t.p_value, "share": 1.0 - confidence},
+        "why": None,
+    }
 
 
 def _verdict(g: Goodness) -> dict[str, Any]:

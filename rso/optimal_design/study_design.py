@@ -35,6 +35,7 @@ from rso.inference import (
     covariance,
     determine,
     emulated,
+    emulated_together,
     expected_information,
     on_valley,
     stack,
@@ -262,7 +263,7 @@ def _nearest(axes: Axes, runs: Sequence[tuple[Mapping[str, float], Response]]) -
 
 
 def _model(emulator: Emulator, item: Item) -> Model:
-    return stack([emulated(emulator, p)[0] for b in item.blocks for p in b.places])
+    return emulated_together(emulator, [p for b in item.blocks for p in b.places])
 
 
 def _errors(item: Item, emulator: Emulator, near: Near, x: np.ndarray) -> np.ndarray:

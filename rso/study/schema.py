@@ -46,6 +46,7 @@ from rso.study.fields import (
 )
 from rso.study.line_numbers import Place
 from rso.study.noise_table import NoiseTable
+from rso.study.objectives_table import ObjectivesTable
 from rso.study.search_table import SearchTable
 from rso.study.settings_files import named, written
 
@@ -114,6 +115,16 @@ class ParameterTable(StudyFileTable):
     """Whether the range is covered evenly or in its logarithm; moduli go by logarithm."""
     value: Bound = None
     """Or the value that fixes the parameter."""
+    whole: bool = False
+    """Whether only whole numbers between low and high are searched."""
+    values: (
+        Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple), Field(min_length=2, max_length=1000)] | None
+    ) = None
+    """Or the values that it may have, in place of low and high, such as ["1.5 mm", "2 mm"]."""
+    choices: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=2, max_length=50)] | None = (
+        None
+    )
+    """Or texts to choose from, which have no order, such as ["steel", "brass"]."""
     unit: str | None = None
     """Of a parameter of a template, where its numbers do not say it: N, mm, MPa, s and what is made of them."""
     bounds: Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)] | None = None
@@ -124,10 +135,23 @@ class ParameterTable(StudyFileTable):
 
     @model_validator(mode="after")
     def _range_or_value(self) -> ParameterTable:
-        if self.value is None and (self.low is None or self.high is None):
-            raise ValueError("give low and high, or value to fix it")
+        if self.values is not None or self.choices is not None:
+            own = "values" if self.values is not None else "choices"
+            beside = [k for k in ("low", "high", "value", "whole", "values", "choices", "scale", "bounds") if k != own]
+            if self.choices is None:
+                beside.remove("scale")
+            if wrong := [k for k in beside if k in self.model_fields_set]:
+                raise ValueError(f"{own} says all that it may be: leave {wrong[0]} out")
+            listed = getattr(self, own)
+            if twice := [v for k, v in enumerate(listed) if v in listed[:k]]:
+                raise ValueError(f"{own}: {twice[0]!r} is there twice")
+            return self
         if (self.low is None) != (self.high is None):
             raise ValueError("low and high must be given together")
+        if self.value is None and self.low is None:
+            raise ValueError("give low and high, values, choices, or value to fix it")
+        if self.whole and self.value is not None:
+            raise ValueError("value fixes it: leave whole out")
         beside = [k for k in ("low", "high", "scale") if k in self.model_fields_set]
         if self.value is not None and beside:
             raise ValueError(f"value fixes it, and {beside[0]} belongs to a range to search: leave one of them out")
@@ -304,7 +328,8 @@ class Study(StudyFileTable):
     study: StudyTable
     backend: BackendTable
     parameters: dict[str, ParameterTable]
-    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)]
+    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)] = ()
+    objectives: ObjectivesTable | None = None
     columns: ColumnsTable | None = None
     doe: DoeTable = DoeTable()
     surrogate: SurrogateTable = SurrogateTable()

@@ -83,8 +83,9 @@ class SearchTable(StudyFileTable):
     "response_surface".
     """
 
-    method: Literal["response_surface", "gauss_newton"] = "response_surface"
-    """On response surfaces of a design, or whole curves straight on simulations and their derivatives."""
+    method: Literal["response_surface", "gauss_newton", "simulations"] = "response_surface"
+    """On response surfaces of a design, or whole curves straight on simulations and their derivatives; of a study with
+    [objectives] straight on simulations, each individual of NSGA-II one: for models of milliseconds."""
     start: dict[str, Bound] = Field(default_factory=dict)
     """Values to begin with; the middle of the range for a parameter that is left out."""
     starts: Annotated[int, Field(ge=1, le=100)] = 1
@@ -117,6 +118,7 @@ class SearchTable(StudyFileTable):
     def _keys_of_method(self) -> SearchTable:
         theirs = {"start", "starts", "max_runs", "derivatives"}
         mine = theirs if self.method == "gauss_newton" else set(type(self).model_fields) - theirs
+        mine = {"population", "generations", "candidates"} if self.method == "simulations" else mine
         wrong = sorted(self.model_fields_set - mine - {"method", "metric"})
         if wrong:
             other = "response_surface" if self.method == "gauss_newton" else "gauss_newton"

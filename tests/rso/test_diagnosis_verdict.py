@@ -8,11 +8,12 @@ import pytest
 
 from rso.data import Noise, Repeat
 from rso.discrepancy import build, diagnose, make_plan, story
-from rso.discrepancy.diagnosis import BEYOND, MISFIT, _beyond, _sides, most_left
-from rso.discrepancy.evidence.attribution import FALSE_ALARM, SHARES, Comparison, Evidence, critical, set_up
+from rso.discrepancy.diagnosis import _beyond, _sides, most_left
+from rso.discrepancy.evidence.attribution import SHARES, Comparison, Evidence, critical, set_up
 from rso.discrepancy.evidence.cross_validation import HeldOut, held_out, predicts
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.shrinkage import Gap, summarise
 from rso.discrepancy.evidence.verdict import judge
 from rso.discrepancy.parameters import _outside, about, unproved
@@ -76,7 +77,9 @@ def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
         return Posterior(np.ones(9), at, np.zeros(9, int), np.ones((9, 2)), off)
 
     for h in (Hypothesis((STIFF,)), Hypothesis((SCATTER, STIFF)), Hypothesis((STIFF, SCATTER))):
-        assert _beyond(h, drawn(1.01 * BEYOND * far)) and not _beyond(h, drawn(0.99 * BEYOND * far))
+        assert _beyond(h, drawn(1.01 * SETTINGS.rules.beyond * far)) and not _beyond(
+            h, drawn(0.99 * SETTINGS.rules.beyond * far)
+        )
         assert _beyond(h, drawn(0.5 * far, 0.6)) and not _beyond(h, drawn(0.5 * far, 0.4))
     assert not _beyond(Hypothesis((SCATTER,)), drawn(1e9))
 
@@ -141,12 +144,12 @@ def test_a_change_that_noise_makes_has_an_interval_that_holds_nothing():
 
 
 def test_what_a_right_cause_leaves_of_few_readings_is_not_too_much():
-    """One in a hundred of 20 000 chi-square variables lies above, of few and many; of very many MISFIT counts."""
+    """One in a hundred of 20 000 chi-square variables lies above, of few and many; of very many a fixed limit holds."""
     rng = np.random.default_rng(0)
     for n in (8, 14, 40):
         above = np.mean(rng.chisquare(n, 20_000) / n > most_left(n))
         assert 0.005 < above < 0.015
-    assert most_left(1000) == MISFIT
+    assert most_left(1000) == SETTINGS.rules.misfit
 
 
 @pytest.mark.parametrize("scatter", [0.03, 0.12])
@@ -496,9 +499,9 @@ def test_there_is_a_gap_where_p_says_so_and_one_is_more_probable_than_none(n):
     at = critical(null)
     p = lambda t: (1 + np.sum(null >= t)) / (1 + n)  # noqa: E731 - as a diagnosis prints it
     if n < 19:
-        assert at == np.inf and p(10.0) > FALSE_ALARM
+        assert at == np.inf and p(10.0) > SETTINGS.rules.false_alarm
         return
-    assert p(np.nextafter(at, 9.0)) <= FALSE_ALARM < p(np.nextafter(at, -9.0))
+    assert p(np.nextafter(at, 9.0)) <= SETTINGS.rules.false_alarm < p(np.nextafter(at, -9.0))
     assert critical(null - 100.0) == 0.0
 
 

@@ -119,10 +119,10 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
 
 
 def _alarms(evidence: Evidence, null: np.ndarray) -> float:
-    """Share of data sets without a gap (B, n) in which the verdict finds one: FALSE_ALARM, or less where the largest of
-    them make a gap no more probable than none."""
+    """Share of data sets without a gap (B, n) in which the verdict finds one: the false alarms allowed, or less where
+    the largest of them make a gap no more probable than none."""
     T = np.array([c.statistic for c in attribution.comparisons(evidence, null)])
-    return float(np.mean(T > attribution.critical(T)))
+    return float(np.mean(T > attribution.critical(T, evidence.bench.settings.rules.false_alarm)))
 
 
 def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rso.contract import Programme
+from rso.contract import FreeCurve, NotFinite, Programme
 from rso.core import disk
 
 SAME = 1e-6  # of a whole: times and travels this near are one
@@ -30,7 +30,8 @@ class DeckOutput:
 
     A value in the file times `factor` is one in the unit of the channel.  `at` says whether values come one for each
     asked travel (order), at the ends of steps (step: time k is the k-th asked travel), or with their times (s) or
-    travels (mm), which a column `at_column` holds or the reader knows, times `at_factor`.
+    travels (mm), which a column `at_column` holds or the reader knows, times `at_factor`.  With `over` it is a curve
+    over an abscissa of that name, in `over_unit`, which these say.
     """
 
     channel: str
@@ -45,6 +46,8 @@ class DeckOutput:
     at: str = "order"
     at_column: str | int | None = None
     at_factor: float = 1.0
+    over: str = ""
+    over_unit: str = "1"
 
 
 class NotFound(ValueError):
@@ -93,6 +96,20 @@ def at_passages(output: DeckOutput, found: Found, programme: Programme) -> tuple
         top = int(np.argmax(at))
         at, values = at[: top + 1], values[: top + 1]
     return _interpolated(output, at, values, time if output.at == "time" else travel)
+
+
+def free_curve(output: DeckOutput, found: Found) -> FreeCurve:
+    """A curve over its own abscissa, of rows in any order; NotFound where the file does not say the abscissa."""
+    at, values = found
+    if at is None:
+        raise NotFound(f"{output.file}: {output.channel} over {output.over!r} needs at_column: what says the abscissa")
+    order = np.argsort(at, kind="stable")
+    try:
+        return FreeCurve(at[order], values[order], output.unit, output.over, output.over_unit)
+    except ValueError as error:
+        if isinstance(error, NotFinite):
+            raise
+        raise NotFound(f"{output.file}: {output.channel}: {error}") from error
 
 
 def _in_order(output: DeckOutput, at: np.ndarray | None, values: np.ndarray, n: int) -> np.ndarray:
