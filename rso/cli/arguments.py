@@ -196,7 +196,16 @@ def _of_a_study(known: Any) -> None:
             )
 
 
-FORMATS = ("febio", "abaqus", "cards", "csv", "parquet", "arviz")  # those that are options; a backend may have more
+FORMATS = (
+    "febio",
+    "abaqus",
+    "cards",
+    "csv",
+    "parquet",
+    "arviz",
+    "figures",
+    "bibtex",
+)  # those that are options; a backend may have more
 
 
 def _in_and_out(known: Any) -> None:

@@ -8,9 +8,13 @@ import webbrowser
 import pytest
 from report_fixture import complete
 
+import rso
+from rso.api.exporting import bibtex
+from rso.api.run_result import RunResult
 from rso.cli import doctor, main, output
 from rso.cli.answer import between, condensed, number, shown, verdict_lines
 from rso.cli.compare import differences
+from rso.report.picture_files import every
 
 
 @pytest.fixture
@@ -213,3 +217,13 @@ def test_errors_are_wrapped_at_words(monkeypatch):
 def test_the_condensed_answer_is_strict_json():
     told = json.loads(json.dumps(condensed(missed()), allow_nan=False))
     assert told["parameters"]["mu"]["unit"] == "MPa" and told["predictions"][0]["experiment"] == "force_8mm"
+
+
+def test_figures_and_citations_are_exported(results):
+    found = RunResult(results / "results", complete())
+    text = bibtex(found)
+    assert "@software{rso," in text and "{deb2002," in text
+    assert "conn2000" not in text and rso.__version__ in text  # no Gauss–Newton was run
+    assert text.count("{") == text.count("}")
+    drawn = every(complete())
+    assert drawn["curve-0.svg"].startswith("<") and drawn["curve-0.pdf"].startswith(b"%PDF")
