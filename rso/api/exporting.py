@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 import rso
-
 from rso.api.run_result import RunResult
 from rso.calibration.plan import Plan
 from rso.calibration.result_files import POSTERIOR

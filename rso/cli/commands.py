@@ -247,7 +247,7 @@ def _without_pdf(wanted: bool) -> None:
     from rso.report.layout.page import has_pdf
 
     if wanted and not has_pdf():
-        output.say("  no PDF: it needs pip install 'rso[pdf]'")
+        output.say("  no PDF: it needs typst: pip install 'rso[pdf]'")
 
 
 def diagnose(options: argparse.Namespace, command: str) -> int:

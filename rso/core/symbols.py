@@ -1,4 +1,4 @@
-"""Names and units as the literature prints them: mu → μ, D1 → D₁, 1/MPa → MPa⁻¹."""
+"""Names and units as the literature prints them: mu → μ, C10 → C₁₀, 1/MPa → MPa⁻¹."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def symbol(name: str) -> str:
-    """The literature's letter of a parameter: mu → μ, D1 → D₁, C10 → C₁₀; any other name as it is."""
+    """The literature's letter of a parameter: mu → μ, C10 → C₁₀; any other name as it is."""
     match = re.fullmatch(r"([A-Za-z]+?)_?(\d{0,2})", name)
     if match is None:
         return name

@@ -207,7 +207,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
         f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
     ]
     if m.kind == "force" and pulls_off(m):
-        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows the adhesion']
+        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows how it sticks']
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']
