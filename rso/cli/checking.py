@@ -15,8 +15,10 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
+from rso.cli.answer import between
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
+from rso.core.symbols import symbol
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -209,10 +211,10 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 def _things(plan: Plan) -> list[str]:
     """Parameters, settings and experiments."""
     lines = [
-        f"  {a.name}: {a.low:g} to {a.high:g}{spaced(a.parameter.unit)} ({a.scale}), {a.parameter.description}"
+        f"  {symbol(a.name)}: {between((a.low, a.high), a.parameter.unit)} ({a.scale}), {a.parameter.description}"
         for a in plan.resolved.axes
     ]
-    lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    lines += [f"  {symbol(name)} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
     lines += [
         f"  {words}"
         for words in (
