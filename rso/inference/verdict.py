@@ -152,8 +152,8 @@ def sentences(
     if verdict.noise_factor is not None:
         likeliest = float(profile.at[int(np.argmin(profile.rise))])
         best = physical(box, k, Interval(likeliest, likeliest))[0]
-        why += f" If its most likely value, {best:.2g}{tail}, is right, {1 / verdict.noise_factor:.2g} times less noise "
-        why += "would determine it."
+        why += f" If its most likely value, {best:.2g}{tail}, is right, "
+        why += f"{1 / verdict.noise_factor:.2g} times less noise would determine it."
     elif scale == 1.0 and not 0.0 < profile.at[int(np.argmin(profile.rise))] < 1.0:
         why += " The curve fits best at an end of the range, so the noise that would determine it is unknown."
     return text, why
