@@ -48,3 +48,9 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 def _equation(match: re.Match[str]) -> str:
     return convert(match[1].strip(), display="block").replace("\n", " ")
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """No page asks another host: without this script the search of pages opened from the disk is off, that of a served
+    site is not."""
+    return re.sub(r'<script src="https://unpkg\.com/[^"]*"></script>', "", output)

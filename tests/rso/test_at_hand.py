@@ -227,3 +227,21 @@ def test_figures_and_citations_are_exported(results):
     assert text.count("{") == text.count("}")
     drawn = every(complete())
     assert drawn["curve-0.svg"].startswith("<") and drawn["curve-0.pdf"].startswith(b"%PDF")
+
+
+def test_a_colleagues_folder_of_results_is_read_without_its_study(results, capsys):
+    """What needs the study is not proposed for it."""
+    place = results / "results"
+    assert main(["status", str(place)]) == 0
+    said = capsys.readouterr().out
+    assert "✓ μ" in said and said.splitlines()[-1] == f"  next: rso open {place}"
+    assert main(["plot", str(place)]) == 0 and "curve-0" in capsys.readouterr().out
+
+
+def test_the_row_that_looks_like_a_header_is_named(tmp_path, capsys):
+    rows = ["Report;Gel 7", "", "Weg Traverse;Kraft 1", "um;mN", *(f"{100 * k};{k**1.5:.3f}" for k in range(20))]
+    (tmp_path / "test.csv").write_text("\n".join(rows), "utf-8")
+    assert (
+        main(["new", str(tmp_path / "test.csv"), "--slab", "5", "--ball", "2", "--out", str(tmp_path / "s.toml")]) == 2
+    )
+    assert "its header seems to be line 3: 'Weg Traverse', 'Kraft 1'" in capsys.readouterr().err
