@@ -300,6 +300,7 @@ LAYERS = {
         "sketch",
         "discrepancy model_selection",
         "calibration optimal_design",
+        "picture_files",
         "__init__",
     ),
     "rso.report.calibration": (

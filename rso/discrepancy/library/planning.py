@@ -49,9 +49,9 @@ def framed(base: Base, plan: TestPlan) -> LibraryFrame:
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}{held}: fix some")
     if rated(base, plan) and any(t.held.any() or round(np.log(t.speed), 1) != 0.0 for t in plan.tests):
         raise ValueError(
-            "the base model has more than one Prony term among the parameters. Tests with a hold, or at another "
-            "speed than 1 mm/s, cannot be diagnosed with it. Open one Prony term or none: the diagnosis looks for "
-            "relaxation itself"
+            "the base model has more than one share and time of relaxation among the parameters. Tests with a "
+            "hold, or at another speed than 1 mm/s, cannot be diagnosed with it. Open one share and its time, or "
+            "none: the diagnosis looks for relaxation itself"
         )
     # rounded: data sets recorded with the same nominal speeds share their library
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
