@@ -26,6 +26,7 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test, TestPlan
 from rso.evaluation import Task
+from rso.optimal_design.separation import SETTLED
 
 NULLS = 400
 Filter = Callable[[Comparison], Comparison]
@@ -281,10 +282,10 @@ def next_tests(
         prior = {n: p.get((known[n].source,), 0.0) for n in names}
         prior = {n: v / sum(prior.values()) for n, v in prior.items()}  # the truth is in the set
         pairs = [
-            next_test.ranked(w, next_test.distances(v, bench, posts, c.without), prior) for w, (c, v) in there.items()
+            next_test.weighed(w, next_test.distances(v, bench, posts, c.without), prior) for w, (c, v) in there.items()
         ]
-        pairs += [next_test.ranked(w, D, prior) for w, D in next_test.direct(library, bench, posts).items()]
-        best = max(pairs, key=next_test.merit)
+        pairs += [next_test.weighed(w, D, prior) for w, D in next_test.direct(library, bench, posts).items()]
+        best = max(pairs, key=lambda t: t.information)
         chances.append(best.chance)
         pick = rng.integers(len(pairs) + len(again))
 
@@ -313,7 +314,7 @@ def next_tests(
 def _settles(right: np.ndarray, P: np.ndarray, logs: np.ndarray) -> bool:
     """Whether what is `right` (k,) has SETTLED of the probability, from P (k,) and the densities of a new test."""
     s = np.log(P) + logs
-    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= next_test.SETTLED)
+    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= SETTLED)
 
 
 def _answer(

@@ -14,10 +14,10 @@ from scores import Scored, baselines, covered, limit, oracle, share, slope
 
 from rso.discrepancy.evidence.attribution import Evidence, Shared
 from rso.discrepancy.evidence.detectable import Detectable
-from rso.discrepancy.next_test import SETTLED
 from rso.evaluation import WorkerPool, run_all
 from rso.evaluation.adapters import Source
 from rso.evaluation.store import RunStore
+from rso.optimal_design.separation import SETTLED
 
 CONTROLS = 300  # cases of a control
 ABLATED = 500  # cases of an ablation

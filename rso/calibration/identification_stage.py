@@ -38,6 +38,7 @@ from rso.inference import (
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED, Word, physical
+from rso.optimal_design.gains import Gain, gains_of_repeats, in_order, weakest
 
 NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
 METRICS = ("nrmse", "mre", "rrmse")
@@ -99,7 +100,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
             "derived": derived_quantities(plan, d, trusted(d, settled)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
-            "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
+            "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
             if d.draws is None
             else {
@@ -119,6 +120,20 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
     }
+
+
+def gain_rows(d: Determination, found: Sequence[Gain]) -> list[dict[str, Any]]:
+    """identification.gains: further tests in the order of what they tell of the parameter that is known worst."""
+    return [
+        {
+            "test": g.test,
+            "before": dict(g.before),
+            "after": dict(g.after),
+            "information": w.information,
+            "price": w.price,
+        }
+        for g, w in in_order(found, weakest(d.known))
+    ]
 
 
 def trusted(d: Determination, settled: ConfirmedOptimum) -> bool:

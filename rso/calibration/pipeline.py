@@ -37,6 +37,7 @@ from rso.core.units import spaced
 from rso.emulation import emulator as emulator_file
 from rso.evaluation.store import Done, RunStore
 from rso.inference import Determination
+from rso.optimal_design import gains_of_repeats
 
 Say = Callable[[str], None]
 ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
@@ -203,7 +204,8 @@ def _validate(
         foretold = predictive_check.predictive_checks(bench, determination, values)
         found["runs"] += results.predictive_check_runs([r for v in foretold for r in v.runs])
         found["warnings"] += predictive_check.warnings(plan, foretold)
-        found["identification"]["gains"] += predictive_check.gains(plan, determination, foretold)
+        more = [*gains_of_repeats(determination), *predictive_check.gains(plan, determination, foretold)]
+        found["identification"]["gains"] = identification_stage.gain_rows(determination, more)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     found.update(formula_comparison.of_formulas(plan, found))

@@ -25,10 +25,11 @@ from rso.contract import Response
 from rso.core.curves import Metrics, metrics
 from rso.doe import Box
 from rso.evaluation.store import Done
-from rso.inference import Determination, gain
+from rso.inference import Determination
 from rso.inference.identifiability import WIDE
 from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.inference.predictive_test import UNLIKELY, PredictiveTest, open_by, predictive_test
+from rso.optimal_design.gains import Gain, gain
 
 BESIDE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
 DIGITS = 6  # of the most likely values when they are run
@@ -190,8 +191,8 @@ def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     ]
 
 
-def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[dict[str, Any]]:
-    """What the force curves that were kept for the end would add if they were fitted too."""
+def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[Gain]:
+    """What the force curves that were kept for the end would add if they were fitted too; they cost no test."""
     box, rows = d.misfit.model.box, []
     for v in found:
         if (
@@ -203,9 +204,8 @@ def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> lis
         ):
             continue
         y = np.concatenate([c.kept.value for c in v.channels])
-        C = v.theirs * d.wider**2 + v.ours + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
-        g = gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C)
-        rows.append({"test": g.test, "before": dict(g.before), "after": dict(g.after)})
+        C = (v.theirs + v.ours) * d.used.scale**2 + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
+        rows.append(gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C, price=0))
     return rows
 
 

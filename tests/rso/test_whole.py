@@ -196,7 +196,7 @@ LAYOUT: dict[str, Any] = {
             }
         ],
         "directions": [{"change": VALUES, "sd": None, "story": None}],
-        "gains": [{"test": None, "before": VALUES, "after": VALUES}],
+        "gains": [{"test": None, "before": VALUES, "after": VALUES, "information": None, "price": None}],
         "mcmc": dict.fromkeys(("method", "draws", "steps", "tau", "independent", "r_hat", "converged")),
         "weightings": [{"weighting": None, "values": VALUES}],
         "metrics": [{"metric": None, "minima": [{"values": VALUES, "value": None}]}],

@@ -27,16 +27,12 @@ from rso.inference import (
     CurvePlace,
     Data,
     Determination,
-    ExpectedInformation,
     Misfit,
     Model,
-    PossibleExperiment,
     all_minima,
     covariance,
     determine,
     emulated,
-    expected_information,
-    on_valley,
     stack,
     with_autocorrelation,
     with_model_errors,
@@ -45,7 +41,9 @@ from rso.inference.error_model import OF_THE_MODEL, joined
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, Axes, axes_of
 from rso.model_selection.simulations import design
-from rso.optimal_design.experiments import Block, Item, done, kind, planned, refuse
+from rso.next_experiment.experiments import Block, Item, done, kind, planned, refuse
+from rso.optimal_design import ExpectedInformation, PossibleExperiment, expected_information, on_valley
+from rso.optimal_design.gains import weakest as known_worst
 from rso.study.errors import Problem, choose, study_error
 
 FEWEST = 5  # runs with an answer from which an experiment is learnt
@@ -83,8 +81,9 @@ class Joint:
 class DesignResult:
     """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
 
-    `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
-    what exists lies above its least value at each truth, after that.
+    `scale` >= 1 is what all errors were multiplied with because the model misses the data, beside Student's factor
+    where few readings tell their size; `rise` (k,) is how far χ² of what exists lies above its least value at each
+    truth, after both.
     """
 
     axes: Axes
@@ -123,10 +122,10 @@ def run_next(
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
     whole = joint[-1].determination
-    weakest = axes.box.names.index(next(iter(values))) if values else int(np.argmax([k.sd_log for k in whole.known]))
+    weakest = axes.box.names.index(next(iter(values)) if values else known_worst(whole.known))
     truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
-    # What the model lacks it will lack in the next experiment too.
-    s = whole.scale
+    # What the model lacks it will lack in the next experiment too; `rso run` counts errors as wide.
+    s = whole.wider
     rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
     more = [widened(v.experiment, s) for v in learnt if not v.item.done]
     again = [dataclasses.replace(widened(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
@@ -137,7 +136,7 @@ def run_next(
         tuple(expected_information(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
         for k, x in enumerate(truths)
     ]
-    return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, s, tuple(each))
+    return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, whole.scale, tuple(each))
 
 
 def widened(e: PossibleExperiment, scale: float) -> PossibleExperiment:
