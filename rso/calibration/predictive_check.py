@@ -184,8 +184,8 @@ def held_out_experiments(plan: Plan) -> list[str]:
 def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
     return [
-        f"{v.experiment}, which is not fitted but selects, is missed by the most likely values: χ² = {v.test.chi2:.3g} "
-        f"for {v.points} readings is more than their errors and what the fit leaves open explain"
+        f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: χ² = {v.test.chi2:.3g} "
+        f"for {v.points} readings. All known uncertainties are included"
         for v in found
         if v.test is not None and v.test.missed and v.experiment not in plan.validation
     ]

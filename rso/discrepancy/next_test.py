@@ -1,11 +1,11 @@
-"""Which test next: how likely it is to settle what is open, all that the hypotheses do not know included.
+"""Which test next: how likely it is to decide what is open, all that the hypotheses do not know included.
 
     D² = (y_k − y_l)ᵀ (C + Σ_k + Σ_l)⁻¹ (y_k − y_l)
 
 y_k is the posterior mean of the new test under hypothesis k and Σ_k its covariance, so that what a re-fit could still
 move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 call D distinguishability).  Where k is
-true the log likelihood ratio against l is about N(D²/2, D²): how likely the test is to settle the matter, and how much
-it tells, follow from D alone (:mod:`rso.optimal_design`).  What every curve has for itself moves no mean, but widens Σ
+true the log likelihood ratio against l is about N(D²/2, D²): how likely the test is to decide the matter, and how much
+it shows, follow from D alone (:mod:`rso.optimal_design`).  What every curve has for itself moves no mean, but widens Σ
 of the new curves.
 """
 
@@ -30,7 +30,7 @@ from rso.discrepancy.library.test_plan import make_plan
 from rso.discrepancy.proposals import READINGS, CandidateTest, afterwards, candidates, known, moved
 from rso.evaluation import Task
 from rso.optimal_design import Worth, about_causes, ranked
-from rso.optimal_design.separation import as_likely, chance_to_settle
+from rso.optimal_design.separation import as_likely, chance_to_decide
 
 DRAWS = 80
 SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
@@ -58,7 +58,7 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
 
 @dataclass(frozen=True)
 class NextTest:
-    """A test, the `chance` that it settles what is open, the pair it separates worst and the distance D of that pair.
+    """A test, the `chance` that it decides what is open, the pair it separates worst and the distance D of that pair.
 
     `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.  Tests are ordered by the
     `information` (nats) that they are expected to give, and by their `price` in loadings (:mod:`rso.optimal_design`).
@@ -87,7 +87,7 @@ def next_tests(
     run: Callable[[Sequence[Task]], list[Any]] | None,
     scatter: Scatter | None = None,
 ) -> list[NextTest]:
-    """Candidate tests by what they are expected to tell of which of the survivors is true.
+    """Candidate tests by what they are expected to show of which of the survivors is true.
 
     `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
     at places and rates of the library are considered; where all survivors scatter only repeats help, and none is.
@@ -158,7 +158,7 @@ def weighed(
     worst = min(distance, key=lambda p: distance[p])
     settled = sum(bool(v >= SEPARATES) for v in distance.values())
     information = about_causes(distance, probability)
-    chance = chance_to_settle(distance, probability)
+    chance = chance_to_decide(distance, probability)
     return NextTest(words, chance, worst, float(distance[worst]), settled, len(distance), "", information, price)
 
 
@@ -205,9 +205,9 @@ def forecast(
 def covariance(there: Library, bench: Shared, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    mark = noise.NoiseLevel(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    mark = noise.NoiseLevel(there.plan.scale * bench.settings.noise.mark, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
     levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
-    return noise.covariance(there, levels, force, noise.slope_of(there, force))
+    return noise.covariance(there, levels, force, noise.slope_of(there, force), bench.settings.model_error)
 
 
 def gauges(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:

@@ -1,4 +1,4 @@
-"""`ladder.json`: a climb as plain data (layout in docs/results.md)."""
+"""`ladder.json`: a selection as plain data (layout in docs/results.md)."""
 
 from __future__ import annotations
 
@@ -81,9 +81,8 @@ def warnings(plan: Plan, found: LadderFit) -> list[str]:
     t = j.goodness.checks[0]
     if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
         said.append(
-            f"the fitted curves leave χ² = {t.chi2:.3g} where a perfect model leaves {t.expected:.3g} on average: the "
-            "stated errors are larger than the curves show, so that the thresholds are lenient and the ladder may stop "
-            "too early"
+            f"the fitted curves leave χ² = {t.chi2:.3g}, a perfect model {t.expected:.3g} on average. The stated "
+            "errors are larger than the curves show, so the ladder may stop too early"
         )
     for check in found.validation.get(climb.chosen, ()):
         if check.test is None:
@@ -91,17 +90,17 @@ def warnings(plan: Plan, found: LadderFit) -> list[str]:
         for row in _validated(plan, check):
             if row["verdict"] is not None and not row["verdict"]["passes"]:
                 said.append(
-                    f"validation: {j.level.label} misses {row['curve']} (χ² = {row['chi2']:.3g} for {row['points']} "
-                    f"readings, NRMSE {100 * row['nrmse']:.3g} %), which it did not see; with count_validation in "
+                    f"validation: {j.level.label} misses {row['curve']}, which it did not see: χ² = {row['chi2']:.3g} "
+                    f"for {row['points']} readings, NRMSE {100 * row['nrmse']:.3g} %. With count_validation in "
                     "[ladder] that curve counts in the decision"
                 )
     failing = {s.name for s in climb.steps if s.verdict == "fails"}
     told = ((v, g) for v in climb.judged if v.level.name in failing and (g := v.if_remembering) and g.passes)
     for v, goodness in itertools.islice(told, 1):
         said.append(
-            f"{v.level.label} is given up because neighbouring readings miss it together; if they remember each other "
-            f"by as much (an amplifier's filter) it is good enough (p = {goodness.p_value:.2g}), and what is "
-            "put on it may be noise: repeats, or noise.correlation, would tell"
+            f"{v.level.label} is rejected because its residuals are autocorrelated. If the noise itself is "
+            f"autocorrelated (an amplifier's filter), it is good enough (p = {goodness.p_value:.2g}) and a richer "
+            "model fits noise. Repeats, or noise.correlation, would decide"
         )
     bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]
     said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]

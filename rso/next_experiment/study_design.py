@@ -33,6 +33,7 @@ from rso.inference import (
     covariance,
     determine,
     emulated,
+    emulated_together,
     stack,
     with_autocorrelation,
     with_model_errors,
@@ -79,10 +80,10 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
+    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set shows at each.
 
     `scale` >= 1 is what all errors were multiplied with because the model misses the data, beside Student's factor
-    where few readings tell their size; `rise` (k,) is how far χ² of what exists lies above its least value at each
+    where few readings show their size; `rise` (k,) is how far χ² of what exists lies above its least value at each
     truth, after both.
     """
 
@@ -261,7 +262,7 @@ def _nearest(axes: Axes, runs: Sequence[tuple[Mapping[str, float], Response]]) -
 
 
 def _model(emulator: Emulator, item: Item) -> Model:
-    return stack([emulated(emulator, p)[0] for b in item.blocks for p in b.places])
+    return emulated_together(emulator, [p for b in item.blocks for p in b.places])
 
 
 def _errors(item: Item, emulator: Emulator, near: Near, x: np.ndarray) -> np.ndarray:

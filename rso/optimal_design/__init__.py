@@ -1,8 +1,8 @@
-"""Which test next: what each would tell of what is open, at which price, in one order for every analysis.
+"""Which test next: what each would show of what is open, at which price, in one order for every analysis.
 
 ranking        the criterion, the price, and the order by both
 expected_information   a parameter: by Fisher information, and by data made up for a test
-separation     a cause: the chance that a test settles which of several is there
+separation     a cause: the chance that a test decides which of several is there
 gains          a fit: what the same test once more, or more readings at one place, would add
 """
 

@@ -11,7 +11,7 @@ from rso.doe import Box
 from rso.inference import Data, Determination, Known, expected_sd
 from rso.optimal_design.ranking import Worth, about_parameter, ranked
 
-READINGS = 10  # more of them at the depth that tells most
+READINGS = 10  # more of them at the depth that shows most
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def gain(
 def best_depth(
     box: Box, x: np.ndarray, fisher: np.ndarray, parameter: int, jacobian: np.ndarray, sigma: np.ndarray
 ) -> tuple[int, Gain]:
-    """The measured point at which one more independent reading, of the same `sigma` (n,), tells most of a parameter."""
+    """The measured point at which one more independent reading, of the same `sigma` (n,), shows most of a parameter."""
     found = [
         gain(box, x, fisher, "", jacobian[i : i + 1], np.array([[sigma[i] ** 2]])) for i in np.flatnonzero(sigma > 0)
     ]
@@ -57,7 +57,7 @@ def best_depth(
 
 
 def gains_of_repeats(d: Determination) -> list[Gain]:
-    """What each fitted curve once more, and more readings at the depth that tells most, would add.
+    """What each fitted curve once more, and more readings at the depth that shows most, would add.
 
     Errors are as much wider as those of the fit: what the model lacks it will lack in the next test too.
     """
@@ -85,7 +85,7 @@ def weakest(known: Sequence[Known]) -> str:
 
 
 def in_order(found: Sequence[Gain], focus: str) -> list[tuple[Gain, Worth]]:
-    """Tests by what they are expected to tell of a parameter, and by their price."""
+    """Tests by what they are expected to show of a parameter, and by their price."""
     worth = {id(g): Worth(about_parameter([g.before[focus]], [g.after[focus]]), g.price) for g in found}
     return [(g, worth[id(g)]) for g in ranked(found, lambda g: worth[id(g)])]
 

@@ -21,7 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 
-ALIKE = 0.1  # nats, and of the best: tests that are expected to tell as much but for this are not told apart
+ALIKE = 0.1  # nats, and of the best: tests that are expected to show as much but for this are not told apart
 
 T = TypeVar("T")
 
@@ -55,7 +55,7 @@ def about_causes(distance: Mapping[tuple[str, str], float], probability: Mapping
 
 
 def ranked(tests: Sequence[T], worth: Callable[[T], Worth]) -> list[T]:
-    """Tests in order: always the cheapest of those that tell as much as the best that is left, but for `ALIKE`."""
+    """Tests in order: always the cheapest of those that show as much as the best that is left, but for `ALIKE`."""
     left, order = list(tests), list[T]()
     while left:
         most = max(worth(t).information for t in left)

@@ -1,11 +1,11 @@
-"""How likely a test is to settle which of several causes is there.
+"""How likely a test is to decide which of several causes is there.
 
 Causes whose forecasts of the test lie D standard deviations apart have, where k is true, a log likelihood ratio against
-l of about N(D²/2, D²), so that the test settles the matter with probability
+l of about N(D²/2, D²), so that the test decides the matter with probability
 
-    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
+    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = DECIDED.
 
-Where the truth is none of the causes that can be simulated nothing is settled: P need not sum to 1.
+Where the truth is none of the causes that can be simulated nothing is decided: P need not sum to 1.
 Source: Atkinson & Fedorov, Biometrika 62 (1975) 57; Eriksson, Frisk & Krysander, Automatica 49 (2013) 1591 (D).
 """
 
@@ -17,12 +17,12 @@ import numpy as np
 
 from rso.core.distributions import normal_cdf, normal_logpdf, normal_ppf
 
-SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
-NEED = float(np.log(SETTLED / (1.0 - SETTLED)))
+DECIDED = 0.95  # probability of one hypothesis at which a matter is decided
+NEED = float(np.log(DECIDED / (1.0 - DECIDED)))
 
 
-def chance_to_settle(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
-    """The chance that one cause has `SETTLED` afterwards, by the distances D of pairs and the probabilities before."""
+def chance_to_decide(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
+    """The chance that one cause has `DECIDED` afterwards, by the distances D of pairs and the probabilities before."""
     whole = max(sum(probability.values()), 1.0)  # the causes of a pair hold the same probability twice
     P = {k: max(v / whole, 1e-9) for k, v in probability.items()}
     chance = 0.0
@@ -33,7 +33,7 @@ def chance_to_settle(distance: Mapping[tuple[str, str], float], probability: Map
 
 
 def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
-    """Probability that a test of distance D leaves the truth with `SETTLED`, from the logarithm of its odds before."""
+    """Probability that a test of distance D leaves the truth with `DECIDED`, from the logarithm of its odds before."""
     return normal_cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
 
 

@@ -24,36 +24,36 @@ from rso.discrepancy.next_test import (
 )
 from rso.discrepancy.proposals import candidates, planned_tests
 from rso.optimal_design.ranking import Worth, ranked
-from rso.optimal_design.separation import SETTLED, as_likely, chance_to_settle
+from rso.optimal_design.separation import DECIDED, as_likely, chance_to_decide
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
 def test_the_chance_is_that_of_gaussian_readings(D):
-    """Two hypotheses D standard deviations apart: draw from each, count how often it ends above SETTLED."""
+    """Two hypotheses D standard deviations apart: draw from each, count how often it ends above DECIDED."""
     P, rng = np.array([0.7, 0.3]), np.random.default_rng(1)
     mean, settled = np.array([0.0, D]), 0.0
     for k in (0, 1):
         x = mean[k] + rng.standard_normal(200_000)
         s = np.log(P) - 0.5 * (x[:, None] - mean) ** 2
-        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= SETTLED)
-    chance = chance_to_settle({("a", "b"): D}, {"a": 0.7, "b": 0.3})
+        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= DECIDED)
+    chance = chance_to_decide({("a", "b"): D}, {"a": 0.7, "b": 0.3})
     np.testing.assert_allclose(chance, settled, atol=4e-3)  # 200 000 draws scatter by 1e-3
 
 
 def test_what_separates_nothing_settles_nothing_and_what_separates_all_does():
     P = {"a": 0.5, "b": 0.3, "c": 0.2}
     pairs = [("a", "b"), ("a", "c"), ("b", "c")]
-    assert chance_to_settle(dict.fromkeys(pairs, 0.0), P) < 1e-6
-    assert chance_to_settle(dict.fromkeys(pairs, 20.0), P) > 0.999
+    assert chance_to_decide(dict.fromkeys(pairs, 0.0), P) < 1e-6
+    assert chance_to_decide(dict.fromkeys(pairs, 20.0), P) > 0.999
     # one that only sets a apart settles it where a is true, and no oftener
     np.testing.assert_allclose(
-        chance_to_settle({("a", "b"): 20.0, ("a", "c"): 20.0, ("b", "c"): 0.0}, P), 0.5, atol=1e-6
+        chance_to_decide({("a", "b"): 20.0, ("a", "c"): 20.0, ("b", "c"): 0.0}, P), 0.5, atol=1e-6
     )
 
 
 def test_the_causes_of_a_pair_do_not_settle_it_twice():
     """Both are in every hypothesis that counts, so that each has all of the probability."""
-    np.testing.assert_allclose(chance_to_settle({("a", "b"): 20.0}, {"a": 1.0, "b": 0.98}), 1.0, atol=1e-6)
+    np.testing.assert_allclose(chance_to_decide({("a", "b"): 20.0}, {"a": 1.0, "b": 0.98}), 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("size", "sd"), [(1.0, 0.6), (0.3, 0.1), (0.05, 0.3), (1.0, 1e-3)])
@@ -68,7 +68,7 @@ def test_what_shows_a_size_by_itself_needs_no_knowledge_of_it(size, sd):
     y = resolution * rng.standard_normal(len(s))  # it is not
     against = norm.logpdf(y, 0.0, resolution) - norm.logpdf(y, size, spread)
     settled = 0.5 * np.mean(odds >= np.log(19.0)) + 0.5 * np.mean(against >= np.log(19.0))
-    np.testing.assert_allclose(chance_to_settle(D, {"a": 0.5, "b": 0.5}), settled, atol=0.01)  # draws scatter by 0.004
+    np.testing.assert_allclose(chance_to_decide(D, {"a": 0.5, "b": 0.5}), settled, atol=0.01)  # draws scatter by 0.004
 
 
 def survivors(library, names, data):

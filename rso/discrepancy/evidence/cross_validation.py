@@ -58,7 +58,8 @@ def predicts(held: Sequence[HeldOut], h: Hypothesis) -> bool:
 
 def _log_evidence(bench: Shared, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:
     """Log evidence of some rows, over levels of scatter."""
-    shares = attribution.SCATTER if any(e.family == "scatter" for e in h.effects) else attribution.SCATTER[:1]
+    scatter = bench.settings.priors.scatter
+    shares = scatter if any(e.family == "scatter" for e in h.effects) else scatter[:1]
     found = []
     for share in shares:
         white = whitening(bench.covariance(h.effects, share), rows)
@@ -109,10 +110,10 @@ def left_out(
     seed: int,
     anew: bool = True,
 ) -> shrinkage.Shrinkage:
-    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
-    or known.
+    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen
+    again without it (`anew`), or known.
 
-    Without any force nothing tells an open modulus: an experiment that has all of them is not left out.
+    Without any force nothing shows an open modulus: an experiment that has all of them is not left out.
     """
     first = _fitted_rows(library)
     found, sizes = [], []
@@ -131,7 +132,7 @@ def left_out(
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
     beside = " where forces remain beside it" if len(found) < len(curves) else ""
-    causes = ", the cause chosen anew without it," if chosen.effects and anew else ""
+    causes = ", the cause chosen again without it," if chosen.effects and anew else ""
     how = f"each left out in turn{beside}{causes} as there are no validate curves"
     return shrinkage.summarise(found, sizes, how, seed)
 
@@ -238,7 +239,7 @@ def fit(
     draws: int = 300,
 ) -> Posterior:
     """The base model with effects as some rows of the data y (n,) have it."""
-    white = whitening(bench.covariance(effects, attribution.SCATTER[-1]), rows)
+    white = whitening(bench.covariance(effects, bench.settings.priors.scatter[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
     return posterior(h, white(y), draws, rng)
 
@@ -254,7 +255,9 @@ def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen:
     taught = _taught(bench, y, rest, evidence.effects)
 
     def score(h: Hypothesis, loose: bool) -> float:
-        return _log_evidence(bench, h, rest, y, loose) + attribution.log_prior(h, evidence.effects)
+        return _log_evidence(bench, h, rest, y, loose) + attribution.log_prior(
+            h, evidence.effects, bench.settings.priors
+        )
 
     rough = {e: score(Hypothesis((e,)), False) for e in taught}
     leading = sorted(taught, key=lambda e: -rough[e])
@@ -270,9 +273,9 @@ def _covariance(unseen: Library, bench: Shared, evidence: Evidence, y: np.ndarra
     rng = np.random.default_rng(0)
     h = evidence.best((), y)
     f = shrinkage.predicted(unseen, (), posterior(h, h.white(y), 2000, rng), bench.modulus)
-    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
+    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f), bench.settings.model_error)
 
 
 def _levels(bench: Shared, unseen: Library) -> dict[str, noise.NoiseLevel]:
     """Levels of the seen data, and for channels they lack those of the held-out files."""
-    return {**noise.levels(unseen.plan), **bench.levels}
+    return {**noise.levels(unseen.plan, usual=bench.settings.noise), **bench.levels}
