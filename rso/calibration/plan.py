@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -19,6 +20,7 @@ from rso.data import CreepHold, Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
+from rso.evaluation.decks import load_deck
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (

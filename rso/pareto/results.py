@@ -18,9 +18,9 @@ from rso.core.plain_results import plainly, write_json, written_cell
 from rso.core.units import spaced
 from rso.emulation import Scores
 from rso.pareto.front import knee
+from rso.pareto.solving import ParetoCandidate, ParetoOutcome
 from rso.pareto.plan import ParetoPlan
 from rso.pareto.runs import ParetoRun, misses, values_of
-from rso.pareto.solving import ParetoCandidate, ParetoOutcome
 from rso.pareto.surfaces import nondominated
 
 SCHEMA, KIND = 1, "pareto"
