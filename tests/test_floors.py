@@ -255,6 +255,7 @@ LAYERS = {
         "pool",
         "cluster",
         "dispatch",
+        "evaluator",
         "__init__",
     ),
     "rso.evaluation.decks": (

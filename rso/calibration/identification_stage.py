@@ -196,7 +196,7 @@ def identification(
     try:
         settled = confirm_optimum(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
-        done = identify(plan, settled.emulator, found, bench.store)
+        done = identify(plan, settled.emulator, found, bench.evaluator.store)
         done = replace(done, determination=doubted(done.determination, settled))
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None

@@ -20,11 +20,11 @@ from scipy.linalg import block_diag
 from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan
 from rso.calibration.search_stage import Chosen
-from rso.calibration.stages import Run, Runner, why
+from rso.calibration.stages import Run, Runner
 from rso.contract import Response
 from rso.core.curves import Metrics, metrics
 from rso.doe import Box
-from rso.evaluation.store import Done
+from rso.evaluation import Done, why
 from rso.inference import Determination
 from rso.inference.identifiability import WIDE
 from rso.inference.output_derivatives import NoSlopes, jacobian
@@ -158,7 +158,7 @@ def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[
 def predictive_checks(bench: Runner, d: Determination, values: Values) -> list[PredictiveCheck]:
     """Every experiment that was not fitted by the `values` next to the most likely point."""
     names = held_out_experiments(bench.plan)
-    bench.begin([task(bench.plan, name, values) for name in names])
+    bench.evaluator.begin([task(bench.plan, name, values) for name in names])
     return [_checked(bench, d, name, values) for name in names]
 
 
@@ -166,7 +166,7 @@ def _checked(bench: Runner, d: Determination, name: str, values: Values) -> Pred
     plan, runs = bench.plan, list[Run]()
 
     def evaluate(points: Sequence[Values]) -> list[Response | str]:
-        outcomes = bench.run_tasks([task(plan, name, v) for v in points])
+        outcomes = bench.evaluator.run([task(plan, name, v) for v in points])
         purpose = "difference" if runs else "foretell"
         runs.extend(Run(purpose, v, (o,)) for v, o in zip(points, outcomes, strict=True))
         lost = "" if purpose == "difference" else "the run of the most likely point has no answer: "

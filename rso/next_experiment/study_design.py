@@ -21,7 +21,7 @@ from rso.core.similarity import Group
 from rso.core.units import quantity
 from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box
 from rso.emulation.hermite import along_one
-from rso.evaluation import Crashed, Done, Event, Task, run_all
+from rso.evaluation import Crashed, Done, Evaluator, Watch
 from rso.evaluation.store import RunStore
 from rso.inference import (
     CurvePlace,
@@ -50,7 +50,6 @@ from rso.study.errors import Problem, choose, study_error
 FEWEST = 5  # runs with an answer from which an experiment is learnt
 AGAIN = " once more"  # after the name of an experiment that is repeated
 TRUTHS = 5  # values of the parameter that is known worst, unless the study names them
-Watch = Callable[[Event], None]
 Near = Callable[[np.ndarray], Response]
 
 
@@ -106,12 +105,13 @@ def run_next(
     table, axes = plan.study.next, axes_of(plan, ModelLevel(STUDY), {})
     possible, values = asked(plan, axes)
     items = [*done(plan), *possible]
+    evaluator = Evaluator(plan.backend, store, executor, watch)
     points = design(axes, table.runs, plan.seed)
     learnt: list[Learnt] = []
     problems: dict[str, str] = {}
     for item in items:
         say(f"{item.name}: {len(points)} runs")
-        found = learn_item(plan, axes, item, points, store, executor, watch)
+        found = learn_item(plan, axes, item, points, evaluator)
         if isinstance(found, str):
             problems[item.name] = found
         else:
@@ -183,12 +183,10 @@ def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]
 
 
 def learn_item(
-    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], store: RunStore, executor: Executor,
-    watch: Watch | None,
-) -> Learnt | str:  # fmt: skip
+    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], evaluator: Evaluator
+) -> Learnt | str:
     """Runs of an experiment over the (reduced) box and what is learnt from them, or why nothing is."""
-    tasks = [Task(axes.physical(p), item.case, frozenset()) for p in points]
-    outcomes = run_all(plan.backend, tasks, store, executor, watch=watch)
+    outcomes = [o for (o,) in evaluator.at([item.case], [axes.physical(p) for p in points])]
     good = [(p, o.response) for p, o in zip(points, outcomes, strict=True) if isinstance(o, Done)]
     if len(good) < min(FEWEST, len(points)):
         why = next(o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done))
@@ -206,7 +204,7 @@ def learn_item(
     near = _nearest(axes, good)
     cost = sum(getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed))
     experiment = PossibleExperiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, near, x))
-    return Learnt(item, experiment, emulator, near, len(tasks), cost, left)
+    return Learnt(item, experiment, emulator, near, len(points), cost, left)
 
 
 def _read_of(item: Item, place: CurvePlace) -> list[tuple[float, float]]:
