@@ -128,9 +128,10 @@ LAYERS = {
         "data emulation evaluation",
         "store",
         "inference optimise study",
+        "optimal_design",
         "calibration",
         "discrepancy model_selection",
-        "optimal_design report",
+        "next_experiment report",
         "api",
         "cli",
         "__main__",
@@ -254,6 +255,7 @@ LAYERS = {
         "pool",
         "cluster",
         "dispatch",
+        "evaluator",
         "__init__",
     ),
     "rso.evaluation.decks": (
@@ -266,7 +268,7 @@ LAYERS = {
         "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
-        "expected_information identifiability",
+        "identifiability",
         "derived predictive_test usual_errors",
         "__init__",
     ),
@@ -280,10 +282,15 @@ LAYERS = {
         "study_ladder",
         "ladder_results",
     ),
-    "rso.optimal_design": (
+    "rso.next_experiment": (
         "experiments",
         "study_design",
         "design_results",
+    ),
+    "rso.optimal_design": (
+        "expected_information ranking separation",
+        "gains",
+        "__init__",
     ),
     "rso.optimise": (
         "basins targets",

@@ -324,8 +324,8 @@ def ladder(options: argparse.Namespace, command: str) -> int:
 
 def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
-    from rso.optimal_design.design_results import markdown, results, write
-    from rso.optimal_design.study_design import run_next
+    from rso.next_experiment.design_results import markdown, results, write
+    from rso.next_experiment.study_design import run_next
     from rso.study.loader import load
 
     study = load(options.study)
@@ -524,7 +524,7 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.results import SCHEMA, data_hashes
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
-    from rso.optimal_design import design_results
+    from rso.next_experiment import design_results
     from rso.report import render, render_diagnosis, render_ladder, render_next
     from rso.study.loader import load
 

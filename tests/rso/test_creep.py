@@ -18,7 +18,7 @@ from rso.discrepancy.library.test_plan import _usable
 from rso.evaluation.store import RunStore
 from rso.model_selection.candidate_models import axes_of, levels_of
 from rso.model_selection.study_ladder import ladder_plan
-from rso.optimal_design.experiments import done
+from rso.next_experiment.experiments import done
 from rso.study.loader import load
 
 STUDY = """
