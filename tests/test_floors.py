@@ -311,8 +311,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels influence",
-        "identification maps range_extension",
+        "background closed_forms deformed derived displacements drawn_runs errors gap gauss_newton hold_panels",
+        "identification influence maps range_extension turning",
         "predictive_check responses",
         "predictions",
         "verdict",
