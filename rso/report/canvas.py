@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
@@ -90,7 +91,8 @@ def canvas(height: float) -> Figure:
 def svg(figure: Figure, name: str) -> str:
     """The figure as one SVG element; its ids start with `name`, so that several fit into one page."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    # `savefig` would draw it twice, the first time only to lay it out.
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # Comments repeat the text of labels; a page needs neither them nor the metadata.
