@@ -27,6 +27,11 @@ def check(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     folder = _folder(options, study.folder)
+    if study.objectives is not None:
+        from rso.cli.objectives import check_objectives
+
+        _print(check_objectives(study, folder, options.trust))
+        return 0
     _print(check(study, folder, options.trust, _store(options, folder), options.jobs))
     return 0
 
@@ -228,6 +233,8 @@ def run(options: argparse.Namespace, command: str) -> int:
     from rso.study.loader import load
 
     study = load(options.study)
+    if study.objectives is not None:
+        return _run_objectives(options, study, command)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
     if options.fresh and folder.exists():
@@ -261,6 +268,41 @@ def run(options: argparse.Namespace, command: str) -> int:
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     from rso.report.terminal import summary
 
+    _print(summary(found, files))
+    return _ended(int(found["exit_code"]), found["exit_reason"])
+
+
+def _run_objectives(options: argparse.Namespace, study: Any, command: str) -> int:
+    """`rso run` of a study with objectives."""
+    from rso.api.workspace import executor
+    from rso.calibration.result_files import claim, may_be_moved
+    from rso.cli.progress import Progress
+    from rso.evaluation.store import RunStore, set_aside
+    from rso.pareto.pipeline import run_pareto
+    from rso.pareto.plan import pareto_plan
+    from rso.pareto.solving import NoSurface
+    from rso.report import render_pareto
+    from rso.report.pareto.report import summary
+
+    folder = _folder(options, study.folder)
+    if options.fresh and folder.exists():
+        may_be_moved(folder, study.file, study.inputs())
+    plan = pareto_plan(study)
+    jobs = options.jobs or study.dispatch.jobs
+    with executor(study.dispatch, jobs, plan.source, folder) as pool:
+        if options.fresh and folder.exists():
+            _say(f"old results moved to {set_aside(folder)}")
+        claim(folder, study.file)
+        with RunStore(_store(options, folder)) as store, Progress() as progress:
+            try:
+                found = run_pareto(
+                    plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
+                )
+            except NoSurface as error:
+                return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
+    files = []
+    if study.report.html or study.report.pdf:
+        files = render_pareto(found, folder, html=study.report.html, pdf=study.report.pdf)
     _print(summary(found, files))
     return _ended(int(found["exit_code"]), found["exit_reason"])
 
@@ -487,7 +529,8 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
     from rso.optimal_design import design_results
-    from rso.report import render, render_diagnosis, render_ladder, render_next
+    from rso.pareto import results as pareto_results
+    from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
     from rso.study.loader import load
 
     study = load(options.study)
@@ -498,6 +541,8 @@ def report(options: argparse.Namespace, command: str) -> int:
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
         (design_results.FILE, design_results.SCHEMA, render_next, "next"),
     ]
+    if study.objectives is not None:
+        shown = [("results.json", pareto_results.SCHEMA, render_pareto, "run")]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name

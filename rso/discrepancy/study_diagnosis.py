@@ -47,6 +47,7 @@ from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, pla
 from rso.study.errors import Problem, choose, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
+from rso.study.sources import needs_data
 
 Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
@@ -70,6 +71,7 @@ class Asked:
 
 def ask(study: Study) -> Asked:
     """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
+    needs_data(study)
     source = source_of(study)
     try:
         backend = source.load()

@@ -129,7 +129,8 @@ def refused(kind: str, options: Mapping[str, Any], space: Space) -> str | None:
     """Why a kind of design cannot be of this space, with what can; None where it can."""
     several = [n for n, v in zip(space.names, space.levels, strict=True) if v]
     if several and kind in CONTINUOUS_ONLY:
-        return f"{kind} stands at the ends and middles of ranges, and {several[0]} has values of its own; use lhs, sobol, osf or factorial"  # fmt: skip
+        why = f"{kind} stands at the ends and middles of ranges, and {several[0]} has values of its own"
+        return f"{why}; use lhs, sobol, osf or factorial"
     if several and kind == "factorial":
         wanted = [len(v) or None for v in space.levels]
         given = options.get("levels")

@@ -148,7 +148,7 @@ def _improved(problem: _Problem, u: np.ndarray, f: np.ndarray, k: int, held: boo
 
 
 def chosen(F: np.ndarray, count: int) -> list[int]:
-    """Rows of a front (n, m) that stand for it: its ends, its knee, then those farthest from all chosen.
+    """Rows of a front (n, m) that stand for it, by objectives: its ends, its knee, those farthest from all chosen.
 
     The knee is the point nearest to the ideal one, with each objective scaled to its range on the front.
     """
@@ -163,7 +163,7 @@ def chosen(F: np.ndarray, count: int) -> list[int]:
         if gap.max() < NEAR:
             break
         picked.append(int(gap.argmax()))
-    return picked
+    return sorted(picked, key=lambda k: tuple(F[k]))
 
 
 def knee(F: np.ndarray) -> int:

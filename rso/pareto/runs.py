@@ -34,7 +34,7 @@ class ParetoRun:
 
 
 @dataclass(eq=False)
-class Runs:
+class StudyRuns:
     """Makes runs through the store and remembers all of this study, in order."""
 
     plan: ParetoPlan

@@ -11,9 +11,9 @@ import numpy as np
 
 from rso.emulation import Scores
 from rso.optimise.mixed import mixed_front
-from rso.pareto.front import PredictedFront, chosen, search
+from rso.pareto.front import PredictedFront, chosen, knee, search
 from rso.pareto.plan import ParetoPlan, designed, held_out
-from rso.pareto.runs import ParetoRun, Runs, data, lost, misses, values_of
+from rso.pareto.runs import ParetoRun, StudyRuns, data, lost, misses, values_of
 from rso.pareto.sensitivity import Sensitivities, sensitivities
 from rso.pareto.surfaces import Surfaces, learn, nondominated, scores
 from rso.study.errors import Problem, study_error
@@ -58,7 +58,7 @@ class ParetoOutcome:
     warnings: list[str] = field(default_factory=list)
 
 
-def solve(plan: ParetoPlan, runs: Runs, say: Say) -> ParetoOutcome:
+def solve(plan: ParetoPlan, runs: StudyRuns, say: Say) -> ParetoOutcome:
     """The whole way from the design to verified candidates."""
     clock = time.perf_counter()
     timings: dict[str, float] = {}
@@ -80,13 +80,13 @@ def solve(plan: ParetoPlan, runs: Runs, say: Say) -> ParetoOutcome:
     took("surfaces")
     direct = plan.study.search.method == "simulations"
     say("search on simulations" if direct else "search on surfaces")
-    front, candidates, rounds = _directly(plan, runs) if direct else (None, [], [])
-    took("search")
-    if front is None:
+    if direct:
+        front, candidates, rounds = _directly(plan, runs)
+    else:
         surfaces, front, candidates, rounds = _on_surfaces(plan, runs, surfaces, say)
-        took("verify")
+    took("search")
     say("sensitivity")
-    sensitive = sensitivities(plan, surfaces, _centre(plan, candidates, design))
+    sensitive = sensitivities(plan, surfaces, _centre(plan, candidates))
     took("sensitivity")
     found = ParetoOutcome(
         plan, design, held, runs.made, surfaces, held_scores, front, candidates, rounds, sensitive, timings
@@ -123,7 +123,7 @@ def _learnt(plan: ParetoPlan, runs: list[ParetoRun]) -> Surfaces:
 Found = tuple[Surfaces, PredictedFront, list[ParetoCandidate], list[dict[str, Any]]]
 
 
-def _on_surfaces(plan: ParetoPlan, runs: Runs, surfaces: Surfaces, say: Say) -> Found:
+def _on_surfaces(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, say: Say) -> Found:
     """Search, simulate candidates, learn them, search again: until all agree or verify.max_infill runs are used."""
     tolerance, left = plan.study.verify.tolerance, plan.study.verify.max_infill
     rounds: list[dict[str, Any]] = []
@@ -147,7 +147,7 @@ def _on_surfaces(plan: ParetoPlan, runs: Runs, surfaces: Surfaces, say: Say) -> 
         surfaces = _learnt(plan, runs.made)
 
 
-def _new(runs: Runs, candidates: list[ParetoCandidate], left: int) -> list[ParetoRun]:
+def _new(runs: StudyRuns, candidates: list[ParetoCandidate], left: int) -> list[ParetoRun]:
     """Candidates' runs that tell the surfaces something: not at a place that is known already."""
     mine = {id(c.run) for c in candidates}
     known = np.array([r.u for r in runs.made if id(r) not in mine])
@@ -208,7 +208,7 @@ def _start(plan: ParetoPlan, made: list[ParetoRun]) -> np.ndarray:
     return np.array([r.u for r, k in zip(good, keep, strict=True) if k])[: plan.study.search.population // 2]
 
 
-def _directly(plan: ParetoPlan, runs: Runs) -> tuple[PredictedFront, list[ParetoCandidate], list[dict[str, Any]]]:
+def _directly(plan: ParetoPlan, runs: StudyRuns) -> tuple[PredictedFront, list[ParetoCandidate], list[dict[str, Any]]]:
     """NSGA-II of which every individual is a simulation."""
     known: dict[tuple[float, ...], ParetoRun] = {tuple(r.u.round(12)): r for r in runs.made}
 
@@ -256,10 +256,12 @@ def _size(low: float, high: float) -> float:
     return max([abs(v) for v in (low, high) if np.isfinite(v)] + [0.0]) or 1.0
 
 
-def _centre(plan: ParetoPlan, candidates: list[ParetoCandidate], design: np.ndarray) -> np.ndarray:
-    """The point about which one parameter at a time is shown: the first candidate with an answer."""
-    good = [c.u for c in candidates if c.run.y is not None]
-    return good[0] if good else plan.space.snapped(np.full((1, plan.space.d), 0.5))[0]
+def _centre(plan: ParetoPlan, candidates: list[ParetoCandidate]) -> np.ndarray:
+    """The point about which one parameter at a time is shown: the candidate with an answer nearest to the ideal."""
+    good = [(c.u, values_of(plan, c.run.y)) for c in candidates if c.run.y is not None]
+    if not good:
+        return plan.space.snapped(np.full((1, plan.space.d), 0.5))[0]
+    return good[knee(np.array([f for _, f in good]))][0]
 
 
 def _warnings(found: ParetoOutcome) -> list[str]:

@@ -18,7 +18,7 @@ ALL = ()  # the key of a surface that holds for every category
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class QuantitySurface:
     """One quantity y(θ) in `unit`: a surrogate for all points, or one for each combination of categories."""
 
     space: Space
@@ -74,7 +74,7 @@ class Surfaces:
     """All quantities together, by their texts."""
 
     space: Space
-    each: Mapping[str, Surface]
+    each: Mapping[str, QuantitySurface]
 
     @cached_property
     def _together(self) -> Any:
@@ -130,7 +130,9 @@ def learn(
         except ValueError as error:
             raise ValueError(f"surface of {text}: {error}") from error
         spread = float(np.sqrt(12.0) * np.std(y))
-        found[text] = Surface(space, text, units[text], models, max(spread, 1e-12 * float(np.abs(y).max()), 1e-300))
+        found[text] = QuantitySurface(
+            space, text, units[text], models, max(spread, 1e-12 * float(np.abs(y).max()), 1e-300)
+        )
     return Surfaces(space, found)
 
 
