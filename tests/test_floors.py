@@ -129,7 +129,7 @@ LAYERS = {
         "store",
         "inference optimise study",
         "calibration",
-        "discrepancy model_selection pareto",
+        "discrepancy model_selection objectives",
         "optimal_design report",
         "api",
         "cli",
@@ -294,7 +294,7 @@ LAYERS = {
         "__init__",
         "verification",
     ),
-    "rso.pareto": (
+    "rso.objectives": (
         "__init__",
         "plan surfaces",
         "front runs sensitivity",

@@ -18,8 +18,8 @@ from rso.calibration.result_files import claim
 from rso.contract import Backend, lacking, unfit
 from rso.core import disk
 from rso.evaluation.store import RunStore
-from rso.pareto.pipeline import run_pareto
-from rso.pareto.plan import ParetoPlan, pareto_plan
+from rso.objectives.pipeline import run_pareto
+from rso.objectives.plan import ParetoPlan, pareto_plan
 from rso.study.errors import Problem, study_error
 from rso.study.loader import load as read_study
 from rso.study.schema import Study

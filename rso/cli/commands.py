@@ -278,9 +278,9 @@ def _run_objectives(options: argparse.Namespace, study: Any, command: str) -> in
     from rso.calibration.result_files import claim, may_be_moved
     from rso.cli.progress import Progress
     from rso.evaluation.store import RunStore, set_aside
-    from rso.pareto.pipeline import run_pareto
-    from rso.pareto.plan import pareto_plan
-    from rso.pareto.solving import NoSurface
+    from rso.objectives.pipeline import run_pareto
+    from rso.objectives.plan import pareto_plan
+    from rso.objectives.solving import NoSurface
     from rso.report import render_pareto
     from rso.report.pareto.report import summary
 
@@ -528,8 +528,8 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.results import SCHEMA, data_hashes
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
+    from rso.objectives import results as pareto_results
     from rso.optimal_design import design_results
-    from rso.pareto import results as pareto_results
     from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
     from rso.study.loader import load
 

@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 
 from rso.core.units import spaced
-from rso.pareto.plan import ParetoPlan, designed, held_out, pareto_plan
+from rso.objectives.plan import ParetoPlan, designed, held_out, pareto_plan
 from rso.study.errors import Problem, study_error
 from rso.study.schema import Study
 from rso.study.sources import source_of

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 
 from rso.emulation import Scores
+from rso.emulation.feasibility import FeasibleRegion
+from rso.objectives.front import NEAR, PredictedFront, chosen, knee, search
+from rso.objectives.plan import ParetoPlan, designed, held_out
+from rso.objectives.runs import ParetoRun, StudyRuns, answered, data, misses, values_of
+from rso.objectives.sensitivity import Sensitivities, sensitivities
+from rso.objectives.surfaces import Surfaces, learn, nondominated, scores
 from rso.optimise.mixed import mixed_front
-from rso.pareto.front import PredictedFront, chosen, knee, search
-from rso.pareto.plan import ParetoPlan, designed, held_out
-from rso.pareto.runs import ParetoRun, StudyRuns, data, lost, misses, values_of
-from rso.pareto.sensitivity import Sensitivities, sensitivities
-from rso.pareto.surfaces import Surfaces, learn, nondominated, scores
 from rso.study.errors import Problem, study_error
 
 FLOOR = 0.01  # of the spread of a quantity: below this size differences are measured against it
+LEAST = 1e-4  # of the spread of a quantity: a distance to its limit that is not worth another run
+OPTIMISM = 2.0  # standard deviations
 RISING = 0.005  # share of the hypervolume that the last fifth of the generations may add and count as converged
 Say = Callable[[str], None]
 
@@ -130,21 +133,47 @@ def _on_surfaces(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, say: Say
     margins: dict[str, float] = {}
     while True:
         start = _start(plan, runs.made)
-        front = search(
-            plan, surfaces, seed=plan.seed + len(rounds), start=start, margins=margins, lost=lost(plan, runs.made)
-        )
-        rows = chosen(front.F, plan.study.search.candidates)
-        made = runs.make(front.U[rows], "candidate")
-        candidates = [_judged(plan, surfaces, front.U[r], run) for r, run in zip(rows, made, strict=True)]
+        region = answered(plan, runs.made)
+        front = search(plan, surfaces, seed=plan.seed + len(rounds), start=start, margins=margins, region=region)
+        count = plan.study.search.candidates
+        picked = np.vstack([front.U[chosen(front.F, count)], front.others[: count - 1]])
+        made = runs.make(picked, "candidate")
+        candidates = [_judged(plan, surfaces, u, run) for u, run in zip(picked, made, strict=True)]
         rounds.append(_round(plan, candidates))
         say(f"  round {len(rounds)}: {rounds[-1]['words']}")
-        good = all(c.verified and not c.misses for c in candidates)
+        now = _margins(plan, surfaces, candidates, tolerance)
+        # Candidates that stand farther from a limit than predictions are off by now can come nearer.
+        loose = any(margins.get(t, 0.0) > max(5.0 * m, LEAST * surfaces.each[t].spread) for t, m in now.items())
+        good = all(c.verified and not c.misses for c in candidates) and not (loose and left > 0)
         new = _new(runs, candidates, left)
-        if good or not new or left <= 0:
+        if left > 0 and good and len(plan.objectives) == 1:
+            new = _explored(plan, runs, surfaces, region)
+            say(
+                "  a better design may be elsewhere: it is simulated" if new else "  no better design is to be expected"
+            )
+        elif good:
+            new = []
+        if not new or left <= 0:
             return surfaces, front, candidates, rounds
         left -= len(new)
-        margins = _margins(plan, surfaces, candidates, tolerance)
+        margins = now
         surfaces = _learnt(plan, runs.made)
+
+
+def _explored(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, region: FeasibleRegion | None) -> list[ParetoRun]:
+    """The run of one objective that may be better than all so far, as far as the surfaces do not know; empty if none.
+
+    It is better where the objective and all limits are two standard deviations better than predicted.
+    """
+    best = [values_of(plan, r.y)[0] for r in runs.made if r.y is not None and not misses(plan, r.y)]
+    start = _start(plan, runs.made)
+    front = search(plan, surfaces, seed=plan.seed, start=start, margins={}, region=region, optimism=OPTIMISM)
+    known = np.array([r.u for r in runs.made])
+    gain = plan.study.verify.tolerance * max(abs(min(best)), 1e-300) if best else 0.0
+    new = np.abs(known - front.U[0]).max(axis=1).min() > NEAR
+    if not front.feasible or not new or (best and front.F[0, 0] > min(best) - gain):
+        return []
+    return runs.make(front.U[:1], "exploration")
 
 
 def _new(runs: StudyRuns, candidates: list[ParetoCandidate], left: int) -> list[ParetoRun]:
@@ -242,7 +271,7 @@ def _directly(plan: ParetoPlan, runs: StudyRuns) -> tuple[PredictedFront, list[P
         generations=table.generations,
         start=_start(plan, runs.made),
     )
-    front = PredictedFront(found.X, found.F, found.feasible, found.hypervolume, found.evaluations)
+    front = PredictedFront(found.X, found.F, found.feasible, found.hypervolume, found.evaluations, found.X[:0])
     picked = [found.X[k] for k in chosen(found.F, table.candidates)]
     candidates = []
     for u, run in zip(picked, made(np.array(picked)), strict=True):
@@ -279,6 +308,9 @@ def _warnings(found: ParetoOutcome) -> list[str]:
             f"spread of their quantity on {found.held_scores[worst].n} held-out runs; worst was {worst} with "
             f"{100 * poor[worst]:.2g} %"
         )
+    region = answered(plan, found.runs)
+    if region is not None and plan.study.search.method != "simulations":
+        said.append(region.story())
     if not found.front.feasible:
         said.append("no point was found that keeps all limits; the points shown violate them least")
     h = found.front.hypervolume

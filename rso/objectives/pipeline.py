@@ -10,10 +10,10 @@ from typing import Any
 
 from rso.evaluation import Event
 from rso.evaluation.store import RunStore
-from rso.pareto.plan import ParetoPlan
-from rso.pareto.results import results, write
-from rso.pareto.runs import StudyRuns
-from rso.pareto.solving import solve
+from rso.objectives.plan import ParetoPlan
+from rso.objectives.results import results, write
+from rso.objectives.runs import StudyRuns
+from rso.objectives.solving import solve
 
 
 def run_pareto(

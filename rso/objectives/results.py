@@ -17,11 +17,11 @@ from rso.core import disk, plain_results
 from rso.core.plain_results import plainly, written_cell
 from rso.core.units import spaced
 from rso.emulation import Scores
-from rso.pareto.front import knee
-from rso.pareto.plan import ParetoPlan
-from rso.pareto.runs import ParetoRun, misses, values_of
-from rso.pareto.solving import ParetoCandidate, ParetoOutcome
-from rso.pareto.surfaces import nondominated
+from rso.objectives.front import knee
+from rso.objectives.plan import ParetoPlan
+from rso.objectives.runs import ParetoRun, misses, values_of
+from rso.objectives.solving import ParetoCandidate, ParetoOutcome
+from rso.objectives.surfaces import nondominated
 
 SCHEMA, KIND = 1, "pareto"
 RUN_COLUMNS = ("key", "purpose", "state", "within_limits", "best", "cause", "reason", "wall_s", "cpu_s")
