@@ -105,7 +105,7 @@ class Plan:
         return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
-        """What there is to say of relaxation times that no record can tell."""
+        """What there is to say of relaxation times that no record can show."""
         fitted = [name for name in self.case_of if self.study.experiment(name).role == "fit"]
         if any(name in self.holds or name in self.creeps.followed for name in fitted):
             return []

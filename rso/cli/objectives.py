@@ -1,10 +1,13 @@
-"""What `rso check` says of a study with objectives.  Nothing is computed."""
+"""`rso check` and `rso run` of a study with objectives."""
 
 from __future__ import annotations
 
+import argparse
+import json
 import shlex
 from pathlib import Path
 
+from rso.cli import output
 from rso.core.units import spaced
 from rso.objectives.plan import ParetoPlan, designed, held_out, pareto_plan
 from rso.study.errors import Problem, study_error
@@ -65,3 +68,45 @@ def _wanted(plan: ParetoPlan) -> list[str]:
 
 def _in(unit: str) -> str:
     return "" if unit in ("", "1") else f" ({unit})"
+
+
+def run_objectives(options: argparse.Namespace, study: Study, folder: Path, store: Path, command: str) -> int:
+    """Run the study, write its pages, and say what was found; the exit code."""
+    from rso.api.workspace import executor
+    from rso.calibration.result_files import claim, may_be_moved
+    from rso.cli.progress import Progress
+    from rso.evaluation.store import RunStore, set_aside
+    from rso.objectives.pipeline import run_pareto
+    from rso.objectives.solving import NoSurface
+    from rso.report import render_pareto
+    from rso.report.pareto.report import summary
+
+    if options.fresh and folder.exists():
+        may_be_moved(folder, study.file, study.inputs())
+    plan = pareto_plan(study)
+    jobs = options.jobs or study.dispatch.jobs
+    with executor(study.dispatch, jobs, plan.source, folder) as pool:
+        if options.fresh and folder.exists():
+            aside = set_aside(folder)
+            if not options.json:
+                output.say(f"old results moved to {aside}")
+        claim(folder, study.file)
+        with RunStore(store) as runs, Progress(options.quiet or options.json) as progress:
+            try:
+                found = run_pareto(
+                    plan, runs, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
+                )
+            except NoSurface as error:
+                return output.ended(3, f"stopped: {error}")
+    files = []
+    if study.report.html or study.report.pdf:
+        files = render_pareto(found, folder, html=study.report.html, pdf=study.report.pdf)
+    if options.json:
+        keys = ("words", "warnings", "objectives", "candidates", "best_runs", "counts", "exit_code", "exit_reason")
+        told = {"results": str(folder), **{k: found[k] for k in keys}, "pages": [str(f) for f in files]}
+        print(json.dumps(told, indent=1, ensure_ascii=False))
+        return int(found["exit_code"])
+    print()
+    output.bold(found["study"]["title"])
+    output.lines([*summary(found, options.quiet), *(f"  {f}" for f in files)])
+    return output.ended(int(found["exit_code"]), found["exit_reason"])

@@ -94,8 +94,8 @@ class Programme:
         end = clock(self.segments)[-1]
         if end is None:
             raise ValueError(
-                "programme: asked_s counts from the start, but how long the segments last is known only once they are "
-                "run; state asked_s within a segment, since it began"
+                "programme: asked_s counts from the start, but the duration of these segments is known only after "
+                "the run. State asked_s within a segment, counted from its beginning"
             )
         if np.any(np.diff(self.asked_s) <= 0) or not 0.0 < self.asked_s[0] <= self.asked_s[-1] <= end * (1.0 + 1e-12):
             raise ValueError(f"programme: asked_s must increase within (0, {end:g}] s, got {list(self.asked_s)}")

@@ -52,8 +52,8 @@ class OutputTable(StudyFileTable):
     reader: Annotated[
         str, AfterValidator(_reader), Field(json_schema_extra={"expected": " | ".join([*READERS, "module:function"])})
     ] = "table"
-    """A table of numbers, a regular expression, a .dat file of CalculiX, a log file of FEBio, or a Python function that
-    is given the path and returns values, or a pair of what they belong to and values."""
+    """A table of numbers, a regular expression, a .dat file of CalculiX, a log file of FEBio, or a Python function.
+    The function is given the path and returns values, or a pair of what they belong to and values."""
     column: Column | None = None
     """Its name, or its number from 1; of CalculiX the component such as fx."""
     pattern: Pattern | None = None

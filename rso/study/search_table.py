@@ -109,7 +109,7 @@ class SearchTable(StudyFileTable):
     repair: bool = True
     """Whether ranges are widened while candidates press against an end."""
     repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] | None = None
-    """How far: by this factor a side on a log scale, by so many widths on a linear one; by default one width
+    """How far: by this factor a side on a log scale, by so many widths on a linear one. By default one width
     on its scale. Hard bounds come first, and no range crosses 0 that does not as stated."""
     variants: Annotated[tuple[Variant, ...], BeforeValidator(list_to_tuple)] = ()
     """More searches of the same study."""

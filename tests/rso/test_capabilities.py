@@ -56,6 +56,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "prevented": ((), lambda v: v == {"the tests again with oil": ("friction",)}),
     "gauges": ((SETTINGS,), lambda v: v["delta_t"][1] == 0.02),
     "sketch": ((SETTINGS, 1.0), lambda v: v.words and v.drawn[0].role == "specimen"),
+    "deformed": ((VALUES, CASE), lambda v: v.frames[-1].travel == 1.0 and list(v.frames[-1].fields) == list(v.units)),
     "derived": ((SETTINGS, ("mu",)), lambda v: v[0].name == "E" and v[0].of({"mu": np.array([2.0])})[0] == 6.0),
     "options": ((), lambda v: [o.name for o in v] == ["thickness"]),
     "first_settings": (({"thickness": (5.0,)}, [1.0]), lambda v: v["thickness"].value == 5.0 and v["base"].guess),

@@ -81,7 +81,7 @@ class DeckBackend:
     output has a value at every asked passage.  Anything else is a crash: RuntimeError with what the program said.
 
     `fingerprint` is the hash of templates, files, command, readers and the pattern: where one of them changes runs are
-    made anew.  What files the program reads elsewhere is not seen.
+    remade.  What files the program reads elsewhere is not seen.
     """
 
     deck: Deck

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from rso.report.canvas import short
@@ -25,19 +24,20 @@ def render_pareto(found: Found, folder: Path, html: bool = True, pdf: bool = Tru
     return pour(document, {n: draw(found, n) for n in pictures(document)}, folder, "report", html, pdf)
 
 
-def summary(found: Found, files: Sequence[Path]) -> list[str]:
-    """Lines at the end of `rso run`."""
+def summary(found: Found, quiet: bool = False) -> list[str]:
+    """Lines at the end of `rso run` below the title; `quiet` leaves the answer alone."""
     counts = found["counts"]
     ended = ", ".join(f"{counts[s]} {s}" for s in ("done", "failed", "crashed"))
-    lines = ["", found["study"]["title"], *(f"  {w}" for w in found["words"])]
+    lines = [f"  {w}" for w in found["words"]]
+    if quiet:
+        return lines
     for c in found["candidates"]:
         if c["simulated"]:
             own = ", ".join(f"{n} = {c['simulated'][n]:.5g}" for n in names(found))
             at = ", ".join(f"{k} = {v if isinstance(v, str) else f'{v:.5g}'}" for k, v in c["values"].items())
             lines.append(f"  {c['name']}: {own} at {at}")
     lines.append(f"  {counts['runs']} simulations ({ended}), {found['timings']['total']:.0f} s")
-    lines += [f"  warning: {w}" for w in found["warnings"]]
-    return [*lines, *(f"  {file}" for file in files)]
+    return [*lines, *(f"  warning: {w}" for w in found["warnings"])]
 
 
 def report(found: Found) -> Report:
