@@ -21,7 +21,7 @@ LAYERS = {
         "post solver",
         "simulation",
         "accuracy adapter export",
-        "backend",
+        "backend homogeneous",
         "output",
         "__main__",
     ),
@@ -371,6 +371,7 @@ SEAM = {
     "backend",
     "export.files",
     "export.solid_model",
+    "homogeneous",
     "__main__",
 }
 OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract
