@@ -47,6 +47,7 @@ from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, pla
 from rso.study.errors import Problem, choose, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
+from rso.study.sources import needs_data
 
 FILE = "diagnosis.json"
 WIDTH = 79  # of lines that say much
@@ -69,6 +70,7 @@ class Asked:
 
 def ask(study: Study) -> Asked:
     """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
+    needs_data(study)
     source = source_of(study)
     try:
         backend = source.load()
