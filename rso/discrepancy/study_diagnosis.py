@@ -7,7 +7,7 @@ import datetime
 import math
 import textwrap
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from rso.contract import (
     ForceExponents,
     LeanSettings,
     PhysicalBounds,
+    PlausibleRanges,
     Programme,
     capability,
     plain,
@@ -98,6 +99,7 @@ def ask(study: Study) -> Asked:
     every = discrepancy.catalogue(backend, settings, resolved.fixed, opened)
     own = {*base.held, *(base.relaxing.names if base.relaxing else ())}
     every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
+    every = tuple(e for e in every if not e.flows or _flows_everywhere(backend, e, plan, {*opened, *resolved.fixed}))
     measured = {c for t in plan.seen().tests for c in t.channels}
     effects = discrepancy.recorded(every, measured)
     wanted = study.diagnose.effects
@@ -125,6 +127,13 @@ def ask(study: Study) -> Asked:
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
     return Asked(study, base, plan, effects, tuple(unseen), resolved.box)
+
+
+def _flows_everywhere(backend: Backend, effect: Effect, plan: discrepancy.TestPlan, given: Collection[str]) -> bool:
+    """Whether what flows is plausible, and modelled, at every place of a plan."""
+    ranges = capability(backend, PlausibleRanges)
+    each = [ranges.plausible(p.settings, given) for p in plan.places] if ranges else []
+    return all(found.get(effect.size.name, ()) is not None for found in each)
 
 
 def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:
