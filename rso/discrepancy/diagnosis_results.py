@@ -184,6 +184,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                 "like_a_modulus": c.effect.like_a_modulus,
                 "like_a_body": c.effect.like_a_body,
                 "like_a_spot": c.effect.like_a_spot,
+                "flows": c.effect.flows,
                 **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
                 **(
                     {"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}

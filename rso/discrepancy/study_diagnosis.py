@@ -40,7 +40,7 @@ from rso.discrepancy.base_model import as_plain, base_model, in_words
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import relaxes
 from rso.discrepancy.library.simulations import BaseRelaxation
-from rso.discrepancy.library.test_plan import SurfaceProfile, Test
+from rso.discrepancy.library.test_plan import NOT_USED, SurfaceProfile, Test
 from rso.doe import Box
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
@@ -328,6 +328,9 @@ def run_diagnosis(
     def run(tasks: Sequence[Task]) -> list[Any]:
         return run_all(asked.base.backend, tasks, store, executor, watch=watch)
 
+    for note in asked.plan.notes:
+        if note.endswith(NOT_USED):
+            say(note)
     say("library: the base model and every effect of the catalogue, once for this test plan")
     library = discrepancy.build(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started

@@ -7,6 +7,7 @@ from typing import Any
 
 from rso.discrepancy.evidence.attribution import FALSE_ALARM
 from rso.discrepancy.evidence.noise import UNLIKE
+from rso.discrepancy.library.test_plan import NOT_USED
 from rso.discrepancy.parameters import about, called, of_unit, values_of
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
@@ -34,7 +35,17 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
+    out += [f"Left out of the diagnosis: {note.removesuffix(f' {NOT_USED}')}." for note in _not_used(found)]
     return out + [next_sentence(t) for t in d["next_test"][:1]]
+
+
+def _not_used(found: Mapping[str, Any]) -> list[str]:
+    """Notes of holds and ways back that no hypothesis was compared with, each experiment once."""
+    each: dict[str, str] = {}
+    for note in found.get("notes") or []:
+        if note.endswith(NOT_USED):
+            each.setdefault(note.split(":")[0], note)
+    return list(each.values())
 
 
 def next_sentence(test: Mapping[str, Any]) -> str:
@@ -235,6 +246,12 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
                 f"Cause: the specimen gives way under one place, {_named(first)}, probability "
                 f"{chance(first['probability'])}: how it sits there, or a softer spot of the body itself, such as an "
                 "inclusion. The same place with the specimen turned or set anew tells, or places around it."
+            )
+        if any(c.get("flows") for c in causes) and len(causes) == 2:
+            return (
+                f"Cause: these tests cannot tell a flow through the body from stresses that relax in it: {each}. "
+                "Tests of another size do: under twice the radius a flow takes four times as long, a relaxation as "
+                "long as before."
             )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."

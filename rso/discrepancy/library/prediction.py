@@ -196,9 +196,7 @@ def _read(key: _Key) -> _Readings:
     return _Readings(base[:, pick], base[:, 2], step[pick], changes, normal)
 
 
-def _at_moments(
-    here: PlaceTables, test: Test, table: np.ndarray, since: np.ndarray, lost: bool = False
-) -> np.ndarray:
+def _at_moments(here: PlaceTables, test: Test, table: np.ndarray, since: np.ndarray, lost: bool = False) -> np.ndarray:
     """Changes (n_nodes, 3, n) of a table of rests (n_nodes, n_rest, 3, RESTED) at moments (n,) s of that of a test.
 
     With `lost` those since it began.
