@@ -288,10 +288,10 @@ class FiniteElements:
     def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
 
-        Empty with adhesion among the knobs `given`: elements then resolve its range, whatever the level.
+        Empty with adhesion among the knobs `given` on a meridian: elements then resolve its range, whatever the level.
         """
         own = experiment.read_settings(settings)
-        if "adhesion" in given:
+        if "adhesion" in given and on_axis(own):
             return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}

@@ -12,8 +12,9 @@ of the programme:
 
     v_n+1 − v̄ = Δ Div(k J C⁻¹ ∇p),   v̄ = ((1 + ω)² v_n − ω² v_n−1)/(1 + 2ω),   Δ = (1 + ω)/(1 + 2ω) δt,
 
-v = J − 1 + S p and ω the ratio of this step to the one before (Hairer, Nørsett and Wanner 1993, §III.5); ω = 0 is backward
-Euler.  Contact is that of :mod:`.mixed_newton`: which points touch is told by the pressures of the linear step.
+v = J − 1 + S p and ω the ratio of this step to the one before (Hairer, Nørsett and Wanner 1993, §III.5); ω = 0 is
+backward Euler.  Contact is that of :mod:`.mixed_newton`: which points touch is told by the pressures of the linear
+step.
 """
 
 from __future__ import annotations
@@ -276,9 +277,9 @@ def _leaks(system: System, pores: Pores, step: TimeStep, sealed: np.ndarray) -> 
 
         λ = c (k/h) min(1, k M t/h²),
 
-    of an edge of length h, 1/M = 1/(K + 4 μ/3) + S, t (s) since the body was at rest; c = LEAK, or EDGE_LEAK `beside` what is sealed.  An
-    element's pressure falls over all of its depth: as long as what has drained is thinner than h, pressures held at
-    zero would drain too much, and an undrained body would yield by a layer of elements.
+    of an edge of length h, 1/M = 1/(K + 4 μ/3) + S, t (s) since the body was at rest; c = LEAK, or EDGE_LEAK `beside`
+    what is sealed.  An element's pressure falls over all of its depth: as long as what has drained is thinner than h,
+    pressures held at zero would drain too much, and an undrained body would yield by a layer of elements.
     """
     stuff = system.material
     modulus = 1.0 / (1.0 / (stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus) + pores.storage)

@@ -154,8 +154,9 @@ def read(
 ) -> Measurement:
     """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
 
-    `begins_at` (N) is the preload at which depth is 0, None where that is contact.  `columns` says by known name which columns of a machine's file are read; without them its header must say it.  Of
-    several files each holds one repeat, or several by its column `repeat`, and all hold the same columns.
+    `begins_at` (N) is the preload at which depth is 0, None where that is contact.  `columns` says by known name which
+    columns of a machine's file are read; without them its header must say it.  Of several files each holds one repeat,
+    or several by its column `repeat`, and all hold the same columns.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:

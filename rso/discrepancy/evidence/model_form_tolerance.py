@@ -17,6 +17,7 @@ from rso.discrepancy.library.tables import Library
 SHARE = 0.1  # by which an effect may be stronger or weaker in a part of the data
 LATERAL = 0.25  # the same in Fx and Fy: two meshes differ so in friction beside the top
 WAY = 0.2  # of the size of another support: how far a body slides or rolls in it before it is held
+RATE = 0.15  # in ln of what sets the time of a flow, at each place: meshes and edges differ by so much
 LOOP = 0.25  # of the widest loop that friction can make: whether it creeps before it slides no coefficient says
 
 
@@ -27,7 +28,8 @@ def with_tolerance(library: Library, effects: Sequence[Effect], own: Tiles, base
     interpolation between the library's nodes, another code or mesh, another formula of the same effect.  Another
     support is weaker in proportion, F_g → F_g (F_g / base_g)^ζ: where it holds nothing it does so too; and of several
     places each may have another size,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, WAY²).  What rubs may in addition
-    come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, LOOP²),  ℓ its :func:`loops`.
+    come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, LOOP²),  ℓ its :func:`loops`.  What flows may be quicker
+    or slower at each place:  y_p → y_p + ζ_p ∂y_p/∂ ln k,  ζ_p ~ N(0, RATE²).
     """
     assert own.basis is not None  # tiles are compressed
     d = len(library.base.axes)
@@ -52,6 +54,10 @@ def with_tolerance(library: Library, effects: Sequence[Effect], own: Tiles, base
         masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
         more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
         sd += [WAY] * len(places)
+    for direction in _rates(effects, own, d):
+        masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
+        more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
+        sd += [RATE] * len(places)
     if any(e.name in library.rubbing for e in effects):
         loop = loops(library, effects, own, modulus) @ own.basis
         if np.any(loop):
@@ -81,6 +87,17 @@ def _sizes_of_supports(effects: Sequence[Effect], own: Tiles, d: int) -> list[np
         if e.settings and at in own.axes:
             direction = own.D[:, own.axes.index(int(at))]
             found.append(direction if e.size.logarithmic else own.at[:, [at]] * direction)
+    return found
+
+
+def _rates(effects: Sequence[Effect], own: Tiles, d: int) -> list[np.ndarray]:
+    """∂y/∂ ln k (T, r) of every rate of what flows."""
+    found = []
+    first = d + np.cumsum([0, *(len(e.knobs) for e in effects)])
+    for e, begins in zip(effects, first[:-1], strict=True):
+        for j, knob in enumerate(e.knobs):
+            if e.flows and j and knob.power_of_time < 0 and (at := int(begins) + j) in own.axes:
+                found.append(own.D[:, own.axes.index(at)])
     return found
 
 
