@@ -9,7 +9,6 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.solver.controlled_steps import Drive, Leg
 from rso.contract import Programme, Segment
 
-
 PULL_OFF = "; a pull-off has no segments: time_s and travel_mm, which may end below 0, above the specimen"
 
 
