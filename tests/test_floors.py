@@ -31,7 +31,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model derived model_hierarchy new_study priors programmes sketch",
+        "command_line cost_model deformed derived model_hierarchy new_study priors programmes sketch",
         "formulas",
     ),
     "fem_backend.closed_forms": (
@@ -145,7 +145,7 @@ LAYERS = {
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
         "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
-        "finished_runs held_out joined_runs sensitivity_stage",
+        "deformed_body finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
         "identification_stage results",
@@ -157,8 +157,9 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
-        "text_sketch",
-        "checking progress",
+        "answer output text_sketch",
+        "checking progress status",
+        "compare doctor example pages",
         "commands",
         "arguments",
         "__init__",
@@ -172,7 +173,7 @@ LAYERS = {
         "keys",
         "__init__",
     ),
-    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity units",),
+    "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity symbols units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -210,6 +211,7 @@ LAYERS = {
         "jumps",
     ),
     "rso.discrepancy.evidence": (
+        "settings",
         "gaussian_mixture noise",
         "hypotheses localisation shrinkage",
         "model_form_tolerance",
@@ -265,7 +267,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
-        "derived usual_errors",
+        "derived predictive_test usual_errors",
         "__init__",
     ),
     "rso.model_selection": (
@@ -301,7 +303,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms derived displacements drawn_runs gap gauss_newton hold_panels influence",
+        "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels influence",
         "identification maps range_extension",
         "predictive_check responses",
         "predictions",
@@ -341,6 +343,7 @@ LAYERS = {
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {
     "members",
+    "adapter.deformed",
     "adapter.derived",
     "simulation.knobs",
     "simulation.experiment",

@@ -38,7 +38,9 @@ ALONE = ("explained", "measurement")  # verdicts that name one cause as sure
 def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = lambda c: c) -> float:
     """Threshold of the statistic from the pipeline's own null, as the product has it."""
     contests = attribution.comparisons(evidence, attribution.nulls(evidence, y, NULLS, seed))
-    return attribution.critical(np.array([keep(c).statistic for c in contests]))
+    return attribution.critical(
+        np.array([keep(c).statistic for c in contests]), evidence.bench.settings.rules.false_alarm
+    )
 
 
 def scored(
@@ -59,7 +61,7 @@ def scored(
     last = list(first)
     for i, c in zip(rows, contested(table, rows, first), strict=True):
         last[i] = keep(c)
-    return Scored(cases, last, limit, classes, first)
+    return Scored(cases, last, limit, classes, first, evidence.bench.settings.rules)
 
 
 def only(names: Callable[[hypotheses.Hypothesis], bool]) -> Filter:
@@ -67,7 +69,12 @@ def only(names: Callable[[hypotheses.Hypothesis], bool]) -> Filter:
 
     def keep(c: Comparison) -> Comparison:
         own = [k for k, h in enumerate(c.hypotheses) if names(h)]
-        return Comparison(tuple(c.hypotheses[k] for k in own), c.log_evidence[own], c.log_prior[own])
+        return replace(
+            c,
+            hypotheses=tuple(c.hypotheses[k] for k in own),
+            log_evidence=c.log_evidence[own],
+            log_prior=c.log_prior[own],
+        )
 
     return keep
 

@@ -1,4 +1,4 @@
-"""What may be otherwise than a study says: plausible ranges, other supports, and tests and gauges that would tell."""
+"""What may be otherwise than a study says: plausible ranges, other supports, and tests and gauges that would show."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ of the programme:
     v_n+1 − v̄ = Δ Div(k J C⁻¹ ∇p),   v̄ = ((1 + ω)² v_n − ω² v_n−1)/(1 + 2ω),   Δ = (1 + ω)/(1 + 2ω) δt,
 
 v = J − 1 + S p and ω the ratio of this step to the one before (Hairer, Nørsett and Wanner 1993, §III.5); ω = 0 is
-backward Euler.  Contact is that of :mod:`.mixed_newton`: which points touch is told by the pressures of the linear
+backward Euler.  Contact is that of :mod:`.mixed_newton`: which points touch is found from the pressures of the linear
 step.
 """
 

@@ -40,6 +40,7 @@ from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
 from rso.study.search_table import TargetTable
+from rso.study.sources import source_of as source_of
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
@@ -105,7 +106,7 @@ class Plan:
         return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
-        """What there is to say of relaxation times that no record can tell."""
+        """What there is to say of relaxation times that no record can show."""
         fitted = [name for name in self.case_of if self.study.experiment(name).role == "fit"]
         if any(name in self.holds or name in self.creeps.followed for name in fitted):
             return []
@@ -144,15 +145,6 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
     """Ranges of a search in the unit cube of the box."""
     low, high = (box.to_unit(np.array([[getattr(a, end) for a in axes]]))[0] for end in ("low", "high"))
     return np.clip(low, 0, 1), np.clip(high, 0, 1)
-
-
-def source_of(study: Study) -> Source:
-    """Where the backend of a study comes from; nothing of it is loaded."""
-    b, deck = study.backend, study.deck()
-    if deck is not None:
-        with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
-            deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
-    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
 
 
 def make_plan(

@@ -63,7 +63,7 @@ def extend_ranges(
 
     An end that a valley touches moves to its limit at once: the valley either ends before it or does not.  Where the
     targets are out of reach, those ends move by half a width that bring the best compromise nearer.  Each round adds
-    runs in the new part and fits the surrogates anew.  No end passes its hard bound or `search.repair_limit`, nor goes
+    runs in the new part and fits the surrogates again.  No end passes its hard bound or `search.repair_limit`, nor goes
     so far that what holds of every ordinary material, all over the stated ranges, would not in a corner of the wider.
     """
     if not bench.plan.study.search.repair:

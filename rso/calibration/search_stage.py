@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from rso.calibration.plan import Plan, SearchPlan, limited
 from rso.calibration.readings import compared, place_of
 from rso.calibration.stages import Design, Runner, learn_more, sample
 from rso.contract import Curve
-from rso.core.curves import Metrics, baseline, metrics
+from rso.core.curves import CREEP, Metrics, ahead, baseline, metrics, resting, way_back
 from rso.data import MeasuredCurve
 from rso.emulation.emulator import Emulator
 from rso.emulation.feasibility import FeasibleRegion
@@ -199,6 +200,29 @@ def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple
         outcome = outcomes[plan.case_of[experiment]]
         assert isinstance(outcome, Done)
         found[name] = experiment, curve, outcome.response.curve(curve.channel)
+    return found
+
+
+def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
+    found = {}
+    for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
+        loading = ahead(curve.travel_mm) & (curve.channel != CREEP)
+        if record.back and len(back := way_back(curve.travel_mm)) > 1:
+            loading = back[::-1]
+        found[name] = {
+            "experiment": experiment,
+            "channel": curve.channel,
+            "depth": curve.travel_mm[loading],
+            "value": curve.value[loading],
+            "error": curve.error[loading],
+        }
+        if record.since is not None:
+            outcome = outcomes[plan.case_of[experiment]]
+            assert isinstance(outcome, Done)
+            since, depth = record.since[record.held], float(record.depth[record.held][0])
+            at = resting(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
+            found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
     return found
 
 

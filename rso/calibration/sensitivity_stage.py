@@ -153,7 +153,9 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
         f"their ranges{' (in the logarithm of ' + ', '.join(logs) + ')' if logs else ''}."
     )
     if dependent:
-        story += " Over that they depend on each other: a share holds what its parameter tells of others too, and "
+        story += (
+            " Within it the parameters are correlated: a share includes what its parameter shares with others, and "
+        )
         story += "first shares may add up to more than 1."
     if found.morris:
         story += " Morris: mean size (mu*) and spread (sigma) of the change per full range, along random trajectories."

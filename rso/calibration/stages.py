@@ -322,8 +322,8 @@ def learnt_anew(
 def learn_more(bench: Runner, emulator: Emulator, new: Sequence[Sample]) -> Emulator:
     """The emulator with new samples in it, of the kinds that it has.
 
-    Where one that a search or a metric rests on is not good enough by cross-validation, kinds are chosen anew each time
-    that the samples have become `GROWN` times as many: what few runs chose need not suit many.
+    Where one that a search or a metric rests on is not good enough by cross-validation, kinds are chosen again each
+    time that the samples have become `GROWN` times as many: what few runs chose need not suit many.
     """
     plan = bench.plan
     more = relearn(emulator, new, seed=plan.seed)

@@ -157,13 +157,13 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     if anew:
         time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
         count = f"{each:.0f} simulation{'s' * (round(each) != 1)}"
-        lines.append(f"    a cause that it names is computed anew: about {count}, {time}, twice at most")
+        lines.append(f"    a cause that it names is simulated again: about {count}, {time}, twice at most")
     tests = discrepancy.planned_tests(asked.base, asked.plan, asked.effects)
     if tests:
         runs = sum(len(found) * share for found, share in tests.values())
         seconds = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
         lines.append(
-            f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
+            f"    where it names two, {len(tests)} tests that could decide are computed: about {runs:.0f} "
             f"simulations, {_minutes(seconds)}"
         )
     return lines
@@ -314,9 +314,9 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (
-                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} is "
-                f"{value:.2g} MPa, which is no modulus; a sign, a zero, a tensile record, or adhesion: "
-                "then open `adhesion` in [parameters]"
+                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} would be "
+                f"{value:.2g} MPa. Check the sign and the zero, and that this is no tensile record. For adhesion, "
+                "open `adhesion` in [parameters]"
             )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"shallow half, in the limit of small contacts{theory}: {knob} about {value:.2g} MPa")

@@ -13,10 +13,11 @@ EVERY_S = 20.0  # between plain lines
 
 
 class Progress:
-    """Context manager; `watch` takes the events of the dispatcher, `say` the stages of a study."""
+    """Context manager; `watch` takes the events of the dispatcher, `say` the stages of a study; `quiet` shows none."""
 
-    def __init__(self) -> None:
-        self._terminal = sys.stdout.isatty()
+    def __init__(self, quiet: bool = False) -> None:
+        self._quiet = quiet
+        self._terminal = sys.stdout.isatty() and not quiet
         self._bar: Any = None
         self._task: Any = None
         self._last = time.monotonic()
@@ -42,6 +43,8 @@ class Progress:
 
     def say(self, text: str) -> None:
         """One line."""
+        if self._quiet:
+            return
         if self._bar is not None:
             self._bar.console.print(one(text), markup=False, highlight=False)
         else:
@@ -49,6 +52,8 @@ class Progress:
 
     def watch(self, event: Event) -> None:
         """Show an event of :func:`rso.evaluation.run_all`."""
+        if self._quiet:
+            return
         if isinstance(event, Preparing):
             self.say(f"  preparing {event.n_artefacts} artefact(s) (meshes)")
         elif isinstance(event, Planned):

@@ -47,7 +47,7 @@ def answer(
 
     A case that cannot be read is answered with its error, so that one bad folder does not stop the others, and tried
     again at the next call.  What the files were taken for is said before anything is computed, and kept with the
-    answer.  `reruns` computes the finalist anew and simulates candidate tests; without it only the library costs
+    answer.  `reruns` recomputes the finalist and simulates candidate tests; without it only the library costs
     simulations.
     """
     libraries: dict[str, Library] = {}

@@ -1,14 +1,14 @@
-"""Which test next: how likely it is to settle what is open, all that the hypotheses do not know included.
+"""Which test next: how likely it is to decide what is open, all that the hypotheses do not know included.
 
     D² = (y_k − y_l)ᵀ (C + Σ_k + Σ_l)⁻¹ (y_k − y_l)
 
 y_k is the posterior mean of the new test under hypothesis k and Σ_k its covariance, so that what a re-fit could still
 move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 call D distinguishability).  Where k is
-true the log likelihood ratio against l is about N(D²/2, D²), so that the test settles the matter with probability
+true the log likelihood ratio against l is about N(D²/2, D²), so that the test decides the matter with probability
 
     Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
 
-Where the truth is none of the hypotheses that can be simulated nothing is settled: P need not sum to 1.  What every
+Where the truth is none of the hypotheses that can be simulated nothing is decided: P need not sum to 1.  What every
 curve has for itself moves no mean, but widens Σ of the new curves.
 """
 
@@ -62,7 +62,7 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
 
 @dataclass(frozen=True)
 class NextTest:
-    """A test, the `chance` that it settles what is open, the pair it separates worst and the distance D of that pair.
+    """A test, the `chance` that it decides what is open, the pair it separates worst and the distance D of that pair.
 
     `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.
     """
@@ -88,7 +88,7 @@ def next_tests(
     run: Callable[[Sequence[Task]], list[Any]] | None,
     scatter: Scatter | None = None,
 ) -> list[NextTest]:
-    """Candidate tests by the chance that they settle which of the survivors is true.
+    """Candidate tests by the chance that they decide which of the survivors is true.
 
     `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
     at places and rates of the library are considered; where all survivors scatter only repeats help, and none is.
@@ -221,9 +221,9 @@ def forecast(
 def covariance(there: Library, bench: Shared, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    mark = noise.NoiseLevel(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    mark = noise.NoiseLevel(there.plan.scale * bench.settings.noise.mark, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
     levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
-    return noise.covariance(there, levels, force, noise.slope_of(there, force))
+    return noise.covariance(there, levels, force, noise.slope_of(there, force), bench.settings.model_error)
 
 
 def gauges(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:

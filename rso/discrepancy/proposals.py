@@ -46,7 +46,7 @@ class Outline:
 def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict[str, tuple[list[LibraryJob], float]]:
     """Candidate test → the simulations that it takes under every effect, and the share of them under two alone.
 
-    Those that a library tells without are left out.
+    Those that a library shows without are left out.
     """
     outline = Outline(base, plan, framed(base, plan).primary, tuple(effects))
     modelled = [e for e in effects if e.family == "model"]
@@ -226,5 +226,5 @@ def _places(library: Library | Outline, plan: TestPlan) -> list[int] | None:
 
 
 def _turned(plan: TestPlan, place: int) -> bool:
-    """Whether a library of the plan knows the way back at a place."""
+    """Whether a library of the plan knows the unloading at a place."""
     return any(p.peak is not None for p in passes(plan, place))

@@ -1,7 +1,7 @@
-"""Finalists computed anew at their found sizes: how far the library's interpolation was off, and the library mended.
+"""Finalists recomputed at their found sizes: how far the library's interpolation was off, and the library mended.
 
 At the found parameters κ̂ and size and shapes φ̂ of an effect the change of the force is what new simulations say, on
-the study's own, finer mesh where that is not too dear; around them the difference to the library fades out with a
+the study's own, finer mesh where that is not too costly; around them the difference to the library fades out with a
 Gaussian weight,
 
     δ(φ) ← δ(φ) + w(φ) [δ_FE(κ̂, φ̂) − δ(φ̂)],      w(φ̂) = 1,
@@ -116,7 +116,7 @@ def corrected_library(
 
 
 def planned_rerun(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> tuple[list[Task], float]:
-    """Simulations that compute every effect anew in the middle of its sizes, and how many of them are one effect's."""
+    """Simulations that recompute every effect in the middle of its sizes, and how many of them are one effect's."""
     modelled, slowest = [e for e in effects if e.family == "model"], framed(base, plan).speeds[0]
     tasks: list[Task] = []
     for e in modelled:

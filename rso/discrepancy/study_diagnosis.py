@@ -390,7 +390,7 @@ def judge(
 ) -> dict[str, Any]:
     """The verdict on a finished library as plain data; `fitted` are open parameters as the study found them.
 
-    With `run` the effects that the verdict names are computed anew at their sizes, the library is mended there and the
+    With `run` the effects that the verdict names are recomputed at their sizes, the library is mended there and the
     verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.  What is
     known before these is handed to `keep`.
     """
@@ -406,14 +406,14 @@ def judge(
         picks = discrepancy.finalists(library, result)
         if not picks:
             break
-        say(f"computed anew at the size found: {', '.join(e.name for e in picks)}")
+        say(f"simulated again at the estimated size: {', '.join(e.name for e in picks)}")
         library, check = discrepancy.corrected_library(library, picks, run)
         checks.append(check)
         if check.rms is None or check.rms < discrepancy.CLOSE:
             break
         result = discrepancy.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""
-    further = "; tests that could settle it" if run is not None and len(result.named) > 1 else ""
+    further = "; tests that could decide it" if run is not None and len(result.named) > 1 else ""
     say(f"the verdict is {result.verdict}{named}{further}")
     title = asked.study.study.title
     if run is not None and len(result.named) > 1:

@@ -125,9 +125,9 @@ def refit(
 ) -> Surrogate:
     """The same kind of surrogate on other (usually more) data, no contest: see :func:`fit` for the arguments.
 
-    Kriging finds its hyper-parameters anew from the old ones and uses gradients if it did; a polynomial selects its
-    terms anew unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters; what
-    widens the band is kept, the rivals of a kriging model are fitted anew as it is.
+    Kriging finds its hyper-parameters again from the old ones and uses gradients if it did; a polynomial selects its
+    terms again unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters; what
+    widens the band is kept, the rivals of a kriging model are refitted as it is.
     """
     if isinstance(model, Kriging):
         return _refit_kriging(model, X, y, seed, noise_sd, gradients)
@@ -295,7 +295,7 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
     """The models without those of a logarithm that are lost between the points, if any others are there.
 
     exp(m + s²/2) has no bound where s is large: one such place spoils a prediction that cross-validation praised.  How
-    large the mean is says nothing by itself: a power law rises by decades, and its sd tells whether it knows that.
+    large the mean is says nothing by itself: a power law rises by decades, and its sd shows whether it knows that.
     """
     d = models[0].d
     Q = np.vstack([sobol(d, 256, 0), *([factorial(d, levels=(2,) * d)] if d <= 8 else [])])

@@ -14,6 +14,7 @@ from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, common, st
 from rso.inference.models import (
     CurvePlace,
     emulated,
+    emulated_together,
     has_gradients,
     outputs_of,
     readings_of,
@@ -68,6 +69,7 @@ __all__ = [
     "downhill",
     "elsewhere",
     "emulated",
+    "emulated_together",
     "expected_information",
     "expected_sd",
     "fit_at",

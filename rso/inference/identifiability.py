@@ -74,7 +74,7 @@ class Determination:
     `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
     widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may
-    remember each other (:func:`.autocorrelated_residuals.remembering`) these are at least as large as what is left;
+    are autocorrelated (:func:`.autocorrelated_residuals.remembering`) these are at least as large as what is left;
     there is no p-value where nobody stated them, unless that is beyond `REFUTED`.  `refuting` are the finished runs
     (their indices) that agree with the data where the model of the misfit left their values out.
     """
@@ -95,7 +95,7 @@ class Determination:
 
     @property
     def warning(self) -> str:
-        """The story where the errors had to be made larger or readings to remember each other, else nothing."""
+        """The story where the errors had to be made larger or readings to be autocorrelated, else nothing."""
         return self.story if self.scale > 1 or any(d.memory for d in self.misfit.data) else ""
 
     def of(self, name: str) -> Known:
@@ -127,7 +127,7 @@ def determine(
     Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
     noise explains (p < 0.01; always with the weightings that have no noise); Laplace, profile and MCMC intervals.
     Where the size of the errors was itself taken from m degrees of freedom, χ²/ν is F(ν, m), not χ²_ν/ν.  That of
-    readings which remember each other is not seen in how neighbours differ: unless it is stated, it is taken from what
+    readings which are autocorrelated is not seen in how neighbours differ: unless it is stated, it is taken from what
     is left, which holds fewer degrees of freedom than ν.
 
     χ² of every finished one of the `runs` counts: the best are starts, and no interval leaves one out that agrees with
@@ -216,10 +216,10 @@ def taken_up(misfit: Misfit, x: np.ndarray | None) -> float:
 
 
 def p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = None) -> float | None:
-    """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing tells.
+    """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing shows.
 
     That is where ν <= 0, where errors have no stated size, where their size was taken from what is left, and where
-    readings remember each other by errors that nobody stated, unless χ² is beyond what `REFUTED` times these would
+    readings are autocorrelated by errors that nobody stated, unless χ² is beyond what `REFUTED` times these would
     leave.  Usual errors (:func:`taken_up` at x (d,)) may be there or not: it is the chance without them.
     """
     ρ = max(d.memory for d in misfit.data)
@@ -257,9 +257,9 @@ def lenient(chi2: float, ν: int, p: float | None) -> str:
     if p is None or p <= 1.0 - LENIENT:
         return ""
     return (
-        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors say. Fz, "
-        "depth and a column of Fz_sigma_N are errors of each reading by itself, which many readings average out; what "
-        "moves a whole curve is contact, gain or calibration under noise"
+        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors. "
+        "noise.Fz, noise.depth and a column Fz_sigma_N are independent errors of single readings. An error of a "
+        "whole curve is contact, gain or calibration under noise"
     )
 
 
@@ -304,8 +304,9 @@ def _known(
 def refuted(known: Known, count: int) -> Known:
     """The same, not called determined: so many finished runs agree with the data at values that were left out."""
     why = (
-        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that the "
-        "surrogates exclude: they do not know the curves well enough, more runs (verify.max_infill, [doe]) would tell."
+        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that "
+        "the surrogates exclude. The surrogates are not accurate enough; more runs (verify.max_infill, [doe]) "
+        "would help."
     )
     return doubt(known, "weakly", why)
 
@@ -413,8 +414,8 @@ def _by_what_is_left(misfit: Misfit) -> str:
     if not each:
         return ""
     return (
-        "Nobody states the errors of single readings, and the readings show none: what the best fit leaves over is "
-        f"taken for them, of {', of '.join(each)}. Whether the model fits cannot be said; noise.Fz would tell."
+        "The noise of single readings is not stated, and the readings show none. The residual of the best fit is "
+        f"taken for it, of {', of '.join(each)}. Whether the model fits is undecided; state noise.Fz."
     )
 
 
@@ -433,9 +434,8 @@ def _together(misfit: Misfit, fit: Fit) -> str:
     if not each:
         return ""
     return (
-        f"Neighbouring readings miss the model together, those of {', of '.join(each)}, root mean square: either they "
-        "remember each other, which the intervals allow for and noise.correlation would state, or the model is wrong "
-        "by that."
+        f"The residuals are autocorrelated: those of {', of '.join(each)}, root mean square. Either the noise is "
+        "autocorrelated, which the intervals allow for and noise.correlation states, or the model is wrong by that."
     )
 
 

@@ -97,7 +97,7 @@ def expected_sd(box: Box, x: np.ndarray, fisher: np.ndarray) -> dict[str, float]
 def best_depth(
     box: Box, x: np.ndarray, fisher: np.ndarray, parameter: int, jacobian: np.ndarray, sigma: np.ndarray
 ) -> tuple[int, Gain]:
-    """The measured point at which one more independent reading, of the same `sigma` (n,), tells most of a parameter."""
+    """The measured point at which one more independent reading, of the same `sigma` (n,), shows most of a parameter."""
     found = [
         gain(box, x, fisher, "", jacobian[i : i + 1], np.array([[sigma[i] ** 2]])) for i in np.flatnonzero(sigma > 0)
     ]

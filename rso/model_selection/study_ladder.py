@@ -12,6 +12,7 @@ import numpy as np
 
 from rso import model_selection
 from rso.calibration.plan import Plan, make_plan
+from rso.calibration.predictive_check import PredictiveCheck
 from rso.calibration.readings import (
     curve_data,
     curve_outputs,
@@ -33,16 +34,15 @@ from rso.inference import (
     Misfit,
     all_minima,
     determine,
-    emulated,
+    emulated_together,
     resample,
-    stack,
     with_autocorrelation,
     with_model_errors,
 )
 from rso.inference.verdict import REFUTED, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
 from rso.model_selection.candidate_models import Axes, axes_of, beside, levels_of
-from rso.model_selection.held_out import Unused, validate
+from rso.model_selection.held_out import validate
 from rso.model_selection.simulations import LadderRunner, LadderUnanswered, Watch, design, prove, sampled
 from rso.study.schema import Study
 
@@ -82,12 +82,12 @@ class FittedLevel:
 
 @dataclass(frozen=True, eq=False)
 class LadderFit:
-    """The climb, the rungs, the start by closed form (None if the backend has none), validation by level."""
+    """The selection, the rungs, the start by closed form (None if the backend has none), validation by level."""
 
     rungs: tuple[tuple[ModelLevel, ...], ...]
     climb: Selection
     start: Mapping[str, tuple[float, float, float]] | None
-    validation: Mapping[str, tuple[Unused, ...]]
+    validation: Mapping[str, tuple[PredictiveCheck, ...]]
     cost: Mapping[str, float]
     seconds: float
 
@@ -116,7 +116,7 @@ def run_ladder(
     watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> LadderFit:
-    """Climb the ladder of a study; the curves for validation are looked at when the climb has ended."""
+    """Run the ladder of a study; the curves for validation are used only after the selection."""
     began, bench, table = time.perf_counter(), LadderRunner(plan, store, executor, watch), plan.study.ladder
     rungs, start = levels_of(plan), starting(plan)
     ranges = {k: (v[0], v[2]) for k, v in (start or {}).items()} if table.ranges == "start" else {}
@@ -297,7 +297,7 @@ def judged(plan: Plan, level: ModelLevel, whole: ModelLevel, found: FittedLevel,
     residual = [f - v.value for f, v in zip(found.predicted, found.data, strict=True)]
     parts = [Left(np.concatenate(residual[:k]), d.misfit, found.simulated, found.roles[:k])]
     if other:
-        model = stack([emulated(found.emulator, p)[0] for p in found.places[k:]])
+        model = emulated_together(found.emulator, found.places[k:])
         elsewhere = model_selection.simulate_elsewhere(model, other, d.fit, found.simulated.X, seed)
         parts.append(Left(np.concatenate(residual[k:]), Misfit(model, other), elsewhere, found.roles[k:]))
     axis_of = {knob: axis for axis, knob in found.axes.knob.items()}
@@ -319,7 +319,7 @@ def judged(plan: Plan, level: ModelLevel, whole: ModelLevel, found: FittedLevel,
 
 
 def if_autocorrelated(plan: Plan, found: FittedLevel, elsewhere: Sequence[Left]) -> model_selection.Goodness | None:
-    """How good a level is if readings that count as white by default remember each other as what it leaves does.
+    """How good a level is if readings that count as white by default are autocorrelated as what it leaves does.
 
     The size of such errors is not seen in how neighbours differ: where nobody has stated it, it is what is left.
     """
@@ -372,14 +372,14 @@ def likelihood(
 
     Without x, while a run of the most likely point is looked for, the emulator is taken for right.
     """
-    models, data = [], []
+    places, data = [], []
     for name, channel in fitted_curves(plan, role):
         place = placed(plan, name, channel)
         d, run = curve_data(plan, place), answer[plan.case_of[name]]
         errors = of_response(run, place, d.value) if x is None else of_emulator(emulator, x, run, place, d.value)
-        models.append(emulated(emulator, place)[0])
+        places.append(place)
         data.append(with_model_errors(d, errors))
-    return Misfit(stack(models) if len(models) > 1 else models[0], tuple(data))
+    return Misfit(emulated_together(emulator, places), tuple(data))
 
 
 def _gap(plan: Plan, misfit: Misfit, x: np.ndarray, answer: tuple[Response, ...]) -> tuple[float, float]:

@@ -1,1 +1,1 @@
-"""`rso next`: what experiments that nobody has done yet would tell about the parameters."""
+"""`rso next`: what experiments that nobody has done yet would show about the parameters."""

@@ -1,4 +1,4 @@
-"""`next.json`: what further experiments would tell, as plain data and in words (layout in docs/results.md)."""
+"""`next.json`: what further experiments would show, as plain data and in words (layout in docs/results.md)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def ranked(found: DesignResult, size: int) -> list[tuple[str, ...]]:
 
 
 def _of(found: DesignResult, added: Sequence[str]) -> list[ExpectedInformation]:
-    """What a set tells, truth by truth."""
+    """What a set shows, truth by truth."""
     return [next(t for t in row if t.added == tuple(added)) for row in found.told]
 
 
@@ -99,7 +99,7 @@ def sentences(found: DesignResult, singles: Sequence[tuple[str, ...]], pairs: Se
     def known(sizes: Sequence[float]) -> str:
         return by_truth(at, sizes, box.units[k])
 
-    said = [f"What has been done tells {name} to {known(before)}: one standard deviation, either way."]
+    said = [f"So far {name} is known to {known(before)}: one standard deviation, either way."]
     if singles:
         best, after = singles[0], _sizes(found, singles[0])
         said.append(f"The best next experiment is “{best[0]}”: with it {name} would be known to {known(after)}.")
@@ -134,7 +134,7 @@ def sentences(found: DesignResult, singles: Sequence[tuple[str, ...]], pairs: Se
     if off and (max(off) > APART or min(off) < 1 / APART):
         said.append(
             f"Fisher information alone would have been off by factors of {1 / max(off):.2g} to {1 / min(off):.2g}: "
-            "the numbers here are those of made-up data."
+            "the numbers here come from simulated data."
         )
     return said
 
@@ -144,8 +144,8 @@ def warnings(found: DesignResult) -> list[str]:
     box, k, said = found.axes.box, found.weakest, []
     if found.scale > 1.0:
         text = (
-            f"The model misses what has been measured by {found.scale:.2g} times the stated errors; those of all "
-            "experiments, of further ones too, are taken as that much larger"
+            f"The model misses what has been measured by {found.scale:.2g} times the stated errors. The errors of "
+            "all experiments, future ones too, are enlarged by that factor"
         )
         cure = "; what it lacks has to be found before a further experiment is chosen" if found.scale > REFUTED else ""
         said.append(f"{text}{cure}.")

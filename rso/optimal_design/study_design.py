@@ -35,6 +35,7 @@ from rso.inference import (
     covariance,
     determine,
     emulated,
+    emulated_together,
     expected_information,
     on_valley,
     stack,
@@ -81,7 +82,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
+    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set shows at each.
 
     `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
     what exists lies above its least value at each truth, after that.
@@ -262,7 +263,7 @@ def _nearest(axes: Axes, runs: Sequence[tuple[Mapping[str, float], Response]]) -
 
 
 def _model(emulator: Emulator, item: Item) -> Model:
-    return stack([emulated(emulator, p)[0] for b in item.blocks for p in b.places])
+    return emulated_together(emulator, [p for b in item.blocks for p in b.places])
 
 
 def _errors(item: Item, emulator: Emulator, near: Near, x: np.ndarray) -> np.ndarray:

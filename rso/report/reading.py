@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -277,6 +277,26 @@ def candidates(results: Results) -> tuple[CandidateView, ...]:
 def best_candidate(results: Results) -> CandidateView | None:
     """The candidate named as the best, if one is."""
     return next((c for c in candidates(results) if c.best), None)
+
+
+def fitted_model(results: Results) -> CandidateView | None:
+    """What a report draws as the fitted model: the most likely point as it was rerun, else the best candidate.
+
+    With one answer in the headline, text and figures speak of that one.
+    """
+    again = (results.get("identification") or {}).get("recomputed") or {}
+    if not again.get("curves"):
+        return best_candidate(results)
+    data = {**again, "state": "done"}
+    return CandidateView("", "most likely", 0, True, data)
+
+
+def compared_models(results: Results) -> tuple[CandidateView, ...]:
+    """Every candidate and the fitted model, which alone counts as the best."""
+    fitted = fitted_model(results)
+    if fitted is None or fitted.search:
+        return candidates(results)
+    return (fitted, *(replace(c, best=False) for c in candidates(results)))
 
 
 def lead_search(results: Results) -> str:

@@ -102,7 +102,7 @@ def seen(value: str) -> str:
 
 
 def expected(words: str) -> Any:
-    """What is allowed, in words, where the type does not tell (see :mod:`rso.study.keys`)."""
+    """What is allowed, in words, where the type does not show (see :mod:`rso.study.keys`)."""
     return Field(json_schema_extra={"expected": words})
 
 

@@ -1,4 +1,4 @@
-"""A first study file from readings: what they tell is filled in, what they cannot tell is marked for their owner."""
+"""A first study file from readings: what they show is filled in, what they cannot show is marked for their owner."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TOP = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class NewTest:
-    """What the readings do not tell.
+    """What the readings do not show.
 
     The backend's own options by name; the point (mm) that was pressed where the name of a file says none (the top
     without); whether the files fitted are repeats of one test; and what columns are called, with the keys of
@@ -207,7 +207,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
         f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
     ]
     if m.kind == "force" and pulls_off(m):
-        lines += [f'branch = "unloading"  {GUESS} Fz pulls on the way back, which tells by how much it sticks']
+        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows the adhesion']
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']
@@ -217,7 +217,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
     whose = f"  {GUESS} by the name of the file" if e.by_name else f"  {GUESS} the top" if e.point is None else ""
     lines += [f"settings = {{ {', '.join(settings)} }}{whose}"]
     if m.kind == "force" and not recorded_speed(m):
-        lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body remembers']
+        lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body is history-dependent']
     unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']
     if m.kind == "force":
         lines += [f"# noise = {{ {', '.join(unseen)} }}  {GUESS} what a record cannot show of itself; usual figures"]

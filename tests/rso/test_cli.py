@@ -592,7 +592,7 @@ def test_progress_on_a_terminal_shows_counts_and_does_not_wrap(tmp_path):
     assert any(re.search(r"[1-9]\d* failed.* [1-9]\d*/26", line) for line in bars)
     assert max(map(len, bars)) <= 80
     assert max(map(len, re.split(r"[\r\n]+", text))) <= 80 and re.search(r"\n    \S", text)  # hanging, at words
-    assert "design: simulations to learn from" in text
+    assert "design: training runs of the surrogates" in text
 
 
 def test_without_a_terminal_there_are_plain_lines(tmp_path, capsys):

@@ -392,7 +392,7 @@ REFUSED = {  # text, columns, words
     "a second table": (
         SHORT + "Zeit;Weg;Kraft\ns;mm;N\n0;0;0\n",
         SHORT_COLUMNS,
-        [":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"],
+        [":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "its own file", "with #"],
     ),
     "a second table in other units": (
         SHORT + SHORT.replace("N", "mN"),

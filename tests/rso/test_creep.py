@@ -158,7 +158,7 @@ def test_creep_identifies_the_share_and_the_time(tmp_path):
 def test_a_hold_shorter_than_the_time_cannot_tell_it_and_says_so(tmp_path):
     file = written(tmp_path, lasts=1.5, white=1e-3, text=DESCENT)
     plan = make_plan(load(file))
-    assert any("cannot tell a time tau beyond about 4.5 s" in line for line in plan.of_hold("press"))
+    assert any("cannot determine tau beyond about 4.5 s" in line for line in plan.of_hold("press"))
     p = known(ran(file))
     assert p["tau"]["verdict"] != "determined" and p["g"]["verdict"] == "not" and p["mu"]["verdict"] == "determined"
 

@@ -12,12 +12,13 @@ import rso.discrepancy.diagnosis
 from rso import discrepancy
 from rso.data import Repeat
 from rso.discrepancy import build, make_plan
-from rso.discrepancy.diagnosis import MISFIT, WHOLE
+from rso.discrepancy.diagnosis import WHOLE
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import LEVEL, ResidualScore, _changes, residual_score
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.verdict import beside
 from rso.discrepancy.library.prediction import predict
 
@@ -117,7 +118,7 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     plan = make_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
     d = discrepancy.diagnose(library, 2, nulls=100)
-    assert d.remainder.there and d.left < MISFIT
+    assert d.remainder.there and d.left < SETTINGS.rules.misfit
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
     monkeypatch.setattr(rso.discrepancy.diagnosis, "residual_score", lambda *_: ResidualScore("", None, 0.0, np.inf))
     blind = discrepancy.diagnose(library, 2, nulls=100)

@@ -139,7 +139,7 @@ def test_the_report_shows_the_way_back(sticking):
     depth = np.array(candidate["curves"]["pull"]["depth"])
     assert depth[0] < 0.0 < depth[-1] and np.all(np.diff(depth) > 0.0)
     (page,) = render(results, folder, pdf=False)
-    assert "The way back is compared" in page.read_text("utf-8")
+    assert "The unloading is compared" in page.read_text("utf-8")
 
 
 def test_a_record_that_pulls_off_is_begun_by_its_way_back(sticking):

@@ -122,7 +122,7 @@ class _Table:
 
     `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
     of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
-    `less` what was subtracted of the depth (n,) mm and `reckoned` that in words.
+    `less` what was subtracted of the depth (n,) mm and `computed` that in words.
     """
 
     path: Path
@@ -219,7 +219,7 @@ def read(
 
 @contextmanager
 def _reckoned(table: _Table) -> Iterator[None]:
-    """Says in every ValueError what was reckoned from the columns of the file."""
+    """Says in every ValueError what was computed from the columns of the file."""
     try:
         yield
     except ValueError as error:
@@ -229,7 +229,7 @@ def _reckoned(table: _Table) -> Iterator[None]:
 
 
 def _left(table: _Table, r: Repeat) -> list[str]:
-    """What to say of a depth that is the smaller part of what it was reckoned from, at the deepest reading."""
+    """What to say of a depth that is the smaller part of what it was computed from, at the deepest reading."""
     if table.less is None:
         return []
     less, k = table.less[table.rows[r.label]], int(np.argmax(r.depth))
@@ -288,7 +288,7 @@ def _off(onsets: Sequence[Onset]) -> float:
 
 
 def _sought(table: _Table, r: Repeat) -> bool:
-    """Whether a machine's position may count from where its force tells the contact."""
+    """Whether a machine's position may count from where its force shows the contact."""
     return (
         table.position
         and not table.found
@@ -510,7 +510,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
 
 
 def _in_words(columns: Mapping[str, Column]) -> list[str]:
-    """What is reckoned from the columns of a file, one sentence for each."""
+    """What is computed from the columns of a file, one sentence for each."""
     said = []
     for name, column in columns.items():
         less = column.minus
@@ -566,7 +566,7 @@ def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], l
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:
-    """What to say of columns that were taken by their customary names."""
+    """What to say of columns that were taken by their usual names."""
     if not head.customary:
         return []
     both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
@@ -609,8 +609,8 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     data = {name: column[rows] for name, column in table.columns.items()}
     if table.less is not None and "Fz" in data and _against(table.less[rows], data["Fz"]):
         raise ValueError(
-            f"{table.path}: repeat {label!r}: what is subtracted of depth falls while Fz grows, and nothing bends so: "
-            "turn its sign (flip = true in minus, or without it), or that of Fz"
+            f"{table.path}: repeat {label!r}: what is subtracted from depth falls while Fz grows, which nothing "
+            "elastic does. Change its sign (flip = true in minus), or that of Fz"
         )
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):

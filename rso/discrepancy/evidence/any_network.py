@@ -20,7 +20,6 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.relaxation import relaxes
 
-APART = 4.0  # standard deviations, as of a test that promises an answer
 SHARE = 0.1  # of the largest plausible share of one time: small against the whole
 TIMES = 3.0  # a factor of e, from one time to the next
 

@@ -19,7 +19,7 @@ ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be
 
 
 def forces_of(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
+    """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the unloading."""
     travel, returning = response.channels["travel"], _returning(response)
     F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
     if back and returning.any():
@@ -30,7 +30,7 @@ def forces_of(response: Response, modulus: float, back: bool = False) -> tuple[n
 
 
 def _returning(response: Response) -> np.ndarray:
-    """(n,) whether an answer is on the way back: asked travels come up once on the way there and once on that."""
+    """(n,) whether an answer is in unloading: asked travels come up once on the way there and once on that."""
     travel, time = response.channels["travel"], response.channels["time"]
     return time > time[int(np.argmax(travel >= travel.max() - 1e-6))]
 

@@ -264,7 +264,7 @@ def _tables(
         each = [found[k, None, -1, i, False] for i in range(len(every))]
         ways, lost = changed(every, u, place, base.reference, each, first)
         if lost:
-            raise LibraryUnanswered(f"the base model has no answer on the way back at {place.settings.get('point')}")
+            raise LibraryUnanswered(f"the base model has no answer when unloading at {place.settings.get('point')}")
     best, unknowns = found.get((k, None, -1, None, True)), 0
     if isinstance(best, Done):
         unknowns = int(best.response.info.get("dofs", 0))

@@ -16,15 +16,15 @@ def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: boo
     """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
 
     The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
-    diagnosis that lies in the folder is told of, too.
+    diagnosis that lies in the folder is shown, too.
     """
-    results = _with_diagnosis(results, folder)
+    results = _with_body(_with_diagnosis(results, folder), folder)
     document = report(results)
     return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
 
 
 def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
-    """A run writes its results anew, without what a diagnosis has put into them."""
+    """A run writes its results again, without what a diagnosis has put into them."""
     path = folder / "diagnosis.json"
     if results.get("diagnosis") or not path.exists():
         return results
@@ -33,3 +33,14 @@ def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, An
     except (OSError, ValueError, KeyError, TypeError):
         return results
     return {**results, "diagnosis": found}
+
+
+def _with_body(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """With the deformed body that a run has left in the folder."""
+    path = folder / "deformed.json"
+    if results.get("deformed") or not path.exists():
+        return results
+    try:
+        return {**results, "deformed": disk.read_json(path)}
+    except (OSError, ValueError):
+        return results
