@@ -176,7 +176,7 @@ LAYERS = {
     "rso.core": ("correlation curves default_backend disk distributions power_law printable similarity symbols units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
-        "curve_shape",
+        "curve_shape preload",
         "force_holds plausibility",
         "branches",
         "files",
@@ -216,7 +216,7 @@ LAYERS = {
         "hypotheses localisation shrinkage",
         "model_form_tolerance",
         "attribution",
-        "cross_validation detectable marginal_ranges residual_test",
+        "any_network cross_validation detectable marginal_ranges residual_test",
         "verdict",
         "checks",
     ),

@@ -278,7 +278,8 @@ def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
 def _rivals(d: Diagnosis) -> bool:
     """Whether the named effects are rivals: each for itself, not together, and none sure."""
     several = d.verdict == "partly" and len(d.causes) > 1 and len(d.chosen.effects) == 1
-    return d.verdict == "ambiguous" or (several and d.causes[0].probability < SETTINGS.rules.sure)
+    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < SETTINGS.rules.sure)
+    return d.verdict == "ambiguous" or doubtful
 
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
