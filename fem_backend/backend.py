@@ -307,10 +307,10 @@ class FiniteElements:
     def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
 
-        Empty with adhesion among the knobs `given`: elements then resolve its range, whatever the level.
+        Empty with adhesion among the knobs `given` on a meridian: elements then resolve its range, whatever the level.
         """
         own = experiment.read_settings(settings)
-        if "adhesion" in given:
+        if "adhesion" in given and on_axis(own):
             return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}
@@ -506,7 +506,10 @@ class FiniteElements:
         return True
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
-        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
+        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones.
+
+        With pore flow `D1` is that of the drained body, whichever of the two the values name.
+        """
         known = {p.name: p for p in self.parameters}
         unknown = sorted(set(values) - set(known))
         if unknown:
@@ -516,7 +519,10 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return every()(**{n: known[n].check(v) for n, v in given.items() if v is not None})
+        checked = {n: known[n].check(v) for n, v in given.items() if v is not None}
+        if checked["permeability"]:
+            checked["D1"] += checked["pore_D1"]
+        return every()(**checked)
 
 
 BACKEND = FiniteElements()

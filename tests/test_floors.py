@@ -180,7 +180,7 @@ LAYERS = {
     ),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
-        "curve_shape",
+        "curve_shape preload",
         "force_holds plausibility",
         "branches",
         "files",
@@ -220,7 +220,7 @@ LAYERS = {
         "hypotheses localisation shrinkage",
         "model_form_tolerance",
         "attribution",
-        "cross_validation detectable marginal_ranges residual_test",
+        "any_network cross_validation detectable marginal_ranges residual_test",
         "verdict",
         "checks",
     ),
