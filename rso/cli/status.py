@@ -91,6 +91,8 @@ def _runs(found: Mapping[str, Any], store: Path) -> list[Mapping[str, Any]]:
 def _next(found: Mapping[str, Any], folder: Path, options: argparse.Namespace) -> str:
     """The command that helps most now."""
     study = shlex.quote(str(options.study))
+    if Path(options.study).absolute() == folder.absolute():  # results without their study
+        return f"rso open {study}"
     where = f" --out {shlex.quote(str(options.out))}" if options.out else ""
     if not folder.exists():
         return f"rso check {study}, then rso run {study}{where}"

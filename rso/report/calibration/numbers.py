@@ -247,7 +247,7 @@ def prediction_section(results: Results) -> Section:
 
 
 def open_section(results: Results) -> Section:
-    """What the data leave open, and what would settle it."""
+    """What the data leave open, and what would decide it."""
     said = [Text(t) for t in known_sentences(results)]
     return Section(
         "open", "What is known, and what is not", (*said, *determined_blocks(results), *open_blocks(results))
