@@ -46,6 +46,6 @@ def converted(svg: str, suffix: str) -> bytes | str:
     import typst
 
     page = '#set page(width: auto, height: auto, margin: 0pt)\n#image(bytes(sys.inputs.svg), format: "svg")'
-    made = typst.compile(page.encode(), format=suffix[1:], ppi=PPI, sys_inputs={"svg": svg})
+    made = typst.compile(page.encode(), format="png" if suffix == ".png" else "pdf", ppi=PPI, sys_inputs={"svg": svg})
     assert isinstance(made, bytes)
     return made
