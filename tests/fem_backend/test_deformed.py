@@ -57,6 +57,7 @@ def test_the_surface_is_half_of_the_body_in_space(body):
     assert s.mirrored == (False, True) and s.points[:, 1].min() > -1e-9
     r = np.hypot(s.points[:, 0], s.points[:, 1])
     assert r.max() == pytest.approx(body.frames[-1].points[:, 0].max(), rel=1e-6)
+    assert s.points[:, 1].max() == pytest.approx(r.max(), rel=1e-6) and s.points[:, 0].min() == pytest.approx(-r.max())
     assert s.triangles.max() < len(s.points)
 
 
@@ -69,6 +70,10 @@ def test_a_cut_through_tetrahedra_has_no_holes():
         points = rows @ nodes
         np.testing.assert_allclose(points[:, 1], level, atol=1e-6)
         assert areas(points[:, [0, 2]], triangles).sum() == pytest.approx(0.5 * (1.0 - level) ** 2, rel=1e-5)
+        edges, count = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0, return_counts=True)
+        a, b = points[edges[count == 1]].transpose(1, 0, 2)
+        around = (2.0 + np.sqrt(2.0)) * (1.0 - level)
+        assert np.linalg.norm(a - b, axis=1).sum() == pytest.approx(around, rel=1e-5)  # nothing lies twice
 
 
 def test_frames_are_those_of_the_first_loading():
