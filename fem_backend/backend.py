@@ -17,7 +17,7 @@ from fem_backend import closed_forms, members, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
+from fem_backend.adapter import cost_model, deformed, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.export import files as export_files
@@ -39,6 +39,7 @@ from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DeformedBody,
     DerivedQuantity,
     FormulaCurve,
     Given,
@@ -82,7 +83,7 @@ class Solved:
         return self.result.system
 
     def on(self, point: LoadPoint) -> InitialState:
-        """What a point was solved with: its mesh may have been made anew on the way."""
+        """What a point was solved with: its mesh may have been remade on the way."""
         return next(on for p, on in zip(self.result.points, self.result.on, strict=True) if p is point)
 
 
@@ -193,6 +194,8 @@ class FiniteElements:
         for name, sha in case.artefacts.items():
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
+        if case.programme.still:
+            raise ValueError("programme: nothing is moved; time_s and travel_mm, or segments, are expected")
         settings = experiment.read_settings(case.settings)
         through = _through(settings)
         if programmes.controlled(case.programme):
@@ -203,7 +206,7 @@ class FiniteElements:
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
                     f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
-                    "reaches along the way of the indenter"
+                    "reaches along the way of the indenter; is the unit of depth right?"
                 )
         if case.programme.travel_mm[0] > 0.0:
             raise ValueError(
@@ -304,10 +307,10 @@ class FiniteElements:
     def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
 
-        Empty with adhesion among the knobs `given`: elements then resolve its range, whatever the level.
+        Empty with adhesion among the knobs `given` on a meridian: elements then resolve its range, whatever the level.
         """
         own = experiment.read_settings(settings)
-        if "adhesion" in given:
+        if "adhesion" in given and on_axis(own):
             return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}
@@ -340,6 +343,12 @@ class FiniteElements:
     def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
+
+    def deformed(self, values: Mapping[str, float], case: Case) -> DeformedBody:
+        """Sections through the deformed body and its surface; see :mod:`fem_backend.adapter.deformed`."""
+        solved = self.solve(values, case)
+        result = solved.result
+        return deformed.deformed(solved.placement, result.points, result.on, result.Fz)
 
     def exports(self) -> Mapping[str, str]:
         """Input files of other programs and material cards."""
@@ -497,7 +506,10 @@ class FiniteElements:
         return True
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
-        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
+        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones.
+
+        With pore flow `D1` is that of the drained body, whichever of the two the values name.
+        """
         known = {p.name: p for p in self.parameters}
         unknown = sorted(set(values) - set(known))
         if unknown:
@@ -507,7 +519,10 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return every()(**{n: known[n].check(v) for n, v in given.items() if v is not None})
+        checked = {n: known[n].check(v) for n, v in given.items() if v is not None}
+        if checked["permeability"]:
+            checked["D1"] += checked["pore_D1"]
+        return every()(**checked)
 
 
 BACKEND = FiniteElements()
@@ -569,7 +584,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
     bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
     meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
-    meridian was never made anew.
+    meridian was never remade.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
@@ -673,7 +688,7 @@ def passages(programme: Programme) -> list[Instant]:
 def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     """Material knobs that are in use, smooth and differentiated; none where the way or the sag would enter too.
 
-    None without multipliers either: what the penalty lacks hangs on the material, 1 to 6 % of a derivative by D1.
+    None without multipliers either: what the penalty lacks depends on the material, 1 to 6 % of a derivative by D1.
     """
     way = path_dependent(settings, dataclasses.asdict(knobs))
     if not settings.derivatives or not settings.multipliers or way or knobs.weight:

@@ -44,7 +44,7 @@ class SettingsOption(Option):
     left_out: Callable[[Sequence[float | str], float], Sequence[float | str]] | None = None
 
     def completed(self, values: Sequence[float | str], depths: Sequence[float]) -> tuple[float | str, ...]:
-        """The values with those that were left out, as far as the depths (mm) of records tell them."""
+        """The values with those that were left out, as far as the depths (mm) of records show them."""
         depth = min((d for d in depths if d > 0.0), default=0.0)
         few = len(values) < len(self.words)
         return tuple(self.left_out(values, depth)) if self.left_out and few and depth else tuple(values)

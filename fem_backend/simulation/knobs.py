@@ -124,6 +124,18 @@ class Common:
         label="adhesion",
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
+    pore_D1: float = knob(
+        "compressibility that a body with a permeability gains as liquid leaves: D1 is then that before it does; "
+        "0: D1 is that of the drained body, the liquid gives way to no pressure",
+        "1/MPa",
+        0.0,
+        1e6,
+        neutral=0.0,
+        group="pore flow",
+        typical=100.0,
+        plausible=(0.1, 3.0),
+        label="pore flow",
+    )
     permeability: float = knob(
         "permeability of the body for the liquid in its pores; 0: no pore flow, the drained solid alone",
         "mm^4/N/s",
@@ -131,6 +143,7 @@ class Common:
         1e12,
         default=0.0,
         group="pore flow",
+        plausible=(0.003, 10.0),
         label="pore flow",
     )
 

@@ -48,7 +48,7 @@ class MeshLeg:
 
 
 def allowed(at: InitialState) -> bool:
-    """Whether the mesh of a run may be made anew: a meridian with exact contact, no weight carried by multipliers."""
+    """Whether the mesh of a run may be remade: a meridian with exact contact, no weight carried by multipliers."""
     return at.placement.meridian and at.carrying is None and np.isfinite(remeshed_from(at.settings))
 
 
@@ -183,7 +183,7 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
     An edge that the indenter may touch has grown to 3.8 times the length that is wanted where it is now (3.3 below an
-    edge or a tip, 1.7 of a mesh made anew) and was not so long when the mesh was made; or the corners of a cell, well
+    edge or a tip, 1.7 of a mesh remade) and was not so long when the mesh was made; or the corners of a cell, well
     shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
     at, since = leg.at, max(since, remeshed_from(leg.at.settings))

@@ -43,7 +43,7 @@ FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 @dataclass(frozen=True)
 class Output:
     """One scalar of a response: channel of an experiment at a travel (mm), or in a hold `since_s` after it began;
-    `back` on the way back."""
+    `back` in unloading."""
 
     experiment: str
     channel: str
@@ -289,7 +289,7 @@ def _fit(job: Mapping[str, Any]) -> Surrogate:
 
 
 def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:
-    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes anew."""
+    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes again."""
     bare = replace(emulator, samples=(*emulator.samples, *new))
     if emulator.reduced is None:
         return bare

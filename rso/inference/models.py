@@ -22,7 +22,7 @@ class CurvePlace:
     """Where a curve was measured: depths (n,) mm of one channel of one experiment.
 
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without a hold.
-    `back`: all are readings of the way back.
+    `back`: all are readings of the unloading.
     """
 
     experiment: str

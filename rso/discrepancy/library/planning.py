@@ -36,7 +36,7 @@ class LibraryFrame:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """What the base model's runs tell of each place (n_places,): whether they are dear, and the body pushed aside."""
+    """What the base model's runs show of each place (n_places,): whether they are costly, and the body pushed aside."""
 
     dear: np.ndarray
     aside: np.ndarray
@@ -51,9 +51,9 @@ def framed(base: Base, plan: TestPlan) -> LibraryFrame:
     by_rate = rated(base, plan)
     if by_rate and any(t.held.any() or round(np.log(t.speed), 1) != 0.0 for t in plan.tests):
         raise ValueError(
-            "the base model depends on the rate by more than one share and its time among the parameters; tests with a "
-            "hold, or another speed than 1 mm/s, cannot be diagnosed with it. Leave one share that relaxes and its "
-            "time, as parameters, or none: the diagnosis looks for it"
+            "the base model has more than one share and time of relaxation among the parameters. Tests with a "
+            "hold, or at another speed than 1 mm/s, cannot be diagnosed with it. Open one share and its time, or "
+            "none: the diagnosis looks for relaxation itself"
         )
     # rounded: data sets recorded with the same nominal speeds share their library
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
@@ -74,7 +74,7 @@ def _pressed(test: Test) -> int:
 
 
 def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[LibraryJob]:
-    """Different simulations that a library asks for at most; fewer where runs at a place turn out to be dear.
+    """Different simulations that a library asks for at most; fewer where runs at a place turn out to be costly.
 
     Raises ValueError for a base model that cannot have one.
     """
