@@ -19,6 +19,7 @@ from typing import Any
 from fem_backend import output
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import experiment
+from fem_backend.specimens import SPECIMENS
 from rso.contract import CAUSES, Case, SimulationFailed
 from rso.contract.segments import CONTROLS
 
@@ -109,9 +110,13 @@ def _read(file: Path) -> Any:
 
 
 def compile_kernels() -> None:
-    """Solve a slab and an ellipsoid: the kernels that these need are then kept beside the code for every process."""
+    """Solve a body of revolution and one in space: what they need is then kept beside the code for every process."""
+    ready = [
+        m.Table() for m in SPECIMENS.members.values() if not any(f.is_required() for f in m.Table.model_fields.values())
+    ]
+    round_one = next(t for t in ready if t.build().of_revolution)
     mapped = {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}}
-    for settings in ({"specimen": {"shape": "slab", "thickness": 6.0}, "support": {"kind": "bonded"}}, mapped):
+    for settings in ({"specimen": round_one.build().plain()}, mapped):
         programme = {"time_s": [0, 1], "travel_mm": [0, 1], "asked_mm": [1]}
         answer(
             {"values": {"mu": 0.01, "D1": 5.8}, "case": {"name": "any", "programme": programme, "settings": settings}}

@@ -289,7 +289,7 @@ def test_who_reads_the_schema_may_stop():
 
 
 def test_compiling_solves_what_it_compiles_for(monkeypatch):
-    """A slab along its meridian and a body in space, both with an answer; the meridian has fewer unknowns."""
+    """A body of revolution and one in space, both with an answer; a meridian has fewer unknowns."""
     solve, solved = fem_backend.__main__.answer, []
     monkeypatch.setattr("fem_backend.__main__.answer", lambda request: solved.append(solve(request)))
     assert main(["--compile"]) == 0
