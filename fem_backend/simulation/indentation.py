@@ -112,8 +112,8 @@ def solve(
     """Curves at the asked instants of a programme; raises Stopped with the result so far, and model.NotModelled.
 
     `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.  Where it ends early for
-    want of an equilibrium it is tried once more from the start, as `again` says, without a guess: what is found must not
-    hang on which travels are asked for.  The deeper of the two counts.
+    want of an equilibrium it is tried once more from the start, as `again` says, without a guess: what is found must
+    not hang on which travels are asked for.  The deeper of the two counts.
     """
     started = time.process_time()
     deadline = started + settings.control.time_limit_s
