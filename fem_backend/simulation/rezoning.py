@@ -31,6 +31,7 @@ AGAIN_LONGER = 2.2  # the same of later ones, which have no rows along the surfa
 FINER = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
+NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
 
 
@@ -206,7 +207,7 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
     """The next leg, what its path goes on from, and its force over that before.
 
     Histories are carried by `location.at_points`: stresses and overstresses at the quadrature points of the new mesh
-    are those of the old one's cells, as linear functions; friction by `_rubbing`.  Equilibrium is found again at once,
+    are those of the old one's cells, as linear functions; friction by `rubbing`.  Equilibrium is found again at once,
     in no time: nothing slips but what the new mesh lets slip.  Raises NoMesh and NotConverged.
     """
     at, goal = leg.at, Instant(here.time, here.travel, False)
@@ -224,7 +225,7 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
     if history is not None:
         terms = np.array([field(h) for h in history.h]).reshape(len(history.h), *X.shape[:2], 6)
         history = History(field(history.S_iso), terms, field(history.W_max))
-    rubbed = [_rubbing(at, new, u, here, k) for k in range(len(at.system.pairs))]
+    rubbed = [rubbing(at, new, u, here, k) for k in range(len(at.system.pairs))]
     begun = replace(
         here, u=u, rate=np.zeros_like(u), history=history,
         before=tuple(b for b, _ in rubbed), pressures=[p for _, p in rubbed],
@@ -238,21 +239,22 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
     return MeshLeg(new, None, here.travel, abs(ratio - 1.0), reached.u), replace(reached, rate=begun.rate), ratio
 
 
-def _rubbing(
+def rubbing(
     at: InitialState, new: InitialState, u: np.ndarray, here: Reached, k: int
 ) -> tuple[tractions.Before, np.ndarray]:
     """How pair k touches at points of the new mesh with u (n, 3), and its pressures (f, q) MPa.
 
-    Tractions and pressures are per undeformed area, so fields on the undeformed surface: linear between the two points
-    of the old mesh that are nearest there.
+    Tractions and pressures are per undeformed area, so fields on the undeformed surface: linear between the nearest
+    point of the old mesh there and the next on the other side.
     """
     old, pair, before = at.system.pairs[k], new.system.pairs[k], here.before[k]
     X = tractions.contact_points(old.surface, at.model.body.nodes).reshape(-1, 3)
     places = tractions.contact_points(pair.surface, new.model.body.nodes)
-    (a, b) = cKDTree(X).query(places.reshape(-1, 3), 2)[1].T
-    way = X[b] - X[a]
-    share = ((places.reshape(-1, 3) - X[a]) * way).sum(1) / np.maximum((way**2).sum(1), 1e-300)
-    share = np.clip(share, 0.0, 1.0)[:, None]
+    near = cKDTree(X).query(places.reshape(-1, 3), min(NEIGHBOURS, len(X)))[1]
+    way, off = X[near[:, 1:]] - X[near[:, :1]], places.reshape(-1, 1, 3) - X[near[:, :1]]
+    shares = (off * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-300)
+    rows, other = np.arange(len(near)), (shares > 0.0).argmax(1)
+    a, b, share = near[:, 0], near[rows, 1 + other], np.clip(shares[rows, other], 0.0, 1.0)[:, None]
 
     def field(values: np.ndarray) -> np.ndarray:
         flat = values.reshape(len(X), -1)

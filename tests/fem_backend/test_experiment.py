@@ -14,11 +14,12 @@ from fem_backend.laws import LAWS
 from fem_backend.meshing import LIMIT
 from fem_backend.simulation.experiment import MARKS, read_settings
 from fem_backend.simulation.knobs import Knobs
-from rso.contract import Case, Programme, SimulationFailed
+from rso.contract import Case, Programme, Segment, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
 VALUES = {"mu": 0.01, "D1": 5.8}
 BOWL = {"support": {"kind": "bowl"}}
+ROUND = {"specimen": {"shape": "sphere", "radius": 35.0}}
 
 
 def case(asked=(0.5, 1.0), **settings) -> Case:
@@ -184,6 +185,8 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({}, {"material": {"law": "linear_elastic"}}, Programme.ramp((1.0,)), True),
         ({}, {}, Programme.ramp((4.6,)), True),
         ({}, {}, Programme.ramp((4.5,)), False),
+        ({}, ROUND, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), True),
+        ({}, {}, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), False),
     ],
 )
 def test_answers_that_were_mended_have_another_key(values, settings, programme, marked):
