@@ -540,8 +540,12 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
     meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
     meridian was never made anew.  5: new meshes were coarser, none were made with friction and under a force, and an
-    outworn mesh that is kept was not in the errors.  How deep a force leads is not known before.
+    outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
+    rounded tip were too long.
     """
+    pointed = np.isfinite(settings.indenter.finest[1]) and modelling.gathers(settings.indenter)
+    if on_axis(settings) and pointed:
+        return 5
     if programmes.controlled(programme):
         return 5 if on_axis(settings) else 0
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))

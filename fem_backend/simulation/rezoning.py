@@ -29,6 +29,7 @@ from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 LONGER = 3.3  # times the wanted length: an edge of the first mesh that the indenter may touch is too long
 AGAIN_LONGER = 2.2  # the same of later ones, which have no rows along the surface that thin out as it stretches
 FINER = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
+AGAIN_LONGER_AT_EDGES, FINER_AT_EDGES = 1.7, 0.7  # the same below an indenter with an edge or a tip
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
 NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
@@ -269,14 +270,15 @@ def rubbing(
 def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
-    An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (2.2 times
-    of a mesh made anew) and was not so long when the mesh was made; or the corners of a cell, well
-    shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
+    An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (2.2 times of a
+    mesh made anew, 1.7 below an edge or a tip) and was not so long when the mesh was made; or the corners of a cell,
+    well shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
     at, since = leg.at, max(since, watched_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
     begun = at.seated if leg.u is None else leg.u
-    limit = (LONGER if leg.u is None else AGAIN_LONGER) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
+    again = AGAIN_LONGER if _smooth(at) else AGAIN_LONGER_AT_EDGES
+    limit = (LONGER if leg.u is None else again) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
     upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
 
     def worn(u: np.ndarray, travel: float) -> bool:
@@ -288,6 +290,10 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
         return bool((quality(x[:, [0, 2]][body.cells[:, :3]])[upright] <= 0.0).any())
 
     return worn
+
+
+def _smooth(at: InitialState) -> bool:
+    return bool(np.isinf(at.settings.indenter.finest[1]))
 
 
 def _lengths(at: InitialState, edges: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -305,7 +311,8 @@ def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarr
     """The experiment on a new mesh, and the displacement (n, 3) carried over to it; raises NoMesh."""
     body = at.model.body
     section = _section(at, state.u)
-    new = rezoned(section, _near(at, section, state), lambda x: FINER * _wanted(at, x), GROWTH)
+    finer = FINER if _smooth(at) else FINER_AT_EDGES
+    new = rezoned(section, _near(at, section, state), lambda x: finer * _wanted(at, x), GROWTH)
     try:
         model = modelling.remeshed(at.settings, at.knobs, at.placement, new)
         cell, xi = location.located(section.X, section.cells, new.points)
