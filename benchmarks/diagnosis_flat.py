@@ -149,7 +149,9 @@ def summary(checks: dict[str, str]) -> list[str]:
 
 
 def _figures(text: str) -> dict[str, str]:
-    inference, controls, closes = (section(text, n) for n in ("Inference", "Controls", "How much closes"))
+    inference, controls, closes = (
+        section(text, n) for n in ("Inference", "Controls", "How much of the gap is explained")
+    )
     judged, missing, permuted = (
         row(inference, "as it is"),
         *(row(controls, n) for n in ("true effect not in the catalogue", "residuals permuted")),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
+import json
 import platform
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -11,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import closed_forms, meshing
+from fem_backend import closed_forms, members, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
-from fem_backend.adapter import cost_model, derived, model_hierarchy, new_study, priors, programmes
+from fem_backend.adapter import cost_model, deformed, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.export import files as export_files
@@ -37,6 +39,7 @@ from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.supports import SUPPORTS
 from rso.contract import (
     Case,
+    DeformedBody,
     DerivedQuantity,
     FormulaCurve,
     Given,
@@ -59,6 +62,7 @@ ROUNDED = 1e-12  # of the thickness: sums of layers and sizes are a little off
 DOWN = np.array([0.0, 0.0, -1.0])
 
 DEEP = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
+MODULI = ("mu", "D1")
 GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
 
 
@@ -79,7 +83,7 @@ class Solved:
         return self.result.system
 
     def on(self, point: LoadPoint) -> InitialState:
-        """What a point was solved with: its mesh may have been made anew on the way."""
+        """What a point was solved with: its mesh may have been remade on the way."""
         return next(on for p, on in zip(self.result.points, self.result.on, strict=True) if p is point)
 
 
@@ -181,13 +185,17 @@ class FiniteElements:
     def cost(self, values: Mapping[str, float], case: Case) -> float:
         """Seconds that a run takes, roughly; see :func:`fem_backend.adapter.cost_model.seconds`."""
         settings = experiment.read_settings(case.settings)
-        return cost_model.seconds(settings, self.knobs(values, settings), path_dependent(settings, values))
+        used = dataclasses.asdict(self.knobs(values, settings))
+        placement = _placement(settings, tuple(sorted(used.items())), every())
+        return cost_model.seconds(settings, placement, path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled, and for artefacts that have no hash."""
         for name, sha in case.artefacts.items():
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
+        if case.programme.still:
+            raise ValueError("programme: nothing is moved; time_s and travel_mm, or segments, are expected")
         settings = experiment.read_settings(case.settings)
         through = _through(settings)
         if programmes.controlled(case.programme):
@@ -198,7 +206,7 @@ class FiniteElements:
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
                     f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
-                    "reaches along the way of the indenter"
+                    "reaches along the way of the indenter; is the unit of depth right?"
                 )
         if case.programme.travel_mm[0] > 0.0:
             raise ValueError(
@@ -208,6 +216,17 @@ class FiniteElements:
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
+        try:
+            text = json.dumps(case.settings, sort_keys=True)
+        except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
+            return self._canonical(values, case)
+        given = tuple((k, type(v), v) for k, v in values.items())
+        stamps = members.stamps(case.settings)
+        kept, plain, programme = _canonical_again(self, given, text, case.programme, stamps, experiment.table())
+        own = {k: dict(v) if isinstance(v, dict) else v for k, v in plain.items()}
+        return dict(kept), dataclasses.replace(case, settings=own, programme=programme)
+
+    def _canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
@@ -288,10 +307,10 @@ class FiniteElements:
     def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
 
-        Empty with adhesion among the knobs `given`: elements then resolve its range, whatever the level.
+        Empty with adhesion among the knobs `given` on a meridian: elements then resolve its range, whatever the level.
         """
         own = experiment.read_settings(settings)
-        if "adhesion" in given:
+        if "adhesion" in given and on_axis(own):
             return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}
@@ -324,6 +343,12 @@ class FiniteElements:
     def sketch(self, settings: Mapping[str, Any], depth: float) -> Sketch:
         """The experiment of these settings, pressed to a depth (mm), in a sentence and as a section."""
         return sketches.sketch(experiment.read_settings(settings), depth)
+
+    def deformed(self, values: Mapping[str, float], case: Case) -> DeformedBody:
+        """Sections through the deformed body and its surface; see :mod:`fem_backend.adapter.deformed`."""
+        solved = self.solve(values, case)
+        result = solved.result
+        return deformed.deformed(solved.placement, result.points, result.on, result.Fz)
 
     def exports(self) -> Mapping[str, str]:
         """Input files of other programs and material cards."""
@@ -481,7 +506,10 @@ class FiniteElements:
         return True
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
-        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
+        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones.
+
+        With pore flow `D1` is that of the drained body, whichever of the two the values name.
+        """
         known = {p.name: p for p in self.parameters}
         unknown = sorted(set(values) - set(known))
         if unknown:
@@ -491,10 +519,27 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return every()(**{n: known[n].check(v) for n, v in given.items() if v is not None})
+        checked = {n: known[n].check(v) for n, v in given.items() if v is not None}
+        if checked["permeability"]:
+            checked["D1"] += checked["pore_D1"]
+        return every()(**checked)
 
 
 BACKEND = FiniteElements()
+
+
+@functools.lru_cache(maxsize=4096)
+def _canonical_again(
+    backend: FiniteElements,
+    values: tuple[tuple[str, type, float], ...],
+    text: str,
+    programme: Programme,
+    stamps: tuple[tuple[str, int, int], ...],
+    table: type,
+) -> tuple[dict[str, float], Mapping[str, Any], Programme]:
+    """A study asks for the same run many times: what it costs, whether it is stored, which others are the same."""
+    kept, case = backend._canonical({k: v for k, _, v in values}, Case("", programme, json.loads(text)))
+    return kept, case.settings, case.programme
 
 
 def _ended(
@@ -539,7 +584,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
     bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
     meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
-    meridian was never made anew.  5: new meshes were coarser, none were made with friction and under a force, and an
+    meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
     rounded tip were too long.
     """
@@ -574,12 +619,23 @@ def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
 
 def _placed(settings: Settings, kept: Mapping[str, float], asked: Callable[[Placement], bool]) -> bool:
     """What is asked of the placement of a run with these values; False where there is none."""
-    known = {f.name for f in dataclasses.fields(every())}
+    placement = _placement(settings, tuple(sorted(kept.items())), every())
+    return placement is not None and asked(placement)
+
+
+@functools.lru_cache(maxsize=1024)
+def _placement(settings: Settings, kept: tuple[tuple[str, float], ...], knobs: type) -> Placement | None:
+    """The placement with these values, None where there is none: a study asks for a few, thousands of times.
+
+    Where a body lies and what touches it hangs on no modulus.
+    """
+    known = {f.name for f in dataclasses.fields(knobs)}
+    if any(name in MODULI for name, _ in kept):
+        return _placement(settings, tuple(pair for pair in kept if pair[0] not in MODULI), knobs)
     try:
-        knobs = every()(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
-        return asked(modelling.place(settings, knobs))
+        return modelling.place(settings, knobs(**dict.fromkeys(MODULI, 1.0), **{k: v for k, v in kept if k in known}))
     except NotModelled:
-        return False  # the run itself will say why
+        return None  # the run itself will say why
 
 
 def _read(case: Case) -> Settings:
@@ -639,7 +695,7 @@ def passages(programme: Programme) -> list[Instant]:
 def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     """Material knobs that are in use, smooth and differentiated; none where the way or the sag would enter too.
 
-    None without multipliers either: what the penalty lacks hangs on the material, 1 to 6 % of a derivative by D1.
+    None without multipliers either: what the penalty lacks depends on the material, 1 to 6 % of a derivative by D1.
     """
     way = path_dependent(settings, dataclasses.asdict(knobs))
     if not settings.derivatives or not settings.multipliers or way or knobs.weight:

@@ -7,19 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from fem_backend import post
+from fem_backend.adapter.deformed import fields
 from fem_backend.backend import Solved
 from fem_backend.contact import tractions
-from fem_backend.materials import response
-from fem_backend.solver.load_steps import LoadPoint
-
-
-def fields(solved: Solved, point: LoadPoint) -> post.Fields:
-    """Stress and stretch at the quadrature points of one state, with the history that led there."""
-    system, load = solved.on(point).system, point.load
-    body = system.body
-    H = point.evaluation.H
-    state = response.state(body, system.material, H, load.history, load.dt, system.scale)
-    return post.fields(body, point.evaluation.u, system.material, state=state)
 
 
 def write_files(solved: Solved, folder: Path) -> list[Path]:
@@ -32,7 +22,7 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
     for k, point in enumerate(solved.result.points):
         system = solved.on(point).system
         body, surface = system.body, system.pressing.surface
-        nodal = post.nodal(body, fields(solved, point))
+        nodal = post.nodal(body, fields(solved.on(point), point))
         pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
         data = {
             "cauchy_MPa": nodal.cauchy,
@@ -57,7 +47,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
     for k, point in enumerate(solved.result.points):
         on = solved.on(point)
         body, surface = on.system.body, on.system.pressing.surface
-        nodal = post.nodal(body, fields(solved, point))
+        nodal = post.nodal(body, fields(solved.on(point), point))
         u, touch = point.evaluation.u, point.load.pressing
         points = tractions.contact_points(surface, body.nodes + u)
         pressed = point.evaluation.contact.pressure > 0

@@ -354,8 +354,8 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
 def signal(records, D1, mu, noise):
     """Size of the effect over the noise after re-fit of mu, D1, gains and contact offsets; and where it stands out.
 
-    sqrt(min chi^2) of the noise-free records against the null curves, gains (1 %) and contact offsets (10 um) of
-    each curve fitted with their priors by Gauss-Newton. About 3 is hardly visible; the null gives nearly zero.
+    sqrt(min chi^2) of the noise-free records against the null curves, gains and contact offsets of
+    each curve fitted with their noise as priors by Gauss-Newton. About 3 is hardly visible; the null gives nearly zero.
     Returns (signal, [{"experiment", "channel", "share of chi^2"}] largest first).
     """
 
@@ -382,7 +382,8 @@ def signal(records, D1, mu, noise):
             sd = np.sqrt(noise["force_N"] ** 2 + np.outer([0, 0, 1], noise["depth_mm"] * slope) ** 2)
             blocks.append((F.T - f.T) / sd)
             rows.append(J / sd.ravel()[:, None])
-        prior = np.diag(np.r_[0.1, 0.1, np.full(2 * n, 100.0)])  # sd 10 for ln mu and ln mu D1; 0.01 for the rest
+        each = np.tile([1.0 / noise["jitter_mm"], 1.0 / noise["repeat_gain"]], n)
+        prior = np.diag(np.r_[0.1, 0.1, each])  # sd 10 for ln mu and ln mu D1
         r = np.concatenate([*(b.ravel() for b in blocks), -prior[2:] @ p])
         chi = min(chi, float(np.sqrt(r @ r)))
         J = np.concatenate([*rows, prior[2:]])

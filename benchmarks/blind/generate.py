@@ -45,7 +45,13 @@ NOMINAL = {
     "profile (recorded with the first mp_load repeat)",
     "points_mm": [[2.5, 2.5], [20, 0]],
     "profile": "vertical displacement of surface marks at reference y=5 mm since contact",
-    "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
+}
+NOISE = {  # (from, to) of each case, log-uniform, and whether the laboratory knows it; since the twenty-second round
+    "force_N": (0.7e-3, 9e-3, True),
+    "depth_mm": (1e-3, 1.2e-2, True),
+    "repeat_gain": (2e-3, 2.5e-2, True),
+    "profile_mm": (0.02, 0.12, True),
+    "jitter_mm": (3e-3, 3e-2, False),
 }
 LOOK_ALIKE = {"fibre_x", "fibre_y", "skin_stiff", "skin_soft", "inclusion_stiff", "inclusion_soft", "cavity"}
 
@@ -83,7 +89,9 @@ def draw_case(kind, names, rng):
     mu, D1 = catalogue.log_uniform(rng, 5e-3, 16e-3), catalogue.log_uniform(rng, 2.0, 80.0)
     rho = float(rng.uniform(0.3, 0.85)) if rng.uniform() < 0.35 else 0.0
     effects = [catalogue.draw(n, rng) for n in names]
-    return {"kind": kind, "mu": mu, "D1": D1, "rho": rho, "effects": effects, "noise_seed": secrets.randbits(96)}
+    noise = {k: catalogue.log_uniform(rng, low, high) for k, (low, high, _) in NOISE.items()}
+    case = {"kind": kind, "mu": mu, "D1": D1, "rho": rho, "noise": noise, "effects": effects}
+    return {**case, "noise_seed": secrets.randbits(96)}
 
 
 def extend_plan(out, counts):
@@ -146,11 +154,14 @@ def make(case, out):
     chain = {}
     for effect in case["effects"]:
         chain.update(effect["chain"])
-    noise = {**NOMINAL["noise"], "rho": case["rho"], "jitter_mm": 0.01}
+    noise = {**case["noise"], "rho": case["rho"]}
+    stated = {k: float(f"{noise[k]:.1g}") for k, (*_, known) in NOISE.items() if known}  # as a data sheet says it
     shift = chain.get("offset", 0.0) + chain.get("offsets", np.zeros(9))[8]  # recorded depth starts this much too late
     deep = min(experiment.DEEP, facts.get("deepest", library.DEEPEST) - max(0.0, shift))
     rng = np.random.default_rng(case["noise_seed"])
-    records = experiment.write(out / case["id"], mech, case["mu"], chain, rng, noise, NOMINAL, deep)
+    records = experiment.write(
+        out / case["id"], mech, case["mu"], chain, rng, noise, {**NOMINAL, "noise": stated}, deep
+    )
     size, where = experiment.signal(records, case["D1"], case["mu"], noise)
     top = mech.top("mp_load", 1, "load", np.array([1.0, 2.0, 3.0, 4.0]))[:, 2] * case["mu"]
     truth = {

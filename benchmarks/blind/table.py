@@ -6,9 +6,11 @@ Counts of every round; those from one round on together, with the 95 % interval 
 import argparse
 import json
 import re
+from collections import Counter
 from pathlib import Path
 
-from catalogue import OUTSIDE
+import numpy as np
+from catalogue import OUTSIDE, SINGLE
 from score import clopper_pearson
 
 ROWS = {
@@ -34,6 +36,7 @@ ROWS = {
 }
 UNSEEN = re.compile(r"case_\d+ (\w+) \(.*\): no_gap, .*")
 SURE = re.compile(r"case_\d+ (\w+) \(.*\): (?:explained|measurement), .* (?:0\.[89]\d|1\.00)")
+BOOTSTRAPS, WORST = 4000, 6
 PLAIN = {
     "limit_of_detection": ("limit of detection (signal)", ""),
     "mean_set_size": ("mean set size", "≤ 2"),
@@ -68,6 +71,28 @@ def outside_seen(a_round):
     return {"k": allowed["k"], "n": allowed["n"] - sum(name in OUTSIDE for name in missed)}
 
 
+def macro_average(rounds, names):
+    """Mean over effects of the share of right answers, its interval by a bootstrap of the effects, and the worst three.
+
+    Each effect counts alike, however many cases it has.  An answer is right where the rules allow its verdict and, of
+    a visible single effect, its causes; a failure is what the score lists.
+    """
+    number, wrong = Counter(), Counter()
+    for r in rounds:
+        number.update({k: sum(v.values()) for k, v in r["confusion"].items() if k in names})
+        wrong.update(name for row in r["failures"] for name in [row.split()[1]] if name in names)
+    each = {k: 1.0 - wrong[k] / n for k, n in sorted(number.items())}
+    rates = np.array(list(each.values()))
+    drawn = np.random.default_rng(0).choice(rates, (BOOTSTRAPS, len(rates))).mean(axis=1)
+    low, high = 100 * np.quantile(drawn, [0.025, 0.975])
+    pooled = 100 * (1.0 - sum(wrong.values()) / sum(number.values()))
+    worst = ", ".join(f"{k} {number[k] - wrong[k]}/{number[k]}" for k in sorted(each, key=each.get)[:WORST])
+    return (
+        f"{100 * rates.mean():.0f} % ({low:.0f}–{high:.0f} %) of {len(rates)} effects, "
+        f"pooled {pooled:.0f} % of {sum(number.values())} cases; lowest: {worst}"
+    )
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
@@ -94,6 +119,11 @@ def main():
     for key, (words, goal) in PLAIN.items():
         cells = ["–" if r.get(key) is None else f"{r[key]:.2f}".replace("-", "−") for r in rounds.values()]
         print(f"| {words} | " + " | ".join(cells) + f" | | {goal} |")
+    for kind, names in (("effects of the catalogue", SINGLE), ("kinds outside the catalogue", tuple(OUTSIDE))):
+        words = f"Rounds {args.first} to {max(rounds)}, {kind}, each counted alike"
+        print(f"\n{words}: {macro_average(late, names)}.")
+    newest = rounds[max(rounds)]
+    print(f"\nThe last round alone, outside the catalogue, verdict allowed: {together([newest['outside_allowed']])}.")
 
 
 if __name__ == "__main__":

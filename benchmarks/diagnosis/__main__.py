@@ -2,7 +2,7 @@
 
     python benchmarks/diagnosis STUDY [--cases 2400] [--whole 40] [--pairs 40] [--store FOLDER] [--out FILE]
                                       [--sections effects,rules,controls,check,shrinkage,next,ablations,smooth,
-                                                  pairs,whole,coverage]
+                                                  pairs,whole,coverage,settings]
 
 Draws causes, sizes and parameters from the priors and data from the noise of the plan, and sends each data set through
 the contests of `rso diagnose`; curves kept for validation are drawn too, and say only how much closes.  The cases share
@@ -34,6 +34,7 @@ import covered
 import sections
 import shrunk
 import smooth
+import varied
 from cases import Table, draw_cases
 from scores import Scored
 
@@ -61,6 +62,7 @@ SECTIONS = (
     "pairs",
     "whole",
     "coverage",
+    "settings",
 )
 
 
@@ -174,6 +176,7 @@ def main() -> None:
         "smooth": lambda: smooth.of_no_cause(say, evidence, y, threshold, o.seed),
         "pairs": lambda: sections.with_pairs(say, own, s, o.pairs),
         "coverage": lambda: covered.section(say, evidence, y, threshold, o.seed),
+        "settings": lambda: varied.section(say, bench, y, cases, classes, o.seed),
         "whole": lambda: complete.complete(say, whole, s, values, o.whole, o.seed),
     }
     for name in ("inference", *(n for n in SECTIONS if n in o.sections.split(","))):

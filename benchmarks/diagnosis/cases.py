@@ -10,7 +10,7 @@ from scipy.linalg import cholesky
 from scipy.special import logsumexp
 
 from rso.discrepancy.evidence import attribution, noise
-from rso.discrepancy.evidence.attribution import GAPS, Comparison, Evidence, Shared
+from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.gaussian_mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
 from rso.discrepancy.library.effects import Effect, Size
 from rso.discrepancy.library.prediction import predict
@@ -143,7 +143,8 @@ class Table:
     """
 
     def __init__(self, evidence: Evidence, Y: np.ndarray, effects: Sequence[Effect] | None = None) -> None:
-        self.evidence, self.Y, self.effects = evidence, Y, tuple(effects or evidence.effects)
+        self.evidence, self.bench = evidence, evidence.bench
+        self.Y, self.effects = Y, tuple(effects or evidence.effects)
         self.columns: dict[tuple[frozenset[str], bool, bool], np.ndarray] = {}
         self._white: dict[int, np.ndarray] = {}
 
@@ -225,7 +226,7 @@ def other_bench(
     H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
     off = np.eye(len(rows)) - H if projected else np.eye(len(rows))
     whites = [white]
-    for gap in GAPS:
+    for gap in bench.settings.priors.gaps:
         K = off @ noise.unexplained(bench.library, force, *gap)[np.ix_(rows, rows)] @ off.T
         whites.append(replace(whitening(C[np.ix_(rows, rows)] + K), rows=rows))
     return replace(bench, C=C, whites=tuple(whites), alone=())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from cases import NULL, PAIRS, Cases, Table
@@ -11,13 +12,15 @@ from scipy.special import logsumexp
 from scipy.stats import beta
 
 from rso.discrepancy.diagnosis import LEVEL
-from rso.discrepancy.evidence.attribution import NO_GAP, PRIOR, Comparison, Evidence
-from rso.discrepancy.evidence.gaussian_mixture import log_tiles, mean_prediction, posterior
+from rso.discrepancy.evidence.attribution import Comparison, Evidence
+from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
 from rso.discrepancy.evidence.verdict import Judgement, judge
 from rso.discrepancy.library.effects import Effect
 
 DRAWS = 400
+STRONG = 6.0  # of BIC: strong evidence (Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773, section 3.2)
 Key = tuple[str, ...]
 UNEXPLAINED = ("unexplained",)
 
@@ -60,13 +63,14 @@ class Scored:
         threshold: float,
         classes: Mapping[str, frozenset[str]],
         first: Sequence[Comparison] | None = None,
+        rules: VerdictRules = SETTINGS.rules,
     ) -> None:
         first = contests if first is None else first
         self.cases, self.contests, self.threshold = cases, contests, threshold
         B = range(len(contests))
         self.truth = [cases.truth(i) for i in B]
         self.found = np.array([c.statistic > threshold for c in first])
-        self.judged: list[Judgement] = [judge(c, bool(g)) for c, g in zip(contests, self.found, strict=True)]
+        self.judged: list[Judgement] = [judge(c, bool(g), rules) for c, g in zip(contests, self.found, strict=True)]
         source = {e.name.removesuffix("_twin"): e.source for c in contests[:1] for h in c.hypotheses for e in h.effects}
         self.named = [{source[n.removesuffix("_twin")] for n in j.named} for j in self.judged]
         self.probability = [by_key(c, c.probability) for c in contests]
@@ -106,7 +110,7 @@ def slope(scored: Scored, rows: np.ndarray, given: bool) -> float:
         if given:
             p = {k: v for k, v in p.items() if len(k) == 1 and k != UNEXPLAINED}
         else:
-            often = (NULL / NO_GAP, (1 - NULL - PAIRS) / ((1 - NO_GAP) * PRIOR["single"]))
+            often = (NULL / SETTINGS.priors.no_gap, (1 - NULL - PAIRS) / SETTINGS.priors.of("single"))
             p = {k: v * often[len(k)] for k, v in p.items() if len(k) < 2 and k != UNEXPLAINED}
         total = sum(p.values())
         for k, v in p.items():
@@ -186,6 +190,71 @@ def oracle(table: Table, cases: Cases) -> np.ndarray:
             mine = np.array([bool(effects) and effects[0].source in cases.truth(i) for i in part])
             best[part] = np.where(mine, best[part], np.maximum(best[part], like))
     return own > best
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """What generalised least squares with BIC say of each data set: a gap, the best cause, all causes within STRONG."""
+
+    gap: np.ndarray
+    best: tuple[str, ...]
+    named: tuple[frozenset[str], ...]
+
+    def figures(self, cases: Cases) -> list[str]:
+        """False alarms; detected; of those found with one cause: on top, in the named set, its size, wrong and sure."""
+        truth = [cases.truth(i) for i in range(len(self.gap))]
+        null, single = np.array([not t for t in truth]), np.array([len(t) == 1 for t in truth])
+        hit = np.nonzero(self.gap & single)[0]
+        wrong = [len(self.named[i]) == 1 and self.named[i] != frozenset(truth[i]) for i in hit]
+        return [
+            share(self.gap[null]),
+            f"{np.mean(self.gap[~null]):.3f}",
+            f"{np.mean([self.best[i] == truth[i][0] for i in hit]):.3f}",
+            f"{np.mean([truth[i][0] in self.named[i] for i in hit]):.3f}",
+            f"{np.mean([len(self.named[i]) for i in hit]):.2f}",
+            f"{np.mean(wrong):.3f}",
+        ]
+
+
+def rival(table: Table, cases: Cases) -> Rival:
+    """Generalised least squares with the same covariance: the best size of every effect, judged by BIC.
+
+    BIC = −2 ln L + k ln n, with k parameters and n readings; the free gap competes with every size it may have.  What
+    is within STRONG of the best is named, unless the free gap or the base model is the best.
+    """
+    evidence, B, n = table.evidence, len(cases.Y), cases.Y.shape[1]
+    base = 1 + len(evidence.bench.library.base.axes)
+    sources = sorted({e.source for e in evidence.effects if e.family != "scatter"})
+    bic = np.full((len(sources) + 2, B), np.inf)
+    bic[0] = _deviance(evidence.ready(()), cases.Y) + base * np.log(n)
+    for e in evidence.effects:
+        if e.family != "scatter":
+            k = 2 + sources.index(e.source)
+            own = _deviance(evidence.ready((e,)), cases.Y) + (base + len(e.knobs)) * np.log(n)
+            bic[k] = np.minimum(bic[k], own)
+    for level in range(1, len(evidence.bench.whites)):
+        bic[1] = np.minimum(bic[1], _deviance(evidence.ready((), level), cases.Y) + (base + 1) * np.log(n))
+    first, least = np.argmin(bic, axis=0), bic.min(axis=0)
+    near = bic <= least + STRONG
+    named = [
+        frozenset(s for s, q in zip(sources, near[2:, i], strict=True) if q)
+        if first[i] > 1 and not near[1, i]
+        else frozenset()
+        for i in range(B)
+    ]
+    return Rival(first > 0, tuple(["", "", *sources][f] for f in first), tuple(named))
+
+
+def _deviance(h: Ready, Y: np.ndarray) -> np.ndarray:
+    """−2 ln L (B,) at the most likely parameters of any tile, without what all hypotheses share."""
+    Yw = h.white(Y)
+    Z, least = Yw @ h.Q, np.full(len(Y), np.inf)
+    for part in np.array_split(np.arange(len(Y)), max(1, -(-len(Y) // 200))):
+        t = np.argmax(log_tiles(h, Yw[part]), axis=1)
+        b = np.einsum("bkq,bq->bk", h.X[t], Z[part] - h.c[t])
+        fit = np.einsum("bk,bkq->bq", np.einsum("bkl,bl->bk", h.S_inverse[t], b), h.X[t]) + h.c[t]
+        least[part] = np.sum(Yw[part] ** 2, axis=1) - 2 * np.sum(Z[part] * fit, axis=1) + np.sum(fit**2, axis=1)
+    return least + h.white.log_det
 
 
 def baselines(table: Table, cases: Cases) -> dict[str, np.ndarray]:

@@ -28,7 +28,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | N
     """The end of a law on the way to the `deepest` travel (mm); None where there is none for certain.
 
     Raises model.NotModelled for laws that do not combine.  Skins, holes, inclusions, fibres and layers with a law of
-    their own change what is reached below the ball: nothing is foretold of them.  A body that sinks on its support is
+    their own change what is reached below the ball: nothing is predicted of them.  A body that sinks on its support is
     indented by less than the travel.
     """
     stuff = modelling.material(settings, knobs)
@@ -55,8 +55,8 @@ def small_strains(settings: Settings, knobs: Knobs, deepest: float) -> str | Non
     if not LAWS.members[settings.law].small_strain or deepest <= SMALL * R:
         return None
     return (
-        f'law = "{settings.law}" to {deepest:.3g} mm: small-strain kinematics end at about 0.7 to 1.1 times the size '
-        f"of the indenter, here {0.7 * R:.2g} to {1.1 * R:.2g} mm; take {LAWS.default} or another law of finite "
+        f'law = "{settings.law}" to {deepest:.3g} mm: small-strain kinematics hold to about {0.7 * R:.2g} mm '
+        f'({1.1 * R:.2g} mm at most) with this indenter. Use law = "{LAWS.default}", another law of finite '
         "strain, or smaller depths"
     )
 

@@ -49,7 +49,7 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     of those of the other channels lie below, in the median by 1.6 times (force, area, radius), 2 to 4 times (the
     others) or 4.8 (lateral forces).  Of all lateral forces, in 30 experiments beside the top, tilted, rubbing on
     slopes, 92 % lie below, in the median by 4.0 times (rubbing 89 %, 3.7); a ball that slips on a compressible body
-    missed by up to three times.  In 12 kept back earlier, in bowls, tilted, with a way back, it was 98 % of the errors
+    missed by up to three times.  In 12 kept back earlier, in bowls, tilted, with unloading, it was 98 % of the errors
     of the force (coarse and standard), 91 % of surface points, 88 to 100 % of the others.
     Valid for the shipped meshes at the levels coarse and standard (fine and reference are extrapolated with the force,
     and were compared at two materials; fine in twelve bowls, where its facets are the largest of all), K/μ from 1.5 to
@@ -92,8 +92,8 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
     h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
     Beyond a travel of 1.5 lengths of the indenter s_j ≤ 1.1 s_k: errors grow fast there.
-    Beyond a travel w at which a mesh was outworn and none was made anew, r grows by (s/w)⁶, too.
-    Where the mesh was made anew within a quarter of s, at least half of what the force changed by counts.
+    Beyond a travel w at which a mesh was outworn and no other was made, r grows by (s/w)⁶, too.
+    Where the mesh was remade within a quarter of s, at least half of what the force changed by counts.
 
     With pore flow steps are twice as long there, too, and neighbours are also near in the time since a rest began.
     Where the indenter is sealed the edge of what drains is as wide as an element, of first order: m = 1.
@@ -274,7 +274,7 @@ def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
 
 
 def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
-    """What steps leave (k,) of displacements (mm) and of the contact (mm, mm²) of a body that relaxes, on the way back.
+    """What steps leave (k,) of displacements (mm) and of the contact (mm, mm²) of a body that relaxes, in unloading.
 
     As of the force, Σg ds/s of the largest so far, ds the longest step and s the deepest travel up to there: of the
     contact while there is one, of points once the ball has left them.  Under its weight a body creeps on the way there,

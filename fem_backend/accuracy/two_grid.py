@@ -26,7 +26,7 @@ from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
-COARSE = "the run on a coarser mesh, which tells the errors,"
+COARSE = "the run on a coarser mesh, which gives the errors,"
 AS_OTHERS = "they are several times those of a specimen whose meshes are calibrated"
 BEYOND = "a power of the travel"
 ROUGHER = {"coarse": meshing.CRUDE, "standard": meshing.CRUDE, "fine": "coarse", "reference": "coarse"}
@@ -145,7 +145,7 @@ def checked(
     start: Guess | None = None,
     slopes: Sequence[str] = (),
 ) -> Result:
-    """Result of a run beside the channels of one on a coarser mesh, which tell its error.
+    """Result of a run beside the channels of one on a coarser mesh, which show its error.
 
     A meridian has elements of twice the size there, a body in space those of a level below.  Where the other ends
     early, its channels are nan from there on, and the result says so.  Raises NotModelled and Stopped, as the run

@@ -1,1 +1,1 @@
-"""What the backend tells `rso` beside its answers: priors, alternatives, levels of models, costs."""
+"""What the backend shows `rso` beside its answers: priors, alternatives, levels of models, costs."""

@@ -39,8 +39,8 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
             "1",
             lambda v: (3.0 - v["mu"] * v["D1"]) / (6.0 + v["mu"] * v["D1"]),
             SOFT,
-            "a Poisson's ratio below 0.3 is unlikely for a gel, an elastomer or soft tissue: an error of the contact "
-            "point, of the radius or of the thickness looks like that, too",
+            "a Poisson's ratio below 0.3 is unlikely for a gel, an elastomer or soft tissue. Check the contact "
+            "point, the radius and the thickness first",
         ),
         DerivedQuantity("K", "K", "bulk modulus", "MPa", lambda v: 2.0 / v["D1"]),
     ]

@@ -32,7 +32,7 @@ def options() -> tuple[SettingsOption, ...]:
 def geometry(given: Given, depths: Sequence[float] = ()) -> dict[str, Line]:
     """Specimen, indenter, support and law by options; ValueError for what is missing or contradicts.
 
-    `depths` (mm) of records tell lengths that were left out.
+    `depths` (mm) of records show lengths that were left out.
     """
     known = {o.name: o for o in options()}
     tables: dict[str, dict[str, Any]] = {}
@@ -106,7 +106,7 @@ def _other_supports(specimen: Any) -> str:
 def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, float]]) -> Line:
     """The cheapest level that resolves the shallowest of tests to `depths` (mm), and what it misses of the force there.
 
-    `errors_at` says of a depth (mm) the share that each level misses, from cheap to dear.
+    `errors_at` says of a depth (mm) the share that each level misses, from cheap to costly.
     """
     d = min(depths, default=0.0)
     if d <= 0.0:
@@ -137,15 +137,14 @@ def parameters(
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
             raise ValueError(
-                f"the modulus by {name} would be {mu:.2g} MPa, which is none: "
-                "Fz falls while the indenter goes deeper; is it a tensile record, "
-                "or a sign or a zero wrong?"
+                f"the modulus by {name} would be {mu:.2g} MPa, which is not possible. Fz falls while the indenter "
+                "goes deeper: is this a tensile record, or is a sign or a zero wrong?"
             )
     low, high = (mu / (STIFFENED if walled else 1.0) / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"{name} of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     limit += "; the wall of the well makes that too much, no formula has one" if walled else ""
-    why = limit if mu > 0 else "no reading tells: narrow it"
+    why = limit if mu > 0 else "the readings do not show it: narrow it"
     bulk = "bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"
     return {
         "mu": _range(1e3 * low, 1e3 * high, "kPa", why),
@@ -164,7 +163,7 @@ def _adhesion(pull: Mapping[str, float]) -> dict[str, Line]:
     if "adhesion_range" not in pull:
         return found
     reach = f"{_two(pull['adhesion_range'])} mm"
-    short = "or shorter and dearer, of no influence once it is short enough; rso run at two of them tells"
+    short = "shorter costs more and stops to matter at some length; compare rso run at two of them"
     return {**found, "adhesion_range": Line({"value": reach}, short, True)}
 
 

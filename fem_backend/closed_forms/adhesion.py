@@ -60,7 +60,7 @@ def jkr_jump_off(R: float, w: float, stiff: float) -> tuple[float, float]:
 
 
 def jkr_force(depth: np.ndarray, R: float, w: float, stiff: float) -> np.ndarray:
-    """Force (N) of the contact that JKR has at depths (n,) mm on the way back; 0 beyond its jump-off."""
+    """Force (N) of the contact that JKR has at depths (n,) mm in unloading; 0 beyond its jump-off."""
     d = np.asarray(depth, float)
     least, _ = jkr_jump_off(R, w, stiff)
     low = (np.pi * w * R**2 / (8.0 * stiff)) ** (1.0 / 3.0)  # dδ/da = 0

@@ -216,7 +216,7 @@ def met(pair: Pair, before: Before, touch: Touch) -> np.ndarray | None:
     Until then the point follows the rigid body but for `LAG` of its way: it sticks at Δx = (1 − LAG (1 − s)) Δc.
     Outside a stuck circle a surface follows by (2/π) asin(a/r) (Johnson 1985, §7.2), by 1/2 in the mean of one that
     grows from nothing and by nearly all beside one that grows little.
-    The gap at the end of the step would tell nothing: contact keeps it at zero.
+    The gap at the end of the step would show nothing: contact keeps it at zero.
     """
     way = np.asarray(touch.centre, float) - np.asarray(before.centre, float)
     if not way.any():

@@ -92,8 +92,8 @@ def fault(points: Sequence[tuple[float, float]], rows: Sequence[int]) -> str | N
         if k > 1 and angles[-1] < angles[-2] - EVEN:
             return (
                 f"row {rows[k - 1]}: z = {points[k - 1][1]:g} mm at r = {points[k - 1][0]:g} mm: the profile bends "
-                f"inwards there, from {math.degrees(angles[-2]):.3g} to {math.degrees(angles[-1]):.3g} degrees; it "
-                "must be convex: smooth the measured points"
+                f"inwards there ({math.degrees(angles[-2]):.3g} to {math.degrees(angles[-1]):.3g} degrees). It must "
+                "be convex: smooth the measured points"
             )
     flat = _straight(angles)
     if flat[0] and angles[0] > EVEN:

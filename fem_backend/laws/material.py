@@ -15,7 +15,7 @@ class Material:
     """S = S_vol + Prony(η S_iso), S_iso of the law and the fibre together; absent parts are None.
 
     The softening acts on the elastic stress, and what is left relaxes.  Raises ValueError for any of them with a
-    small-strain law, which has neither Ī₄ nor isochoric stresses to remember.
+    small-strain law, which has neither Ī₄ nor isochoric stresses with a history.
     """
 
     law: Law

@@ -177,7 +177,7 @@ def projected(
 
 
 def modulus_at_points(body: Body, material: Substance) -> float:
-    """The largest K + μ (MPa) whose stress is told from displacement gradients at the points alone, not projected."""
+    """The largest K + μ (MPa) whose stress is found from displacement gradients at the points alone, not projected."""
     of = [split(m)[0] if isinstance(body, MeridianBody) else m for m, _ in regions.parts(material)]
     return max(m.bulk_modulus + m.shear_modulus for m in of)
 

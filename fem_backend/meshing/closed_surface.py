@@ -47,7 +47,7 @@ def closed(vertices: np.ndarray, facets: np.ndarray) -> ClosedSurface:
         raise ValueError(_several(vertices, kept, label, parts))
     turned = _turned(len(kept), one, two, alike)
     if np.any(turned[one] ^ turned[two] ^ alike):
-        raise ValueError("has one side only, as a Moebius strip: no inside can be told")
+        raise ValueError("has one side only, as a Moebius strip: it has no inside")
     out = kept.copy()
     out[turned] = out[turned][:, ::-1]
     if turned.any() and not turned.all():

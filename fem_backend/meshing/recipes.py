@@ -76,7 +76,7 @@ def _said(what: str) -> Iterator[None]:
         while not over.wait(ALIVE):
             print(f"  {what}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
 
-    print(f"  {what}: once, 10 to 90 s; the mesh is kept for later studies", file=sys.stderr, flush=True)
+    print(f"  {what}: once, 10 to 90 s; the mesh is stored for later studies", file=sys.stderr, flush=True)
     teller = threading.Thread(target=tell, daemon=True)
     teller.start()
     try:

@@ -1,4 +1,4 @@
-"""A smooth closed surface triangulated anew with edges of asked lengths: the graded input of fTetWild."""
+"""A smooth closed surface retriangulated with edges of asked lengths: the graded input of fTetWild."""
 
 from __future__ import annotations
 

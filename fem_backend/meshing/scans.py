@@ -181,7 +181,7 @@ def make(data: Mapping[str, Any]) -> Mesh:
 def graded(data: Mapping[str, Any]) -> Mesh:
     """Tetrahedra of the smooth body of a recipe by fTetWild, boundary vertices on the surface; raises BadMesh.
 
-    Its surface is made anew with edges as long as the sizing asks, at most 0.8 of the smallest radius of curvature.
+    Its surface is remade with edges as long as the sizing asks, at most 0.8 of the smallest radius of curvature.
     """
     try:
         body = scan(data["file"], data["scale"])

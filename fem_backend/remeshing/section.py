@@ -1,6 +1,6 @@
 """A new mesh of the deformed meridian around an indenter, its nodes pulled back to where they were before.
 
-The part of the body around the indenter is triangulated anew where it lies now; every new node is then traced back by
+The part of the body around the indenter is retriangulated where it lies now; every new node is then traced back by
 the old mesh to its place in the undeformed body (rezoning).  What follows goes on in total Lagrangian form: laws,
 histories, marks and derivatives know nothing of it.  The rest of the mesh stays, node by node.
 """
@@ -103,12 +103,12 @@ def _loop(cells: np.ndarray) -> np.ndarray:
     single = edges[first[count == 1]]
     following = {int(e[0]): e for e in single}
     if len(following) != len(single):
-        raise NoMesh("the part to be meshed anew meets itself")
+        raise NoMesh("the part to be remeshed meets itself")
     out = [single[0]]
     while int(out[-1][1]) != int(out[0][0]):
         out.append(following[int(out[-1][1])])
     if len(out) != len(single):
-        raise NoMesh("the part to be meshed anew has holes")
+        raise NoMesh("the part to be remeshed has holes")
     return np.array(out)
 
 
@@ -132,7 +132,7 @@ def _chains(section: DeformedMeridian, near: np.ndarray, loop: np.ndarray) -> li
         if kinds[k] != kinds[k - 1] or way[k] @ way[k - 1] < CORNER or int(loop[k][0]) in meets or kinds[k][0] == 0
     ]
     if not breaks:
-        raise NoMesh("the part to be meshed anew has no corner")
+        raise NoMesh("the part to be remeshed has no corner")
     return [
         EdgeChain(np.roll(loop, -k, axis=0)[: (following - k) % len(loop) or len(loop)], kinds[k][0] == 0)
         for k, following in zip(breaks, [*breaks[1:], breaks[0]], strict=True)

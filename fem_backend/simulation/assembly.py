@@ -275,8 +275,8 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         holding = " or ".join(f'"{name}"' for name, member in SUPPORTS.members.items() if not member.loose)
         raise NotModelled(
             "not_supported",
-            f'law = "{settings.law}" with support = "{settings.support.name}" where the body may turn '
-            "(point, tilt or misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "
+            f'law = "{settings.law}" with support = "{settings.support.name}" lets the body turn (point, tilt or '
+            "misalignment off the axes). Its strain, sym grad u, grows with a rotation: use law = "
             f'"{LAWS.default}", which agrees to first order, or support = {holding}',
         )
     everything = (stuff, *of_layers(settings, knobs))
@@ -341,7 +341,7 @@ def _symmetric(settings: Settings, knobs: Knobs) -> bool:
 
 
 def _shared(settings: Settings, knobs: Knobs, placement: Placement) -> Settings:
-    """The settings as far as a model hangs on them, so that runs share it."""
+    """The settings as far as a model depends on them, so that runs share it."""
     return Settings(
         settings.specimen,
         settings.indenter,

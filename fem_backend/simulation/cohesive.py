@@ -59,8 +59,8 @@ def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
         number = closed_forms.tabor(R, knobs.adhesion, E, knobs.adhesion_range)
         raise Unresolved(
             f"adhesion_range = {knobs.adhesion_range:.3g} mm: attraction acts on {l:.3g} mm beside a contact of "
-            f"{radius / BESIDE:.3g} mm (Tabor parameter {number:.3g}), "
-            f"for which {MOST} elements are not enough; from {least:.2g} mm on they are"
+            f"{radius / BESIDE:.3g} mm (Tabor parameter {number:.3g}). {MOST} elements cannot resolve that; "
+            f"{least:.2g} mm is the least"
         )
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))
 

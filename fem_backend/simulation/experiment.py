@@ -50,7 +50,7 @@ class Settings:
     (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
     `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
-    `remesh` says whether its mesh is made anew where it is outworn; `drainage` are those under the indenter and at the
+    `remesh` says whether its mesh is remade where it is outworn; `drainage` are those under the indenter and at the
     support; `large_strain` says that mesh and element in space are those of deep indentations, see `for_travel`.
     """
 
@@ -130,7 +130,7 @@ class MeshTable(members.MemberTable):
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
     remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "when_needed"
-    """when_needed | never: whether the mesh of a body of revolution is made anew where it is outworn on the way."""
+    """when_needed | never: whether the mesh of a body of revolution is remade where it is worn out."""
 
     @model_validator(mode="before")
     @classmethod
@@ -173,7 +173,7 @@ class SettingsTable(members.MemberTable):
     speed: Annotated[Any, BeforeValidator(_speed)] = 1.0
     """Not used: the programme carries the times."""
     unload: members.Flag = False
-    """Not used: the programme carries the way back."""
+    """Not used: the programme has the unloading."""
     profile: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_places)] = ()
     """Surface marks (x, y) mm whose vertical displacement is asked for."""
     earlier: Annotated[float, BeforeValidator(_earlier)] = 0.0
@@ -264,8 +264,8 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
     key, bends = indenter.finest
     if not specimen.of_revolution and bends < RESOLVED * meshed.h0:  # a meridian is as fine as the indenter wants it
         raise ValueError(
-            f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact do not resolve a radius of {bends:.3g} mm, "
-            f"at least {1.006 * RESOLVED * meshed.h0:.3g} mm; a larger one, or a finer mesh"
+            f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact cannot resolve a radius of {bends:.3g} "
+            f"mm. Use at least {1.006 * RESOLVED * meshed.h0:.3g} mm, or a finer mesh"
         )
     control = Control().scaled(indenter.length)
     return Settings(
@@ -319,7 +319,7 @@ def on_axis(settings: Settings) -> bool:
 
 
 def remeshed_from(settings: Settings) -> float:
-    """Travel (mm) up to which no mesh is made anew: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
+    """Travel (mm) up to which no mesh is remade: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
     if settings.remesh == "never" or not on_axis(settings) or not settings.multipliers:
         return np.inf
     return watched_from(settings)

@@ -44,7 +44,7 @@ class Result:
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
     `coarser` are the channels of the same run on a coarser mesh, where that was made, `unchecked` says how errors are
     told where that ended early, `finer` how many times as many nodes this one has; `on` says with what each point was
-    solved, `legs` at which travels (mm) the mesh was made anew, and the share that the force changed by.
+    solved, `legs` at which travels (mm) the mesh was remade, and the share that the force changed by.
     `outworn` (k,) mm says from which travel on the mesh of each point was outworn and kept; ∞ without.
     `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
     the share of the force that is not met there; None without any.
@@ -113,7 +113,7 @@ def solve(
 
     `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.  Where it ends early for
     want of an equilibrium it is tried once more from the start, as `again` says, without a guess: what is found must
-    not hang on which travels are asked for.  The deeper of the two counts.
+    not depend on which travels are asked for.  The deeper of the two counts.
     """
     started = time.process_time()
     deadline = started + settings.control.time_limit_s

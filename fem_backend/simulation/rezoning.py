@@ -52,7 +52,7 @@ class MeshLeg:
 
 
 def allowed(at: InitialState) -> bool:
-    """Whether the mesh of a run may be made anew: a meridian with exact contact, no weight carried by multipliers."""
+    """Whether the mesh of a run may be remade: a meridian with exact contact, no weight carried by multipliers."""
     return at.placement.meridian and at.carrying is None and np.isfinite(remeshed_from(at.settings))
 
 
@@ -104,7 +104,7 @@ def _kept(legs: list[MeshLeg], here: float) -> float:
 
 
 def _noting(legs: list[MeshLeg]) -> Wear | None:
-    """What takes note of where a mesh is outworn that is never made anew; None where that is not known."""
+    """What takes note of where a mesh is outworn that is never remade; None where that is not known."""
     if not legs[-1].at.placement.meridian or legs[-1].at.carrying is not None:
         return None
     worn = wear(legs[-1])
@@ -173,7 +173,7 @@ def follow(
 
 
 def renewals(legs: list[MeshLeg], counters: Counters) -> Renew | None:
-    """What makes the mesh anew on a way that is followed elsewhere, and takes note of it in `legs`; None where none may
+    """What remakes the mesh on a way that is followed elsewhere, and takes note of it in `legs`; None where none may
     be made."""
     since, note = 0.0, None if renewable(legs[-1].at) else _noting(legs)
     if note is None and not renewable(legs[-1].at):
@@ -271,7 +271,7 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
     An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (2.2 times of a
-    mesh made anew, 1.7 below an edge or a tip) and was not so long when the mesh was made; or the corners of a cell,
+    mesh remade, 1.7 below an edge or a tip) and was not so long when the mesh was made; or the corners of a cell,
     well shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
     at, since = leg.at, max(since, watched_from(leg.at.settings))

@@ -12,7 +12,7 @@ travel.  R = 0 is solved within, from a state that du/ds predicts, so that the b
 
 is condensed to δs = −(F − F*)/F′ with the known tangent F′ = dF/ds (Batoz & Dhatt 1979, Int. J. Numer. Methods Eng. 14,
 1262), after the first step with the secant of the last two.  The force is that with the multipliers of contact, as in
-answers, at every step that a force decides: what is found does not hang on which moments are asked for.
+answers, at every step that a force decides: what is found does not depend on which moments are asked for.
 """
 
 from __future__ import annotations
@@ -130,8 +130,8 @@ class Wanted(NamedTuple):
 @dataclass(frozen=True)
 class Bench:
     """What every step needs: `measure` is the force (N) of the whole specimen along the way of that (3,) N of the
-    modelled part, `share` of which is the whole; `tau` (s) the shortest relaxation time, ∞ without any; `renew` makes
-    meshes anew on the way."""
+    modelled part, `share` of which is the whole; `tau` (s) the shortest relaxation time, ∞ without any; `renew` remakes
+    meshes on the way."""
 
     system: System
     start: Start
@@ -176,7 +176,7 @@ class _Walk:
         self.out = Followed([], [], [], [], [])
         self._first, self._aim, self._on_the_way = first, 0.0, False
         self._floor = 0.0, 0.0  # relative residual that round-off left, at a force (N)
-        self._meshes = 0  # made anew
+        self._meshes = 0  # remade
 
     # ------------------------------------------------------------------------------------------------------- legs
 
@@ -401,7 +401,7 @@ class _Walk:
     def _attempted(self, goal: Instant, guess: np.ndarray) -> tuple[tuple[Equilibrium, Load, LoadPoint | None], float]:
         """One step from a guess (n, 3), and the relative residual that round-off leaves of it, 0 where it is tight.
 
-        What round-off leaves is a share of the force that falls as that grows: it is not sought anew each time.
+        What round-off leaves is a share of the force that falls as that grows: it is not sought again each time.
         """
         b = self.bench
         least = b.control.tight if goal.asked and not self._on_the_way else max(b.control.tight, ON_THE_WAY)
@@ -506,6 +506,6 @@ def _steepness(trial: Trial, near: Trial | None, slope: float) -> float:
 
 def _slope(system: System, at: Equilibrium, load: Load) -> float:
     """dF/ds (N/mm) of the modelled part along its way d at one moment, by the tangent: −(D − du/ds)·∂R/∂s, D = d at
-    every node: contact hangs on x − s d alone, so that ∂F/∂s and ∂F/∂u are ∂R/∂s up to the sign."""
+    every node: contact depends on x − s d alone, so that ∂F/∂s and ∂F/∂u are ∂R/∂s up to the sign."""
     moving = newton.contact_tangent(system, at.evaluation, load)[1]
     return -float((moving * (load.pressing.direction - at.rate)).sum())

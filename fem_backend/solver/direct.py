@@ -257,7 +257,7 @@ class Schur:
         weakref.finalize(self, _free, self._solver).atexit = False
 
     def factor(self, data: np.ndarray) -> tuple[np.ndarray, Solve, Solve]:
-        """S (c, c), the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the way back.
+        """S (c, c), the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the unloading.
 
         There must be such dofs: Pardiso crashes without.  Raises NotPositiveDefinite, also where S is not.
         """

@@ -1,4 +1,4 @@
-"""A programme followed step by step, for bodies whose answer hangs on the way: friction, relaxation, softening."""
+"""A programme followed step by step, for bodies whose answer depends on the way: friction, relaxation, softening."""
 
 from __future__ import annotations
 

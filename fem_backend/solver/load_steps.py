@@ -1,4 +1,4 @@
-"""Travel of the indenter in steps with a predictor and cut-back, for bodies whose answer does not hang on the way."""
+"""Travel of the indenter in steps with a predictor and cut-back, for bodies whose answer does not depend on the way."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Stage:
 class LoadPoint:
     """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts).
 
-    `leg` counts the meshes that were made anew on the way there.
+    `leg` counts the meshes that were remade on the way there.
     """
 
     time: float
@@ -128,7 +128,7 @@ class Stopped(ArithmeticError):
 
 
 class Worn(Exception):
-    """A state whose mesh is to be made anew: points reached before, displacement (n, 3) and its travel (mm).
+    """A state whose mesh is to be remade: points reached before, displacement (n, 3) and its travel (mm).
 
     `reached` is what a path that counts goes on from.
     """
@@ -334,9 +334,9 @@ def proper(
     least = float(np.linalg.det(np.eye(3) + H).min())
     if min(shortest, least) <= 0.0:
         raise Stopped(
-            "inadmissible", f'law = "{system.material.law.name}": small-strain kinematics end between {here:.4g} and '
-            f"{goal:.4g} mm of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = "
-            f"{shortest:.3g}; take a law of finite strain, such as neo_hookean, or smaller depths",
+            "inadmissible", f'law = "{system.material.law.name}": small-strain kinematics end between {here:.4g} '
+                            f'and {goal:.4g} mm of travel: det(I + grad u) = {least:.3g}, 1 + smallest strain = '
+                            f'{shortest:.3g}. Use a law of finite strain, such as neo_hookean, or smaller depths',
             points, found.history, counters,
         )  # fmt: skip
 
@@ -365,7 +365,7 @@ def equilibrate(
 ) -> LoadPoint:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
-    Of the states `starts` (n, 3) the first is where the search begins, the others tell what each stage will move.
+    Of the states `starts` (n, 3) the first is where the search begins, the others show what each stage will move.
     A body that hardly resists being turned may be left with a residual of `control.loose`, and counts as a loose one,
     if nothing else is left to try (`loose`).
     Raises NotConverged.

@@ -2,9 +2,9 @@
 
 A step that is right to first order leaves strains wrong to second, and K or ε times that is a large stress: it spoils
 the next tangent, which turns stresses with the body.  So the stresses in that part of the tangent are carried along by
-the linear step itself, S + ℂ : δE, p̂ + K Π δJ and λ − ε (g + n·δx), and are not evaluated anew (the mixed Newton of
+the linear step itself, S + ℂ : δE, p̂ + K Π δJ and λ − ε (g + n·δx), and are not evaluated again (the mixed Newton of
 Magisano, Leonetti & Garcea 2017, Int. J. Numer. Methods Eng. 109, 1237; condensed, so that only the tangent changes).
-Which points touch is told by the same linear pressures (primal-dual active set; Hintermüller, Ito & Kunisch 2002).
+Which points touch is found from the same linear pressures (primal-dual active set; Hintermüller, Ito & Kunisch 2002).
 What is found is an equilibrium of the same residual as that of :mod:`fem_backend.solver.newton`.
 """
 
@@ -188,7 +188,7 @@ def _expected(before: Evaluation, at: Evaluation) -> Pressures:
 def _begun(load: Load, at: Evaluation, near: bool) -> Pressures:
     """Pressures to begin with: the multipliers where there are any, those of a start that lies `near`, else hardly any.
 
-    What an overlap tells from far away is far too large, and so is λ + p = 2 p where multipliers are new.
+    What an overlap shows from far away is far too large, and so is λ + p = 2 p where multipliers are new.
     """
 
     def of(multiplier: np.ndarray, pressure: np.ndarray) -> np.ndarray:

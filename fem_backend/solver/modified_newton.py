@@ -1,4 +1,4 @@
-"""Equilibrium with a tangent of the body that is kept while that of the contact is made anew.
+"""Equilibrium with a tangent of the body that is kept while that of the contact is remade.
 
 Modified Newton for the body, Newton for the contact, and what the body's tangent lacks from secants: each step is that
 of BFGS with the last pairs s = Δu, y = ΔR and the condensed tangent as first guess (Matthies & Strang 1979; Nocedal &

@@ -343,7 +343,7 @@ def at_round_off(history: Sequence[float], noise: Callable[[], float] = lambda: 
     """Whether a step with a new factor has gained nothing any more, after the last of the residuals `history`.
 
     Nearly incompressible bodies that are hardly touched end there: their volumetric stresses are 10³ times those under
-    the ball, and so is the round-off of their sums.  `noise` tells that of a body, see `round_off`.
+    the ball, and so is the round-off of their sums.  `noise` shows that of a body, see `round_off`.
     """
     gained = len(history) < 2 or history[-1] <= 0.5 * history[-2]
     return not gained and (history[-1] < ROUND or history[-1] < min(ABOVE * noise(), HIGHEST))

@@ -88,9 +88,9 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
             )
         if size < least:
             out.append(
-                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen, at "
-                f"least {least:.3g} mm (1/{self.largest / least:.3g} of its largest semi-axis); it takes a smaller "
-                "specimen for the same half-space"
+                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen. At "
+                f"least {least:.3g} mm is needed (1/{self.largest / least:.3g} of its largest semi-axis); a smaller "
+                "specimen is the same half-space"
             )
         if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.FARTHEST:
             out.append(

@@ -364,15 +364,15 @@ class Surface(InSpace):
         out, (key, size) = [], indenter.size
         if size > 0.5 * self.smallest:
             out.append(
-                f"indenter.{key} = {size} mm: only indenters much smaller than the specimen are modelled, at most "
-                f"{0.5 * self.smallest:.4g} mm (half of {self.smallest_words}); the surface measures {self._extents} "
-                f"with specimen.unit = {self.unit!r}: is that its unit?"
+                f"indenter.{key} = {size} mm: only indenters up to {0.5 * self.smallest:.4g} mm are modelled (half "
+                f"of {self.smallest_words}). The surface measures {self._extents} with specimen.unit = "
+                f"{self.unit!r}: is that its unit?"
             )
         if size < self.largest / LARGEST:
             out.append(
-                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen, at "
-                f"least {self.largest / LARGEST:.3g} mm (1/{LARGEST} of half its length); the surface measures "
-                f"{self._extents} with specimen.unit = {self.unit!r}: is that its unit?"
+                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen. At "
+                f"least {self.largest / LARGEST:.3g} mm is needed (1/{LARGEST} of half its length). The surface "
+                f"measures {self._extents} with specimen.unit = {self.unit!r}: is that its unit?"
             )
         try:
             on, normal = self.above(*point)

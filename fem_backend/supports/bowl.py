@@ -219,7 +219,7 @@ class Bowl:
 
     @property
     def stride(self) -> float:
-        """How far (mm) a step of a body that lies on it may lead, and what tells such steps from round-off: the lip."""
+        """How far (mm) a step of a body that lies on it may lead, and what shows such steps from round-off: the lip."""
         return self.lip
 
     def gap(

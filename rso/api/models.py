@@ -13,17 +13,19 @@ import numpy as np
 
 from rso.contract import (
     Case,
+    FreeCurve,
     Parameter,
     Programme,
     Response,
     digest,
     drop_neutral,
+    worded,
 )
 from rso.evaluation.adapters import check_values
 
 GIVEN = ("travel", "time", "settings")  # arguments of a model's function that are no parameters
 ALWAYS = {"time": "s", "travel": "mm"}
-Declared = Parameter | tuple[float, float] | tuple[float, float, str]
+Declared = Parameter | tuple[float, float] | tuple[float, float, str] | tuple[str, ...]
 Declarations = Mapping[str, Declared] | Sequence[Parameter]
 
 
@@ -44,6 +46,11 @@ class FunctionModel:
     fingerprint: str
     numerics: int = 1
     takes: frozenset[str] = field(default=frozenset())
+    curves: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
+
+    def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
+        """Name → unit, abscissa and its unit of the curves that it returns beside channels."""
+        return self.curves
 
     def check(self, case: Case) -> None:
         """ValueError for settings where the function takes none."""
@@ -53,7 +60,7 @@ class FunctionModel:
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Effects at neutral dropped; a function that takes no time answers while loading only."""
-        if "time" not in self.takes:
+        if "time" not in self.takes and not case.programme.still:
             case = dataclasses.replace(case, programme=Programme.ramp(case.programme.asked_mm))
         return drop_neutral(self.parameters, check_values(self.parameters, values)), case
 
@@ -76,26 +83,44 @@ class FunctionModel:
         time, travel = case.programme.passages()
         every = {"travel": travel, "time": time, "settings": dict(case.settings)}
         given = {name: every[name] for name in self.takes}
-        found = self.function(**given, **check_values(self.parameters, values))
+        found = self.function(**given, **worded(self.parameters, check_values(self.parameters, values)))
         if isinstance(found, Response):
             return found
-        own = [name for name in self.channels if name not in ALWAYS]
-        channels = dict(found) if isinstance(found, Mapping) else {own[0]: found} if len(own) == 1 else {}
-        if set(channels) != set(own):
-            said = sorted(channels) if isinstance(found, Mapping) else type(found).__name__
+        own = [*(name for name in self.channels if name not in ALWAYS), *self.curves]
+        returned = dict(found) if isinstance(found, Mapping) else {own[0]: found} if len(own) == 1 else {}
+        if set(returned) != set(own):
+            said = sorted(returned) if isinstance(found, Mapping) else type(found).__name__
             raise ValueError(f"{self.name} returned {said}; expected is a mapping of {', '.join(own)} to arrays")
+        channels = {n: v for n, v in returned.items() if n not in self.curves}
         each = {n: np.broadcast_to(np.asarray(v, float), travel.shape) for n, v in channels.items()}
-        return Response({"time": time, "travel": travel, **each}, self.channels)
+        curves = {n: self._curve(n, returned[n]) for n in self.curves}
+        return Response({"time": time, "travel": travel, **each}, self.channels, curves=curves)
+
+    def _curve(self, name: str, found: Any) -> FreeCurve:
+        """A curve as declared; ValueError for what is no pair of abscissa and values."""
+        if isinstance(found, FreeCurve):
+            return found
+        try:
+            at, value = found
+        except (TypeError, ValueError):
+            raise ValueError(f"{self.name}: curve {name!r} must be a pair (abscissa, values)") from None
+        return FreeCurve(at, value, *self.curves[name])
 
 
 def model(
-    *, parameters: Declarations, channels: Mapping[str, str] | None = None, name: str | None = None
+    *,
+    parameters: Declarations,
+    channels: Mapping[str, str] | None = None,
+    curves: Mapping[str, tuple[str, str, str]] | None = None,
+    name: str | None = None,
 ) -> Callable[[Callable[..., Any]], FunctionModel]:
     """Decorator that turns a function of numbers into a backend.
 
-    `parameters` are :class:`rso.Parameter` each, or name → (low, high) or (low, high, unit): hard bounds.  `channels`
-    is name → unit of what the function returns, ``{"Fz": "N"}`` without it.  Of its arguments ``travel`` (n,) mm,
-    ``time`` (n,) s and ``settings`` (mapping) are filled in by the experiment, all others are parameters.
+    `parameters` are :class:`rso.Parameter` each, or name → (low, high) or (low, high, unit): hard bounds; a tuple of
+    texts is a category, of which the function is given the text.  `channels` is name → unit of what the function
+    returns, ``{"Fz": "N"}`` without it or `curves`: name → (unit, abscissa, its unit) of pairs (abscissa, values) that
+    it returns beside.  Of its arguments ``travel`` (n,) mm, ``time`` (n,) s and ``settings`` (mapping) are filled in by
+    the experiment, all others are parameters.
 
         @rso.model(parameters={"k": (0.1, 10.0, "N/mm")})
         def spring(travel, k):
@@ -119,10 +144,11 @@ def model(
         return FunctionModel(
             function,
             declared,
-            {**ALWAYS, **({"Fz": "N"} if channels is None else channels)},
+            {**ALWAYS, **({"Fz": "N"} if channels is None and curves is None else channels or {})},
             name or function.__name__,
             _source(function),
             takes=frozenset(names) & frozenset(GIVEN),
+            curves=dict(curves or {}),
         )
 
     return backend
@@ -136,12 +162,14 @@ def _declared(name: str, given: Declared) -> Parameter:
     """A parameter by its bounds; ValueError naming it for what is none."""
     if isinstance(given, Parameter):
         return given
+    if isinstance(given, tuple | list) and len(given) > 1 and all(isinstance(v, str) for v in given):
+        return Parameter(name, name, "1", 0.0, len(given) - 1.0, choices=tuple(map(str, given)))
     try:
         low, high, unit = given if len(given) == 3 else (*given, "1")
         if not float(low) < float(high):
             raise ValueError
     except (TypeError, ValueError):
-        text = "(low, high) or (low, high, unit) with low < high is expected"
+        text = "(low, high) or (low, high, unit) with low < high, or texts to choose from, is expected"
         raise ValueError(f"parameter {name!r} = {given!r}: {text}") from None
     return Parameter(name, name, str(unit), float(low), float(high))
 

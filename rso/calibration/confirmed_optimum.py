@@ -1,4 +1,4 @@
-"""What measured curves are compared with: the likelihood on an emulator, settled by runs where it counts."""
+"""What measured curves are compared with: the likelihood on an emulator, confirmed by runs where it counts."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from rso.inference import (
     all_minima,
     determine,
     emulated,
+    emulated_together,
     p_value,
     resample,
     spread_of,
-    stack,
     with_autocorrelation,
     with_model_errors,
 )
@@ -77,7 +77,7 @@ class ConfirmedOptimum:
     words, at which the surrogates still do not know whether the data allow them, `poor` fitted outputs whose surrogates
     miss surrogate.tolerance by cross-validation, with all runs in them.  `chi2_bare` and `p_bare` are the
     misfit of the recomputed curves without what the surrogates may be off by, and its p-value; None where the
-    simulations are exact by similarity or nothing tells.
+    simulations are exact by similarity or nothing shows.
     """
 
     emulator: Emulator
@@ -95,14 +95,13 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     """Likelihood of every fitted curve in the ranges of the main search.
 
     Errors: those of the measurement, and of the model at the best fit (:mod:`rso.inference.error_model`).
-    Readings of one record remember each other where what the best fit leaves does and nothing is stated of that.
+    Readings of one record are autocorrelated where what the best fit leaves does and nothing is stated of that.
     ValueError where the data or their errors allow no likelihood.
     """
     box, near = ranges(plan), _start(plan, found)
     places, curves = (list(v) for v in zip(*fitted_curves(plan), strict=True))
-    pairs = [emulated(emulator, p) for p in places]
-    models = [_within(plan, box, model) for model, _ in pairs]
-    plain = Misfit(stack(models) if len(models) > 1 else models[0], tuple(curves), wall=_wall(plan, box))
+    model = _within(plan, box, emulated_together(emulator, places))
+    plain = Misfit(model, tuple(curves), wall=_wall(plan, box))
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
     data = [_with_model(plan, found, emulator, there, p, d) for p, d in zip(places, curves, strict=True)]
@@ -154,10 +153,10 @@ def _most_likely(
         now = evidence(plan, emulator, found)
         best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
         values = plan.values(_wide(plan, best.x[None])[0])
-        bench.begin(plan.tasks(values))  # before those, which may need artefacts
-        bench.begin(meanwhile)
+        bench.evaluator.begin(plan.tasks(values))  # before those, which may need artefacts
+        bench.evaluator.begin(meanwhile)
         (outcomes,) = bench.run([values])
-        bench.begin(meanwhile)  # whose artefacts may be there by now
+        bench.evaluator.begin(meanwhile)  # whose artefacts may be there by now
         runs.append(Run("identified", values, outcomes))
         if not runs[-1].done:
             continue
@@ -207,16 +206,16 @@ def _heard(
     """The emulator that has learnt every finished run that refutes it, what it says, and what is determined then.
 
     A run that agrees with the data outside of an interval is learnt where that is new; where it is not, kinds of
-    surrogates are chosen anew.
+    surrogates are chosen again.
     """
     for again in (True, False):
         now = evidence(plan, emulator, found)
-        runs, new = finished(plan, emulator, bench.store, now.misfit, now.places)
+        runs, new = finished(plan, emulator, bench.evaluator.store, now.misfit, now.places)
         d = now.determined(plan, runs, mcmc=False)
         if not d.refuting or not again:
             break
         more = relearn(emulator, new, seed=plan.seed) if new else emulator
-        emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.each)
+        emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.evaluator.each)
     return emulator, now, d
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.calibration.readings import measured
+from rso.calibration.readings import measured, of_response
 from rso.contract import Case, Response
 from rso.core.curves import ahead, at_readings, on_the_way_back, resting
 from rso.evaluation import Task
+from rso.inference import CurvePlace, ModelErrors
 from rso.study.cases import mark_channel
 
 
@@ -33,6 +35,7 @@ class HeldOutReadings:
     position: np.ndarray | None
     since: np.ndarray | None = None
     back: bool = False
+    freedom: float = math.inf
 
     @property
     def times(self) -> dict[str, np.ndarray]:
@@ -58,6 +61,15 @@ class HeldOutReadings:
             time = response.channels["time"]
             found[mine] = at_readings(time, curve.travel_mm, y, depth, since, self.back, channel)
         return found
+
+    def errors(self, response: Response) -> ModelErrors:
+        """What a run may be off by there, as of a fitted curve; of a profile its estimated numerical error."""
+        if self.position is not None:
+            return ModelErrors(self.error(response))
+        depth = np.minimum(self.depth, response.curve(self.channel).travel_mm.max())
+        return of_response(
+            response, CurvePlace(self.experiment, self.channel, depth, self.since, self.back), self.value
+        )
 
     def error(self, response: Response) -> np.ndarray:
         """Estimated numerical error (n,) of what a run has there."""
@@ -99,6 +111,7 @@ def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
                 place,
                 None if curve.since is None else curve.since[on],
                 curve.back,
+                curve.freedom,
             )
         )
     return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,7 @@ from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum,
 from rso.calibration.finished_runs import finished
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
-from rso.calibration.search_stage import SearchResult
+from rso.calibration.search_stage import SearchResult, curve_metrics, curves_of
 from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
 from rso.contract import DerivedQuantities, DerivedQuantity, capability
@@ -38,6 +39,7 @@ from rso.inference import (
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED, Word, physical
+from rso.optimal_design.gains import Gain, gains_of_repeats, in_order, weakest
 
 NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
 METRICS = ("nrmse", "mre", "rrmse")
@@ -94,12 +96,13 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
                 "p_value_bare": settled.p_bare,
                 "verified": settled.verified,
                 "open": list(settled.open),
+                **_recomputed(plan, settled),
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
             "derived": derived_quantities(plan, d, trusted(d, settled)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
-            "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
+            "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
             if d.draws is None
             else {
@@ -119,6 +122,29 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
     }
+
+
+def gain_rows(d: Determination, found: Sequence[Gain]) -> list[dict[str, Any]]:
+    """identification.gains: further tests in the order of what they show of the parameter that is known worst."""
+    return [
+        {
+            "test": g.test,
+            "before": dict(g.before),
+            "after": dict(g.after),
+            "information": w.information,
+            "price": w.price,
+        }
+        for g, w in in_order(found, weakest(d.known))
+    ]
+
+
+def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
+    """Values, curves and metrics of the run that confirmed the most likely point; none where no run of it has to."""
+    run = next((r for r in reversed(settled.runs) if r.purpose == "identified"), None)
+    if run is None or not run.done or not settled.verified:
+        return {"values": None, "curves": {}, "metrics": {}}
+    metrics = {e: dataclasses.asdict(m) for e, m in curve_metrics(plan, run.outcomes).items()}
+    return {"values": dict(run.values), "curves": curves_of(plan, run.outcomes), "metrics": metrics}
 
 
 def trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
@@ -162,7 +188,7 @@ def identification(
     best: tuple[str, int] | None,
     meanwhile: Sequence[Task] = (),
 ) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:
-    """Two parts of results.json, the runs made for them, warnings, what they tell; `best` is a search and a place.
+    """Two parts of results.json, the runs made for them, warnings, what they show; `best` is a search and a place.
 
     What is wanted later may be run `meanwhile`.
     """
@@ -170,7 +196,7 @@ def identification(
     try:
         settled = confirm_optimum(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
-        done = identify(plan, settled.emulator, found, bench.store)
+        done = identify(plan, settled.emulator, found, bench.evaluator.store)
         done = replace(done, determination=doubted(done.determination, settled))
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
@@ -182,14 +208,14 @@ def identification(
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:
         warnings.append(
-            f"identification: recomputed, the most likely curve differs from its prediction by up to "
-            f"{100 * settled.agreement:.2g} % of its largest value, and its χ² is {settled.chi2:.3g} where "
-            f"{d.fit.chi2:.3g} is expected: the surrogates are not good enough for what the data say"
+            "identification: the rerun of the most likely curve differs from its prediction by up to "
+            f"{100 * settled.agreement:.2g} % of the largest value. Its χ² is {settled.chi2:.3g} instead of "
+            f"{d.fit.chi2:.3g}: the surrogates are not accurate enough for these data"
         )
     elif settled.open:
         more = f" and {len(settled.open) - 2} more" if len(settled.open) > 2 else ""
         warnings.append(
-            f"identification: after {len(settled.runs)} runs the surrogates are not good enough for what the data say "
+            f"identification: after {len(settled.runs)} runs the surrogates are not accurate enough for these data "
             f"at {'; '.join(settled.open[:2])}{more}"
         )
     elif _hides_much(d, settled) and f"identification: {d.story}" not in warnings:
@@ -201,7 +227,7 @@ def identification(
     if d.refuting:
         warnings.append(
             f"identification: {len(d.refuting)} finished run(s) agree with the data at values that the surrogates "
-            "exclude; their values are in the intervals, and what they refute is not called determined"
+            "exclude. The intervals include them, and a parameter that they contradict is not called determined"
         )
     if best is not None:
         values = next(f.result.candidates[best[1]].values for f in found if f.plan.name == best[0])
@@ -223,8 +249,8 @@ def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
     hidden = _hides_much(d, settled)
     if settled.verified and settled.chi2_bare is not None and covered(d.p_value, settled.p_bare):
         text = (
-            f"χ² = {d.fit.chi2:.3g} for {d.degrees} degrees of freedom by errors that hold what surrogates may be off "
-            f"by, {settled.chi2_bare:.3g} of the recomputed curve without it: whether the model fits cannot be said."
+            f"χ² = {d.fit.chi2:.3g} for {d.degrees} degrees of freedom with the error of the surrogates, "
+            f"{settled.chi2_bare:.3g} of the rerun without it. Whether the model fits is undecided."
         )
         d = replace(d, p_value=None, story=text)
     if settled.verified and not settled.open and not settled.poor and not hidden:
@@ -239,7 +265,7 @@ def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
         why = "Simulations do not confirm them"
     elif settled.poor and not settled.open:
         why = f"Surrogates of {len(settled.poor)} fitted outputs miss surrogate.tolerance, {settled.poor[0]} among them"
-    why += ': more runs (verify.max_infill, [doe]) or search.method = "gauss_newton" would tell.'
+    why += ': more runs (verify.max_infill, [doe]) or search.method = "gauss_newton" would decide it.'
     return replace(d, known=tuple(doubt(k, word, why) if k.verdict.word == "determined" else k for k in d.known))
 
 
@@ -253,9 +279,9 @@ def _noiseless(plan: Plan, places: Sequence[CurvePlace], d: Determination) -> li
         seen, whole = (float(np.sqrt(np.mean(v.sigma**2))) / largest for v in (shown, data))
         if np.isfinite(shown.freedom) and seen < NOISELESS and whole > 2.0 * seen:
             said.append(
-                f"identification: the readings of {data.name} show no noise ({100 * seen:.1g} % of the largest value); "
-                f"the intervals hold what the computed curve may be off by, {100 * whole:.1g} %, between the computed "
-                "depths for one. Real readings scatter: state noise under the experiment"
+                f"identification: the readings of {data.name} show no noise ({100 * seen:.1g} % of the largest "
+                f"value); the intervals count the numerical error of the curve instead, {100 * whole:.1g} %. Real "
+                "readings scatter: state noise under the experiment"
             )
     return said
 

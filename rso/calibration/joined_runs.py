@@ -38,7 +38,7 @@ class Joined:
         """What is in the store and what becomes of it, in one sentence; empty for an empty store."""
         said = []
         if self.points or self.outside or self.left:
-            text = f"{len(self.points)} points of this model, run before, lie within the ranges and are learnt too"
+            text = f"{len(self.points)} earlier runs of this model lie within the ranges and train the surrogates too"
             said.append(text + (f", those of {len(self.points) + self.left} that lie farthest apart" * bool(self.left)))
         if self.outside:
             said.append(f"{self.outside} lie outside the ranges and are not")

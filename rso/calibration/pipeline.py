@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration import (
+    deformed_body,
     formula_comparison,
     held_out,
     identification_stage,
@@ -32,11 +33,14 @@ from rso.calibration.gauss_newton import descent_results, iteration
 from rso.calibration.plan import Plan
 from rso.calibration.range_extension import ExtendedRanges
 from rso.calibration.search_stage import SearchResult
-from rso.calibration.stages import Runner, Watch
-from rso.core.units import spaced
+from rso.calibration.stages import Runner
+from rso.core.symbols import symbol, unit_text
+from rso.core.units import people, spaced
 from rso.emulation import emulator as emulator_file
+from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import Done, RunStore
 from rso.inference import Determination
+from rso.optimal_design import gains_of_repeats
 
 Say = Callable[[str], None]
 ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
@@ -56,14 +60,14 @@ def run_study(
 ) -> dict[str, Any]:
     """Run every stage, write ``results.json`` after each, return the results; `strict` is for the exit code alone.
 
-    Where an earlier call has left results of the same study, they stay until there is more to tell, and wall times
+    Where an earlier call has left results of the same study, they stay until there is more to show, and wall times
     add up; a call that finds everything computed keeps the times of the calls that did.
 
     Raises stages.NothingToFit when too few runs are done, StoreError, KeyboardInterrupt; what was computed stays.
     """
     notes = _begin(plan, store, folder, command, jobs)
     notes.write("plan")
-    bench = Runner(plan, store, executor, watch)
+    bench = Runner(plan, Evaluator(plan.backend, store, executor, watch))
     if plan.study.search.method == "gauss_newton":
         return _directly(bench, notes, say, strict)
     ranges = _learn(bench, notes, say)
@@ -78,7 +82,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
     plan, found = bench.plan, notes.found
     say("search: Gauss–Newton on simulations and their derivatives")
     try:
-        there = iteration.run_gauss_newton(bench)
+        there = iteration.run_gauss_newton(bench, lambda theta, chi2: say(f"  {_values(plan, theta)}, χ² = {chi2:.4g}"))
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
         notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
@@ -88,7 +92,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
     notes.write("search", **descent_results.of_design(plan, there), **descent_results.of_gauss_newton(plan, there))
     say("identification: what the curves determine")
     one = (plan.searches[0].name, 0, found["searches"][0]["candidates"][0]["values"])
-    bench.begin(search_stage.validation_tasks(plan, [one]))
+    bench.evaluator.begin(search_stage.validation_tasks(plan, [one]))
     known = None
     try:
         if not there.best.confirmed:
@@ -107,8 +111,8 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
 def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     """Design, surrogates, the ranges that the main search needs, sensitivities."""
     plan, found = bench.plan, notes.found
-    say("design: simulations to learn from")
-    known = joined_runs.joined(plan, bench.store, notes.before)
+    say("design: training runs of the surrogates")
+    known = joined_runs.joined(plan, bench.evaluator.store, notes.before)
     if known.story:
         say(f"store: {known.story}")
     notes.write("plan", joined={**dataclasses.asdict(known), "story": known.story})
@@ -157,10 +161,22 @@ def _search(ranges: ExtendedRanges, notes: _Notes, say: Say) -> tuple[Runner, li
         _warn_of_reach(one, found)
         _warn_of_extrapolation(plan, one, found)
         found["runs"] += results.candidate_runs(plan, one)
+        for c in results.of_searches(plan, [one], audit)["searches"][0]["candidates"]:
+            state = "verified" if c["verified"] else "not verified" if c["state"] == "done" else c["state"]
+            say(f"  {c['name']}: {_values(plan, c['values'])} ({state})")
         notes.write("search", **results.of_searches(plan, searches, audit))
     found["warnings"] += [f"Ranges of the main search: {s.why}" for s in audit[-1:] if s.what == "stopped"]
     found["warnings"] += rough(found["searches"][0]["candidates"])
     return bench, searches
+
+
+def _values(plan: Plan, values: Mapping[str, float]) -> str:
+    """Values of the open parameters in the units that people use."""
+    each = []
+    for a in plan.resolved.axes:
+        label, factor = people(a.parameter.unit, abs(values[a.name]))
+        each.append(f"{symbol(a.name)} = {values[a.name] * factor:.4g} {unit_text(label)}".strip())
+    return ", ".join(each)
 
 
 def _identify(
@@ -191,11 +207,14 @@ def _validate(
     """The experiments kept for the end, and everything that is known only then; the whole results."""
     plan, found = bench.plan, notes.found
     result_files.write_draws(notes.path.parent / result_files.POSTERIOR, determination)
+    picture = deformed_body.begin_deformed(bench, found, notes.path.parent)
     if plan.validation:
-        say("validation: experiments kept for the end")
+        say("validation: held-out experiments")
     values = None if determination is None else predictive_check.most_likely(plan, determination, chosen)
     if values is not None:
-        bench.begin([held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)])
+        bench.evaluator.begin(
+            [held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)]
+        )
     checked = search_stage.validate(bench, chosen)
     found["runs"] += results.validation_runs(checked)
     foretold = []
@@ -203,7 +222,8 @@ def _validate(
         foretold = predictive_check.predictive_checks(bench, determination, values)
         found["runs"] += results.predictive_check_runs([r for v in foretold for r in v.runs])
         found["warnings"] += predictive_check.warnings(plan, foretold)
-        found["identification"]["gains"] += predictive_check.gains(plan, determination, foretold)
+        more = [*gains_of_repeats(determination), *predictive_check.gains(plan, determination, foretold)]
+        found["identification"]["gains"] = identification_stage.gain_rows(determination, more)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     found.update(formula_comparison.of_formulas(plan, found))
@@ -216,6 +236,7 @@ def _validate(
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
     found.update(**results.of_validation(checked), **predictive_check.of_predictions(foretold), counts=counts)
+    deformed_body.write_deformed(picture, notes.path.parent)
     code, reason = ended(found, plan.study.identify.require, strict)
     return notes.write("validate", end=True, exit_code=code, exit_reason=reason)
 
@@ -231,7 +252,7 @@ class _Notes:
     clock: _Clock
 
     def write(self, stage: str, *, end: bool = False, **parts: Any) -> dict[str, Any]:
-        """Take the parts of a finished stage down; the file changes as soon as it tells more than it did before."""
+        """Take the parts of a finished stage down; the file changes as soon as it shows more than it did before."""
         self.found.update(parts, stage=stage)
         self.clock.lap(stage)
         reached = -1 if self.before is None else result_files.STAGES.index(self.before["stage"])
@@ -305,9 +326,9 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
             share = max(curve["error"], default=0.0) / size if size else 0.0
             worst[name] = max(worst.get(name, 0.0), share)
     return [
-        f"{name}: the stated numerical error of the simulations is up to {100 * share:.2g} % of the largest value, so "
-        "that an agreement within errors says little; the contact is small against the elements: a finer mesh.level, "
-        "or a specimen that is no larger than it must be"
+        f"{name}: the numerical error of the simulations is up to {100 * share:.2g} % of the largest value, so "
+        "agreement within errors says little. The contact is small against the elements: use a finer mesh.level or "
+        "a smaller specimen"
         for name, share in worst.items()
         if share > ROUGH
     ]
@@ -329,9 +350,9 @@ def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, A
         (low, high), value = p["stated"], values.get(p["name"])
         if value is not None and max(low - value, value - high) > 1e-9 * max(abs(low), abs(high)):
             said.append(
-                f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the stated "
-                f"range, {low:g} to {high:g}{spaced(p['unit'])}: a wrong range, or a model that makes up for what it "
-                "lacks"
+                f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the "
+                f"stated range, {low:g} to {high:g}{spaced(p['unit'])}. The range is wrong, or the parameter makes "
+                "up for something that the model lacks"
             )
     return said
 
@@ -346,8 +367,8 @@ def _warn_of_extrapolation(plan: Plan, one: SearchResult, found: dict[str, Any])
     count = sum(results.extrapolated(plan, emulator, c.values) for c in one.result.candidates)
     if count:
         found["warnings"].append(
-            f"search {one.plan.name!r}: {count} of {len(one.result.candidates)} candidates lie outside the convex hull "
-            "of the runs; only their reruns tell what happens there"
+            f"search {one.plan.name!r}: {count} of {len(one.result.candidates)} candidates lie outside the convex "
+            "hull of the runs; only their reruns are reliable there"
         )
 
 
@@ -359,8 +380,7 @@ def _warn_of_poor_surrogates(plan: Plan, fitted: stages.FittedSurrogates, found:
         name = max(poor, key=lambda i: poor[i])
         found["warnings"].append(
             f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % of the spread of "
-            f"their output on the last {used[name].n} runs that were new to them; "
-            f"worst is {name} with {100 * poor[name]:.2g} %"
+            f"their output on the last {used[name].n} unseen runs. The worst is {name} with {100 * poor[name]:.2g} %"
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import math
@@ -20,7 +19,6 @@ from rso.data import CreepHold, Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
-from rso.evaluation.decks import load_deck
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -40,6 +38,8 @@ from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
 from rso.study.search_table import TargetTable
+from rso.study.sources import needs_data
+from rso.study.sources import source_of as source_of
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
@@ -105,7 +105,7 @@ class Plan:
         return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
-        """What there is to say of relaxation times that no record can tell."""
+        """What there is to say of relaxation times that no record can show."""
         fitted = [name for name in self.case_of if self.study.experiment(name).role == "fit"]
         if any(name in self.holds or name in self.creeps.followed for name in fitted):
             return []
@@ -146,15 +146,6 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(low, 0, 1), np.clip(high, 0, 1)
 
 
-def source_of(study: Study) -> Source:
-    """Where the backend of a study comes from; nothing of it is loaded."""
-    b, deck = study.backend, study.deck()
-    if deck is not None:
-        with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
-            deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
-    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
-
-
 def make_plan(
     study: Study,
     beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]] = (),
@@ -166,6 +157,7 @@ def make_plan(
     Holds are compared where the model of the study relaxes, or one of those `beside` it: values and settings that
     replace its own.
     """
+    needs_data(study)
     source = source_of(study)
     try:
         backend = source.load() if backend is None else backend

@@ -1,80 +1,73 @@
-"""Experiments that were not fitted, foretold by the most likely point, with what the fit leaves open of it.
+"""Experiments that were not fitted, predicted by the most likely point, with what the fit leaves open of it.
 
-    f = f₀ + J (x̂ − x₀),   Σ = (F/b² + 12 I)⁻¹,   C = C_y + s sᵀ + J Σ Jᵀ,   χ² = (y − f)ᵀ C⁻¹ (y − f)
+    f = f₀ + J (x̂ − x₀)
 
-f₀ (n,) is run at x₀, next to the most likely x̂ (d,); F is the Fisher information of the identification in the unit cube
-of the ranges, which count as a weak prior (12 I); b what the fit has widened its errors by; C_y what is known of the
-errors of the readings y, s the numerical error of the run.  All compared channels of an experiment are one test: of a
-perfect model, linear in x, χ² is larger than measured in the share p of all data sets.
+f₀ (n,) is run at x₀, next to the most likely x̂ (d,).  All compared channels of an experiment are one test
+(:mod:`rso.inference.predictive_test`), in `rso run` by whichever method, and in `rso ladder`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag, cholesky, solve_triangular
+from scipy.linalg import block_diag
 
 from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan
 from rso.calibration.search_stage import Chosen
-from rso.calibration.stages import Run, Runner, why
+from rso.calibration.stages import Run, Runner
+from rso.contract import Response
 from rso.core.curves import Metrics, metrics
-from rso.core.distributions import chi2_sf
-from rso.evaluation import Outcome
-from rso.evaluation.store import Done
-from rso.inference import Determination, correlated_along, gain
+from rso.doe import Box
+from rso.evaluation import Done, why
+from rso.inference import Determination
 from rso.inference.identifiability import WIDE
-from rso.inference.likelihood import SMALLEST
 from rso.inference.output_derivatives import NoSlopes, jacobian
-from rso.inference.sloppy_directions import UNIFORM
+from rso.inference.predictive_test import UNLIKELY, PredictiveTest, open_by, predictive_test
+from rso.optimal_design.gains import Gain, gain
 
-UNLIKELY = 0.05  # a perfect model is said to miss in this share of data sets
 BESIDE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
 DIGITS = 6  # of the most likely values when they are run
 WORDS = ("yes", "among", "no")  # among: it agrees because the fit leaves the prediction open, by more than `WIDE`
+Values = Mapping[str, float]
+Evaluate = Callable[[Sequence[Values]], Sequence[Response | str]]  # values of axes → a response, or why there is none
+Slopes = Callable[[Values, Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]  # derivatives by knob → by axis
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One channel: readings, what is foretold there (n,), numerical error and the parameters' share of its sd (n,)."""
+    """One channel: readings, what is predicted there (n,), numerical error and the parameters' share of its sd (n,)."""
 
     kept: HeldOutReadings
     predicted: np.ndarray
     error: np.ndarray
     spread: np.ndarray
-    chi2: float | None
-    p_value: float | None
+    test: PredictiveTest | None
     metrics: Metrics
-
-    @property
-    def missed(self) -> bool | None:
-        """Whether this channel alone is missed; None where nobody can say."""
-        return None if self.p_value is None else self.p_value < UNLIKELY
 
 
 @dataclass(frozen=True, eq=False)
 class PredictiveCheck:
-    """One experiment: its test over all channels; `alone` is the p-value without the parameters' uncertainty.
+    """One experiment: its `test` over all channels, None where nobody can say, and `why` then says why not.
 
-    `verdict` is one of `WORDS`, None where nobody can say, and `why` then says why not.  J (n, d) and the covariances
-    (n, n) of `theirs`, the readings, and `ours`, the run, are None where that is because of a run.
+    J (n, d) and the covariances (n, n) of `theirs`, the readings, and `ours`, the run, are None where that is because
+    of a run.
     """
 
     experiment: str
-    runs: tuple[Run, ...]
     why: str
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Values = field(default_factory=dict)
     channels: tuple[Channel, ...] = ()
-    chi2: float | None = None
-    p_value: float | None = None
-    alone: float | None = None
+    test: PredictiveTest | None = None
     J: np.ndarray | None = None
     theirs: np.ndarray | None = None
     ours: np.ndarray | None = None
+    runs: tuple[Run, ...] = ()
 
     @property
     def points(self) -> int:
@@ -83,13 +76,73 @@ class PredictiveCheck:
 
     @property
     def verdict(self) -> str | None:
-        """Whether the experiment is predicted."""
-        if self.p_value is None or self.alone is None:
+        """Whether the experiment is predicted: one of `WORDS`, None where nobody can say."""
+        if self.test is None:
             return None
-        if self.p_value < UNLIKELY:
+        if self.test.missed:
             return "no"
         wide = any(float(c.spread.max()) > WIDE * float(np.abs(c.predicted).max()) for c in self.channels)
-        return "among" if wide and self.alone < UNLIKELY else "yes"
+        return "among" if wide and self.test.alone < UNLIKELY else "yes"
+
+
+def predictive_check(
+    plan: Plan, name: str, d: Determination, values: Values, evaluate: Evaluate, slopes: Slopes = lambda _, known: known
+) -> PredictiveCheck:
+    """An experiment that took no part in a fit, by the `values` of its axes next to the most likely point.
+
+    `evaluate` simulates the experiment; derivatives of a response that it lacks are taken from runs beside it.
+    """
+    box, parts = d.misfit.model.box, held_out_readings(plan, name)
+    (response,) = evaluate([values])
+    if isinstance(response, str):
+        return PredictiveCheck(name, response, dict(values))
+    x0 = box.to_unit(np.array([values[n] for n in box.names]))
+
+    def look(points: Sequence[np.ndarray]) -> list[np.ndarray | str]:
+        beside = [{**values, **_named(box, x)} for x in points]
+        return [a if isinstance(a, str) else np.concatenate([k.read(a) for k in parts]) for a in evaluate(beside)]
+
+    known = {n: np.concatenate([k.read(response, n) for k in parts]) for n in _differentiated(parts, response)}
+    f = np.concatenate([k.read(response) for k in parts])
+    try:
+        J = jacobian(box, np.clip(x0, 0.0, 1.0), f, slopes(values, known), look)
+    except NoSlopes as no:
+        return PredictiveCheck(name, str(no), dict(values))
+    y, f = np.concatenate([k.value for k in parts]), f + J @ (d.fit.x - x0)
+    off = [k.errors(response) for k in parts]
+    ours = block_diag(*(_whole(e.parts(k.depth), len(k.depth)) for k, e in zip(parts, off, strict=True)))
+    theirs = block_diag(*(k.covariance for k in parts))
+    left = open_by(d.fit.fisher / d.wider**2, J)
+    stated = bool(np.any(np.diag(theirs + ours)))
+
+    def test(rows: slice, freedom: float) -> PredictiveTest | None:
+        if not stated:
+            return None
+        return predictive_test(y[rows], f[rows], (theirs + ours)[rows, rows], left[rows, rows], freedom)
+
+    channels, start = [], 0
+    for k, e in zip(parts, off, strict=True):
+        rows = slice(start, start + len(k.depth))
+        spread = np.sqrt(np.diag(left)[rows])
+        channels.append(Channel(k, f[rows], e.numerical, spread, test(rows, k.freedom), metrics(y[rows], f[rows])))
+        start = rows.stop
+    text = "" if stated else "neither the errors of its readings nor those of its run are known"
+    unknown = sum(len(k.depth) ** 2 / k.freedom for k in parts)
+    whole = test(slice(None), len(y) ** 2 / unknown if unknown else math.inf)
+    return PredictiveCheck(name, text, dict(values), tuple(channels), whole, J, theirs, ours)
+
+
+def _named(box: Box, x: np.ndarray) -> dict[str, float]:
+    return dict(zip(box.names, map(float, box.from_unit(x)), strict=True))
+
+
+def _differentiated(parts: Sequence[HeldOutReadings], response: Response) -> list[str]:
+    """Knobs by which a response has the derivatives behind every reading."""
+    return [n for n in response.gradients if all(k.knows(response, n) for k in parts)]
+
+
+def _whole(parts: Mapping[str, np.ndarray], n: int) -> np.ndarray:
+    return sum(parts.values(), np.zeros((n, n)))
 
 
 def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[str, float]:
@@ -102,11 +155,24 @@ def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[
     return {**dict(zip(box.names, theta, strict=True)), **plan.resolved.fixed}
 
 
-def predictive_checks(bench: Runner, d: Determination, values: Mapping[str, float]) -> list[PredictiveCheck]:
+def predictive_checks(bench: Runner, d: Determination, values: Values) -> list[PredictiveCheck]:
     """Every experiment that was not fitted by the `values` next to the most likely point."""
     names = held_out_experiments(bench.plan)
-    outcomes = bench.run_tasks([task(bench.plan, name, values) for name in names])
-    return [_foretold(bench, d, name, values, o) for name, o in zip(names, outcomes, strict=True)]
+    bench.evaluator.begin([task(bench.plan, name, values) for name in names])
+    return [_checked(bench, d, name, values) for name in names]
+
+
+def _checked(bench: Runner, d: Determination, name: str, values: Values) -> PredictiveCheck:
+    plan, runs = bench.plan, list[Run]()
+
+    def evaluate(points: Sequence[Values]) -> list[Response | str]:
+        outcomes = bench.evaluator.run([task(plan, name, v) for v in points])
+        purpose = "difference" if runs else "foretell"
+        runs.extend(Run(purpose, v, (o,)) for v, o in zip(points, outcomes, strict=True))
+        lost = "" if purpose == "difference" else "the run of the most likely point has no answer: "
+        return [o.response if isinstance(o, Done) else f"{lost}{why(o)[1]}" for o in outcomes]
+
+    return dataclasses.replace(predictive_check(plan, name, d, values, evaluate), runs=tuple(runs))
 
 
 def held_out_experiments(plan: Plan) -> list[str]:
@@ -117,69 +183,16 @@ def held_out_experiments(plan: Plan) -> list[str]:
 
 def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
-    missed = [v for v in found if v.verdict == "no" and v.experiment not in plan.validation]
     return [
-        f"{v.experiment}, which is not fitted but selects, is missed by the most likely values: χ² = {v.chi2:.3g} for "
-        f"{v.points} readings is more than their errors and what the fit leaves open explain"
-        for v in missed
+        f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: χ² = {v.test.chi2:.3g} "
+        f"for {v.points} readings. All known uncertainties are included"
+        for v in found
+        if v.test is not None and v.test.missed and v.experiment not in plan.validation
     ]
 
 
-def _foretold(
-    bench: Runner, d: Determination, name: str, values: Mapping[str, float], outcome: Outcome
-) -> PredictiveCheck:
-    plan, box, parts = bench.plan, d.misfit.model.box, held_out_readings(bench.plan, name)
-    runs = [Run("foretell", values, (outcome,))]
-    if not isinstance(outcome, Done):
-        text = f"the run of the most likely point has no answer: {why(outcome)[1]}"
-        return PredictiveCheck(name, tuple(runs), text, dict(values))
-    response = outcome.response
-    x0 = box.to_unit(np.array([values[n] for n in box.names]))
-
-    def look(points: Sequence[np.ndarray]) -> list[np.ndarray | str]:
-        beside = [{**values, **dict(zip(box.names, map(float, box.from_unit(x)), strict=True))} for x in points]
-        found = bench.run_tasks([task(plan, name, v) for v in beside])
-        runs.extend(Run("difference", v, (o,)) for v, o in zip(beside, found, strict=True))
-        return [
-            np.concatenate([k.read(o.response) for k in parts]) if isinstance(o, Done) else why(o)[1] or ""
-            for o in found
-        ]
-
-    known = [n for n in box.names if all(k.knows(response, n) for k in parts)]
-    own = {n: np.concatenate([k.read(response, n) for k in parts]) for n in known}
-    f = np.concatenate([k.read(response) for k in parts])
-    try:
-        J = jacobian(box, np.clip(x0, 0.0, 1.0), f, own, look)
-    except NoSlopes as no:
-        return PredictiveCheck(name, tuple(runs), str(no), dict(values))
-    y, f = np.concatenate([k.value for k in parts]), f + J @ (d.fit.x - x0)
-    ours = block_diag(*(correlated_along(k.depth, k.error(response), float(k.depth.max())) for k in parts))
-    theirs = block_diag(*(k.covariance for k in parts))
-    left = J @ np.linalg.solve(d.fit.fisher / d.wider**2 + UNIFORM * np.eye(box.d), J.T)
-    stated = bool(np.any(np.diag(theirs + ours)))
-    channels, start = [], 0
-    for k in parts:
-        rows = slice(start, start + len(k.depth))
-        chi2, p = _test(y[rows], f[rows], (theirs + ours + left)[rows, rows]) if stated else (None, None)
-        spread = np.sqrt(np.diag(left)[rows])
-        channels.append(Channel(k, f[rows], k.error(response), spread, chi2, p, metrics(y[rows], f[rows])))
-        start = rows.stop
-    text = "" if stated else "neither the errors of its readings nor those of its run are known"
-    chi2, p = _test(y, f, theirs + ours + left) if stated else (None, None)
-    alone = _test(y, f, theirs + ours)[1] if stated else None
-    return PredictiveCheck(name, tuple(runs), text, dict(values), tuple(channels), chi2, p, alone, J, theirs, ours)
-
-
-def _test(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> tuple[float, float]:
-    """χ² of readings y (n,) foretold as f (n,) with covariance C (n, n), and the share p of larger ones."""
-    floor = SMALLEST * (float(np.abs(y).max()) or 1.0)
-    r = solve_triangular(cholesky(C + floor**2 * np.eye(len(y)), lower=True), y - f, lower=True)
-    chi2 = float(r @ r)
-    return chi2, float(chi2_sf(chi2, len(y)))
-
-
-def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[dict[str, Any]]:
-    """What the force curves that were kept for the end would add if they were fitted too."""
+def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[Gain]:
+    """What the force curves that were kept for the end would add if they were fitted too; they cost no test."""
     box, rows = d.misfit.model.box, []
     for v in found:
         if (
@@ -191,9 +204,8 @@ def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> lis
         ):
             continue
         y = np.concatenate([c.kept.value for c in v.channels])
-        C = v.theirs * d.wider**2 + v.ours + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
-        g = gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C)
-        rows.append({"test": g.test, "before": dict(g.before), "after": dict(g.after)})
+        C = (v.theirs + v.ours) * d.used.scale**2 + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
+        rows.append(gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C, price=0))
     return rows
 
 
@@ -208,10 +220,10 @@ def _row(v: PredictiveCheck) -> dict[str, Any]:
         "values": dict(v.values),
         "verdict": v.verdict,
         "why": v.why or None,
-        "chi2": v.chi2,
+        "chi2": None if v.test is None else v.test.chi2,
         "points": v.points,
-        "p_value": v.p_value,
-        "alone": v.alone,
+        "p_value": None if v.test is None else v.test.p_value,
+        "alone": None if v.test is None else v.test.alone,
         "channels": [
             {
                 "channel": c.kept.channel,
@@ -223,9 +235,9 @@ def _row(v: PredictiveCheck) -> dict[str, Any]:
                 "predicted": c.predicted,
                 "numerical_error": c.error,
                 "spread": c.spread,
-                "chi2": c.chi2,
-                "p_value": c.p_value,
-                "missed": c.missed,
+                "chi2": None if c.test is None else c.test.chi2,
+                "p_value": None if c.test is None else c.test.p_value,
+                "missed": None if c.test is None else c.test.missed,
                 "metrics": dataclasses.asdict(c.metrics),
             }
             for c in v.channels

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.contract import plain
 from rso.core import disk
+from rso.core.plain_results import plainly as plainly
+from rso.core.plain_results import write as write
+from rso.core.plain_results import written_cell
 from rso.inference import Determination
 from rso.study.errors import StudyError
 
 POSTERIOR = "posterior.csv"
 OWNER = "study"  # file of a results folder that says whose they are
 STORE = "runs.sqlite"  # see rso.evaluation.store
-_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 
 
@@ -83,19 +82,6 @@ def _seen_from(folder: Path, study: Path) -> str:
     return os.path.relpath(study.absolute(), folder)
 
 
-def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
-    data = plainly(results)
-    disk.replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
-    return data
-
-
-def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
-    """The same as JSON can say it."""
-    data: dict[str, Any] = _finite(plain(results))
-    return data
-
-
 def write_draws(path: Path, determination: Determination | None) -> None:
     """Draws of the posterior, one a row, one column a parameter in its unit; none where they are not to be trusted."""
     draws = None if determination is None else determination.draws
@@ -116,21 +102,7 @@ def write_runs(path: Path, found: Mapping[str, Any]) -> None:
         | r["outputs"]
         for r in found["runs"]
     ]
-    table = [{_cell(k): _cell(v) for k, v in row.items()} for row in rows]
+    table = [{written_cell(k): written_cell(v) for k, v in row.items()} for row in rows]
     import pandas as pd  # 0.4 s, which `rso check` does without
 
     disk.replace(path, pd.DataFrame(table).to_csv(index=False, lineterminator="\n"))
-
-
-def _cell(value: Any) -> Any:
-    """A cell that no spreadsheet takes for a formula: text that begins like one has an apostrophe before it."""
-    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(_FORMULA) else value
-
-
-def _finite(data: Any) -> Any:
-    """NaN and infinities become null: JSON has no word for them."""
-    if isinstance(data, dict):
-        return {k: _finite(v) for k, v in data.items()}
-    if isinstance(data, list):
-        return [_finite(v) for v in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data

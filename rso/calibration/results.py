@@ -19,18 +19,16 @@ import rso
 from rso.calibration.plan import Plan, SearchPlan
 from rso.calibration.range_extension import RangeStep
 from rso.calibration.readings import compared, measured
-from rso.calibration.search_stage import SearchResult, Validation, baselines, mean_over_design, simulated_curves
-from rso.calibration.stages import Design, FittedSurrogates, Run, why
+from rso.calibration.search_stage import SearchResult, Validation, baselines, curves_of, mean_over_design
+from rso.calibration.stages import Design, FittedSurrogates, Run
 from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
-from rso.core.curves import CREEP, ahead, resting, way_back
 from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
 from rso.emulation.feasibility import FeasibleRegion
-from rso.evaluation import Outcome
-from rso.evaluation.store import Done
+from rso.evaluation import Done, Outcome, why
 from rso.optimise.targets import Checked, Target
 from rso.study.cases import sketches
 from rso.study.schema import Study
@@ -476,29 +474,6 @@ def demand(d: Checked) -> dict[str, Any]:
         "met": d.met,
         "words": None if d.met else str(d),
     }
-
-
-def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
-    found = {}
-    for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
-        loading = ahead(curve.travel_mm) & (curve.channel != CREEP)
-        if record.back and len(back := way_back(curve.travel_mm)) > 1:
-            loading = back[::-1]
-        found[name] = {
-            "experiment": experiment,
-            "channel": curve.channel,
-            "depth": curve.travel_mm[loading],
-            "value": curve.value[loading],
-            "error": curve.error[loading],
-        }
-        if record.since is not None:
-            outcome = outcomes[plan.case_of[experiment]]
-            assert isinstance(outcome, Done)
-            since, depth = record.since[record.held], float(record.depth[record.held][0])
-            at = resting(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
-            found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
-    return found
 
 
 def extrapolated(plan: Plan, emulator: Emulator, values: Mapping[str, float]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from rso.calibration.plan import Plan, SearchPlan, limited
 from rso.calibration.readings import compared, place_of
 from rso.calibration.stages import Design, Runner, learn_more, sample
 from rso.contract import Curve
-from rso.core.curves import Metrics, baseline, metrics
+from rso.core.curves import CREEP, Metrics, ahead, baseline, metrics, resting, way_back
 from rso.data import MeasuredCurve
 from rso.emulation.emulator import Emulator
 from rso.emulation.feasibility import FeasibleRegion
@@ -73,7 +74,7 @@ def propose_all(bench: Runner, emulator: Emulator, first: Proposal | None = None
     for wanted in bench.plan.searches:
         first, found = None, first or propose(bench.plan, wanted, emulator)
         proposals.append(found)
-        bench.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
+        bench.evaluator.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
     bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
     return proposals
 
@@ -202,6 +203,29 @@ def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple
     return found
 
 
+def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
+    found = {}
+    for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
+        loading = ahead(curve.travel_mm) & (curve.channel != CREEP)
+        if record.back and len(back := way_back(curve.travel_mm)) > 1:
+            loading = back[::-1]
+        found[name] = {
+            "experiment": experiment,
+            "channel": curve.channel,
+            "depth": curve.travel_mm[loading],
+            "value": curve.value[loading],
+            "error": curve.error[loading],
+        }
+        if record.since is not None:
+            outcome = outcomes[plan.case_of[experiment]]
+            assert isinstance(outcome, Done)
+            since, depth = record.since[record.held], float(record.depth[record.held][0])
+            at = resting(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
+            found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
+    return found
+
+
 def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]:
     """Error metrics of runs that are done against every compared curve, at the measured depths."""
     found = {}
@@ -264,7 +288,7 @@ def validate(bench: Runner, those: Sequence[Chosen]) -> list[Validation]:
     """Predict every compared channel of the experiments kept for the end with the chosen candidates."""
     plan, tasks = bench.plan, validation_tasks(bench.plan, those)
     pairs = [(e, c) for e in plan.validation for c in those]
-    outcomes = bench.run_tasks(tasks) if tasks else []
+    outcomes = bench.evaluator.run(tasks) if tasks else []
     return [_validated(k, *c, o) for (e, c), o in zip(pairs, outcomes, strict=True) for k in held_out_readings(plan, e)]
 
 

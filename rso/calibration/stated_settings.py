@@ -75,8 +75,9 @@ def unresolved(plan: Plan) -> list[str]:
         better = [f"{name} {100 * v:.2g} %" for name, v in others if v < 0.8 * error]
         hint = f"; by level: {', '.join(better)}" if better else ""
         lines.append(
-            f"experiment {e.name!r}: the mesh is the limit, not the noise: its contact is small against the elements, "
-            f"the force at {deepest:.3g} mm is about {100 * error:.2g} % off at mesh.level = {json.dumps(own)}{hint}"
+            f"experiment {e.name!r}: the mesh limits the accuracy, not the noise. The contact is small against the "
+            f"elements: the force at {deepest:.3g} mm is about {100 * error:.2g} % off at mesh.level = "
+            f"{json.dumps(own)}{hint}"
         )
     return lines
 

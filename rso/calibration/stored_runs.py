@@ -25,7 +25,7 @@ class StoredPoint:
 def points(plan: Plan, store: RunStore) -> list[StoredPoint]:
     """Points of the model that were run before, whatever their values, in the order of these.
 
-    The order in which runs were stored hangs on the machine and the number of jobs, and what is learnt on the order.
+    The order in which runs were stored depends on the machine and the number of jobs, and what is learnt on the order.
     """
     rows = [r for r in store.rows() if r.state != "crashed"]
     there, artefacts = {r.key for r in rows}, _Artefacts(store)

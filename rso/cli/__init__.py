@@ -1,4 +1,4 @@
-"""rso new | check | run | status | diagnose | ladder | next | blind | report | keys: parse, call a stage, print."""
+"""The command line `rso`: parse, call a stage, print."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from collections.abc import Callable, Sequence
 
 from rso.cli.arguments import parser
 from rso.cli.commands import EXIT_BAD_INPUT, EXIT_BROKEN, EXIT_INTERRUPTED
+from rso.cli.output import wrapped
 from rso.core.printable import Printable, one
 
-DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of told
+DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of explained
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Console script; returns the exit code.  Whatever goes wrong is told in one message, never as a traceback."""
+    """Console script; returns the exit code.  Whatever goes wrong ends in one message, never in a traceback."""
     _open_streams()
     os.environ["MPLBACKEND"] = "agg"  # figures go to files; matplotlib does not start with a name that it lacks
     arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -51,7 +52,7 @@ def _flushed(code: int) -> int:
 
 
 def _guarded(call: Callable[[], int]) -> int:
-    """Exit code of a command; whatever it raises is told."""
+    """Exit code of a command; whatever it raises is explained."""
     try:
         return call()
     except KeyboardInterrupt:
@@ -67,12 +68,12 @@ def _guarded(call: Callable[[], int]) -> int:
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""
         _tell(
-            f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and that the disk is not "
-            "full, then run again; runs stored so far are kept"
+            f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and the disk not full, "
+            "then run again. Finished runs stay stored"
         )
         return EXIT_BROKEN
     except MemoryError:
-        _tell("rso: the memory of this machine is not enough; runs stored so far are kept")
+        _tell("rso: this machine ran out of memory. Finished runs stay stored")
         return EXIT_BROKEN
     except Exception as error:
         code, text = _foreseen(error)
@@ -92,8 +93,8 @@ def _foreseen(error: Exception) -> tuple[int, str]:
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
         why = one(f"{type(error).__name__}: {error}")[:800]
         return EXIT_BROKEN, (
-            f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, "
-            "let NUMBA_CACHE_DIR name a folder that can be written"
+            f"rso: cannot be loaded on this machine: {why}. If compiled code cannot be written, set NUMBA_CACHE_DIR "
+            "to a writable folder"
         )
     if isinstance(error, StudyError):
         return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
@@ -108,12 +109,12 @@ def _fault(error: Exception) -> str:
     where = "".join(f" at {os.path.basename(f.filename)}:{f.lineno}" for f in frames)
     said = one(f"{type(error).__name__}: {error}")
     return (
-        f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with "
-        f"what {DEBUG}=1 before the command prints"
+        f"rso: a fault of the program{where}: {said[:800]}. Finished runs stay stored. Please report it, with what "
+        f"{DEBUG}=1 before the command prints"
     )
 
 
 def _tell(text: str) -> None:
     """A message for people, as far as somebody reads."""
     with contextlib.suppress(OSError, ValueError):
-        print(text, file=sys.stderr, flush=True)
+        print(wrapped(text, sys.stderr), file=sys.stderr, flush=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import rso
 from rso.cli import commands
@@ -30,29 +32,73 @@ what is not understood is refused with what is, other keys are not used, which i
 this means is in docs/data_for_a_diagnosis.md"""
 
 
+EXIT_CODES = """\
+exit codes:
+  0    done and verified
+  1    the results folder or the workers cannot be used
+  2    bad study or data file
+  3    finished, some runs failed
+  4    a candidate's rerun disagrees with its prediction
+  5    a required parameter is not determined
+  6    no candidate meets the targets and constraints
+  7    with --strict: a validation fails
+  130  interrupted; the same command goes on"""
+
+
+class Parser(argparse.ArgumentParser):
+    """A command line that names the nearest command or option for a typing mistake."""
+
+    def error(self, message: str) -> NoReturn:
+        """One sentence, with what may have been meant; exit code 2."""
+        near = self._nearest(message)
+        if (wrong := re.search(r"argument command: invalid choice: ('.*?')", message)) is not None:
+            message = f"there is no command {wrong[1]}"
+            near += "; all commands: rso --help"
+        super().error(message + near)
+
+    def _nearest(self, message: str) -> str:
+        actions = self._actions
+        known = [o for a in actions for o in a.option_strings]
+        known += [c for a in actions if isinstance(a.choices, dict) for c in a.choices]
+        words = [w.strip("',:") for w in message.split("(choose")[0].split()]
+        near = [m for w in words if w not in known for m in difflib.get_close_matches(w, known, n=1, cutoff=0.6)]
+        return f"; did you mean {near[0]}?" if near else ""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does; an option that is not known is compared with those of its command."""
+        found, left = self.parse_known_args(args, namespace)
+        if left:
+            command = getattr(found, "parser", self)
+            command.error(f"unknown argument {left[0]}")
+        return found
+
+
 def parser(arguments: Sequence[str] = ()) -> argparse.ArgumentParser:
     """The whole command line; `call` of what it parses is the command.
 
     Only where `new` stands among the arguments is the backend loaded, whose options it has.
     """
-    rso_ = argparse.ArgumentParser(
+    rso_ = Parser(
         prog="rso",
-        description="Response surface optimisation for indentation tests.",
-        epilog="exit codes: 0 done and verified, 1 results folder or workers unusable, 2 bad study or data, 3 some "
-        "runs failed, 4 not verified, 5 a required parameter is not determined, 6 no candidate meets the targets and "
-        "constraints, 7 a validation fails (--strict), 130 interrupted (resumable)",
+        description="Identify soft materials from indentation tests, and say what the model misses.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     rso_.add_argument("--version", action="version", version=f"rso {rso.__version__}")
-    known = rso_.add_subparsers(required=True, metavar="command")
+    rso_.set_defaults(call=commands.first_steps)
+    known = rso_.add_subparsers(metavar="command", parser_class=Parser)
     _new(known, _options() if "new" in arguments else ())
     _of_a_study(known)
     _blind(known)
     _in_and_out(known)
+    _at_hand(known)
     text = "list what a study file may hold: every table and key, its values, default and meaning"
     keys = known.add_parser("keys", help=text, description=text)
     keys.add_argument("table", nargs="?", default="", help="one table and those within, for example search")
     keys.add_argument("--schema", action="store_true", help="the JSON schema of a study file, for editors")
     keys.set_defaults(call=commands.keys)
+    for command in known.choices.values():
+        command.set_defaults(parser=command)
     return rso_
 
 
@@ -65,7 +111,7 @@ def _options() -> Sequence[Option]:
 
 
 def _new(known: Any, own: Sequence[Option]) -> None:
-    text = "write a first study file from data files, what they tell filled in and guesses marked, and check it"
+    text = "write a study file for your own data, with every guess marked, and check it"
     new = known.add_parser("new", help=text, description=text)
     new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
     new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
@@ -86,11 +132,10 @@ def _new(known: Any, own: Sequence[Option]) -> None:
         action="append",
         default=[],
         metavar=("NAME", "WORD"),
-        help="what a column is called in the files and its unit: --column Fz Kraft N; behind these flip "
-        "turns its sign, contact finds its zero; --column segment SegmentID 1=loading 2=skip says what "
-        "codes mean; --column depth Piezo nm minus Deflection nm subtracts a deflection, --column Fz "
-        "Deflection nm stiffness '0.0876 N/m' makes a force of it (minus Load N compliance '0.4 mm/N' for "
-        "a frame)",
+        help="what a column is called and its unit: --column Fz Kraft N. Behind these, flip turns its sign and "
+        "contact finds its zero. Codes: --column segment SegmentID 1=loading 2=skip. A deflection is "
+        "subtracted by --column depth Piezo nm minus Deflection nm. A force from it: --column Fz Deflection "
+        "nm stiffness '0.0876 N/m'. A frame's compliance: minus Load N compliance '0.4 mm/N'",
     )
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
     new.set_defaults(call=commands.new, of_backend=tuple(own))
@@ -113,14 +158,18 @@ def _of_a_study(known: Any) -> None:
     for name, call, text in (
         ("check", commands.check, "read a study, say what would run and about how long; compute nothing"),
         ("run", commands.run, "run a study, or go on with it, and write its report"),
-        ("status", commands.status, "say how far a study is"),
+        ("status", commands.status, "say how far a study is, what it found, and what to do next"),
         (
             "diagnose",
             commands.diagnose,
             "say where the model misses the measurements and which unmodelled effect causes it",
         ),
-        ("ladder", commands.ladder, "climb from the simplest model to the one that the data ask for, and not further"),
-        ("next", commands.next_test, "say which experiment, not done yet, would tell most of what is known worst"),
+        (
+            "ladder",
+            commands.ladder,
+            "fit models from simple to rich and stop at the first that is consistent with the data",
+        ),
+        ("next", commands.next_test, "say which further experiment would constrain the least known parameter best"),
         ("report", commands.report, "write the pages again from what run, diagnose, ladder and next have found"),
     ):
         command = known.add_parser(name, help=text, description=text)
@@ -134,16 +183,29 @@ def _of_a_study(known: Any) -> None:
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
         if name in ("check", "run", "diagnose", "ladder", "next"):
             command.add_argument("--jobs", type=_jobs, help="simulations at a time (default: dispatch.jobs)")
+        if name in ("run", "diagnose", "ladder", "next"):
+            command.add_argument("-q", "--quiet", action="store_true", help="no progress, only the answer")
+        if name in ("run", "status"):
+            command.add_argument("--json", action="store_true", help="the answer as JSON, and nothing else")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
             command.add_argument(
                 "--strict",
                 action="store_true",
-                help="exit code 7 where an experiment kept for the end is not predicted by the most likely values",
+                help="exit code 7 if a held-out experiment is not predicted by the most likely values",
             )
 
 
-FORMATS = ("febio", "abaqus", "cards", "csv", "parquet", "arviz")  # those that are options; a backend may have more
+FORMATS = (
+    "febio",
+    "abaqus",
+    "cards",
+    "csv",
+    "parquet",
+    "arviz",
+    "figures",
+    "bibtex",
+)  # those that are options; a backend may have more
 
 
 def _in_and_out(known: Any) -> None:
@@ -185,8 +247,65 @@ def _blind(known: Any) -> None:
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=_jobs, default=2, help="simulations at a time")
     blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
-    blind.add_argument("--reruns", action="store_true", help="compute finalists anew: minutes a case")
+    blind.add_argument("--reruns", action="store_true", help="simulate finalists again: minutes a case")
+    blind.add_argument("-q", "--quiet", action="store_true", help="no progress, only the answer")
     blind.set_defaults(call=commands.blind)
+
+
+def _at_hand(known: Any) -> None:
+    """Small commands about what is there already."""
+    text = "write a worked study into a folder; without a name list them"
+    example = known.add_parser("example", help=text, description=text)
+    example.add_argument("name", nargs="?", help="name of the example")
+    example.add_argument("--to", type=Path, help="folder of the study (default: its name)")
+    example.set_defaults(call=commands.example)
+    for name, call, text in (
+        ("open", commands.open_page, "show the pages of a study in the browser"),
+        ("plot", commands.plot, "write a figure of the report as a file; without a name list them"),
+    ):
+        command = known.add_parser(name, help=text, description=text)
+        command.add_argument("study", type=Path, help="study.toml, its folder, or a folder of results")
+        command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+        command.set_defaults(call=call)
+        if name == "open":
+            pages = ("report", "diagnosis", "ladder", "next")
+            command.add_argument("--page", choices=pages, help="which page (default: the first that is there)")
+        else:
+            command.add_argument("figure", nargs="?", help="name of the figure")
+            command.add_argument("--to", type=Path, help="file, .svg, .pdf or .png (default: FIGURE.svg)")
+    text = "compare two runs: their answers, and what differs between their studies"
+    compare = known.add_parser("compare", help=text, description=text)
+    compare.add_argument("first", type=Path, metavar="A", help="a study, or a folder of results")
+    compare.add_argument("second", type=Path, metavar="B", help="the other one")
+    compare.add_argument("--json", action="store_true", help="the comparison as JSON, and nothing else")
+    compare.set_defaults(call=commands.compare)
+    text = "check whether this machine can run studies, and how fast"
+    doctor = known.add_parser("doctor", help=text, description=text)
+    doctor.add_argument("--fast", action="store_true", help="without the simulation that is timed")
+    doctor.add_argument("--json", action="store_true", help="the findings as JSON, and nothing else")
+    doctor.set_defaults(call=commands.doctor)
+    text = "print a completion script: rso completion bash > ~/.local/share/bash-completion/completions/rso"
+    completion = known.add_parser("completion", help="print a completion script for a shell", description=text)
+    completion.add_argument("shell", choices=("bash", "zsh", "tcsh"))
+    completion.set_defaults(call=completion_script)
+
+
+def completion_script(options: argparse.Namespace, command: str) -> int:
+    """Print what a shell needs to complete commands, options and files."""
+    import shtab
+
+    whole = parser()
+    for action in [a for p in _parsers(whole) for a in p._actions]:
+        if action.type is Path:
+            action.complete = shtab.FILE  # type: ignore[attr-defined]
+    print(shtab.complete(whole, options.shell))
+    return 0
+
+
+def _parsers(whole: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+    """A parser and those of its commands."""
+    inner = [p for a in whole._actions if isinstance(a.choices, dict) for p in a.choices.values()]
+    return [whole, *inner]
 
 
 def _jobs(text: str) -> int:

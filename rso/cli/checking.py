@@ -15,15 +15,17 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
+from rso.cli.answer import between
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
+from rso.core.symbols import symbol
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, axes_of, levels_of
-from rso.optimal_design import study_design
+from rso.next_experiment import study_design
 from rso.study import cases
 from rso.study.cases import contact_modulus
 from rso.study.errors import Problem, study_error
@@ -137,6 +139,8 @@ def _one_of_each(plan: Plan) -> list[Task]:
 
 
 def _minutes(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
@@ -157,13 +161,13 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     if anew:
         time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
         count = f"{each:.0f} simulation{'s' * (round(each) != 1)}"
-        lines.append(f"    a cause that it names is computed anew: about {count}, {time}, twice at most")
+        lines.append(f"    a cause that it names is simulated again: about {count}, {time}, twice at most")
     tests = discrepancy.planned_tests(asked.base, asked.plan, asked.effects)
     if tests:
         runs = sum(len(found) * share for found, share in tests.values())
         seconds = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
         lines.append(
-            f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
+            f"    where it names two, {len(tests)} tests that could decide are computed: about {runs:.0f} "
             f"simulations, {_minutes(seconds)}"
         )
     return lines
@@ -209,10 +213,10 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 def _things(plan: Plan) -> list[str]:
     """Parameters, settings and experiments."""
     lines = [
-        f"  {a.name}: {a.low:g} to {a.high:g}{spaced(a.parameter.unit)} ({a.scale}), {a.parameter.description}"
+        f"  {symbol(a.name)}: {between((a.low, a.high), a.parameter.unit)} ({a.scale}), {a.parameter.description}"
         for a in plan.resolved.axes
     ]
-    lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    lines += [f"  {symbol(name)} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
     lines += [
         f"  {words}"
         for words in (
@@ -314,9 +318,9 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (
-                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} is "
-                f"{value:.2g} MPa, which is no modulus; a sign, a zero, a tensile record, or adhesion: "
-                "then open `adhesion` in [parameters]"
+                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} would be "
+                f"{value:.2g} MPa. Check the sign and the zero, and that this is no tensile record. For adhesion, "
+                "open `adhesion` in [parameters]"
             )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"shallow half, in the limit of small contacts{theory}: {knob} about {value:.2g} MPa")

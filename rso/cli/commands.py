@@ -6,17 +6,16 @@ import argparse
 import json
 import shlex
 import shutil
-import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rso.cli import output
 from rso.contract import Option
 from rso.core import disk
 from rso.core.default_backend import USE
-from rso.core.printable import one
 
 EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
@@ -27,7 +26,12 @@ def check(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     folder = _folder(options, study.folder)
-    _print(check(study, folder, options.trust, _store(options, folder), options.jobs))
+    if study.objectives is not None:
+        from rso.cli.objectives import check_objectives
+
+        output.lines(check_objectives(study, folder, options.trust))
+        return 0
+    output.lines(check(study, folder, options.trust, _store(options, folder), options.jobs))
     return 0
 
 
@@ -48,7 +52,7 @@ def new(options: argparse.Namespace, command: str) -> int:
         test = NewTest(_given(options), point, options.repeats, columns)
         text = begin(options.out, load_backend(USE), test, options.fit, options.validate)
     except ValueError as error:
-        _complain(error)
+        output.complain(error)
         return EXIT_BAD_INPUT
     draft = options.out.with_name(f"{options.out.name}.draft")
     try:
@@ -61,14 +65,14 @@ def new(options: argparse.Namespace, command: str) -> int:
         raise StudyError([*said, "the study that this would be cannot run; it was not written"]) from error
     finally:
         draft.unlink(missing_ok=True)
-    _say(f"{options.out}: written; look at the lines with <-")
+    output.say(f"{options.out}: written; look at the lines with <-")
     print()
     study = load(options.out)
     own = options.out.stem == "study"  # a folder of results belongs to one study file
     folder = study.folder / ("results" if own else f"results_{options.out.stem}")
     note = alone(test, options.fit)
     there = [] if own else ["--out", str(folder)]
-    _print(
+    output.lines(
         [
             *check(study, folder, False, folder),
             *([note] if note else []),
@@ -175,46 +179,10 @@ def keys(options: argparse.Namespace, command: str) -> int:
     try:
         lines = reference(options.table)
     except ValueError as error:
-        _complain(error)
+        output.complain(error)
         return EXIT_BAD_INPUT
-    _print(lines)
+    output.lines(lines)
     return 0
-
-
-def _say(text: object) -> None:
-    """One line, whatever names are in it."""
-    print(one(str(text)))
-
-
-def _complain(text: object) -> None:
-    """The same of an error."""
-    print(one(f"rso: {text}"), file=sys.stderr)
-
-
-def _print(lines: Sequence[str]) -> None:
-    """Lines, in a terminal wrapped at words."""
-    print("\n".join(map(_hanging if sys.stdout.isatty() else one, lines)))
-
-
-def _tell(sentences: Sequence[str]) -> None:
-    """Sentences below a title, each wrapped at words."""
-    width = min(shutil.get_terminal_size().columns, 100)
-    for text in sentences:
-        print(textwrap.fill(text, width, initial_indent="  ", subsequent_indent="    "))
-
-
-def _hanging(line: str) -> str:
-    """A line in the width of the terminal, what follows further in."""
-    within = " " * (len(line) - len(line.lstrip()))
-    width = max(shutil.get_terminal_size().columns, 40)
-    return textwrap.fill(
-        line.strip(),
-        width,
-        initial_indent=within,
-        subsequent_indent=within + "  ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
 
 
 def run(options: argparse.Namespace, command: str) -> int:
@@ -223,6 +191,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan, source_of
     from rso.calibration.result_files import claim, may_be_moved
     from rso.calibration.stages import NothingToFit
+    from rso.cli.answer import condensed, verdict_lines
     from rso.cli.progress import Progress
     from rso.evaluation.store import RunStore, set_aside
     from rso.study.loader import load
@@ -230,6 +199,10 @@ def run(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
+    if study.objectives is not None:
+        from rso.cli.objectives import run_objectives
+
+        return run_objectives(options, study, folder, _store(options, folder), command)
     if options.fresh and folder.exists():
         may_be_moved(folder, study.file, study.inputs())
     plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
@@ -237,9 +210,11 @@ def run(options: argparse.Namespace, command: str) -> int:
     with executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
         plan = plan or make_plan(study)
         if options.fresh and folder.exists():
-            _say(f"old results moved to {set_aside(folder)}")
+            aside = set_aside(folder)
+            if not options.json:
+                output.say(f"old results moved to {aside}")
         claim(folder, study.file)
-        with RunStore(_store(options, folder)) as store, Progress() as progress:
+        with RunStore(_store(options, folder)) as store, Progress(options.quiet or options.json) as progress:
             try:
                 found = run_study(
                     plan,
@@ -253,23 +228,35 @@ def run(options: argparse.Namespace, command: str) -> int:
                     strict=options.strict,
                 )
             except NothingToFit as error:
-                return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
+                return output.ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = []
     if study.report.html or study.report.pdf:
         from rso.report import render
 
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
+    if options.json:
+        told = {"results": str(folder), **condensed(found), "pages": [str(f) for f in files]}
+        print(json.dumps(told, indent=1, ensure_ascii=False))
+        return int(found["exit_code"])
     from rso.report.terminal import summary
 
-    _print(summary(found, files))
-    return _ended(int(found["exit_code"]), found["exit_reason"])
+    print()
+    output.bold(found["study"]["title"])
+    for mark, text in verdict_lines(found):
+        output.marked(mark, text)
+    if not options.quiet:
+        output.lines(summary(found))
+    output.lines([f"  {file}" for file in files])
+    _without_pdf(study.report.pdf)
+    return output.ended(int(found["exit_code"]), found["exit_reason"])
 
 
-def _ended(code: int, reason: str | None) -> int:
-    """The exit code; where it is not 0 the last line of a command says why."""
-    if code:
-        _print([f"exit code {code}: {reason}"])
-    return code
+def _without_pdf(wanted: bool) -> None:
+    """A line where a PDF is wanted and what writes it is not installed."""
+    from rso.report.layout.page import has_pdf
+
+    if wanted and not has_pdf():
+        output.say("  no PDF: it needs typst: pip install 'rso[pdf]'")
 
 
 def diagnose(options: argparse.Namespace, command: str) -> int:
@@ -285,7 +272,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
         except LibraryUnanswered as error:  # any other error is a fault of the program, and says where
-            return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
+            return output.ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = [folder / "diagnosis.json"]
     if study.report.html or study.report.pdf:
         from rso.report import render_diagnosis
@@ -298,9 +285,9 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
         print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
     print()
     for file in files:
-        _say(file)
+        output.say(file)
     failed = found["failed_runs"]
-    return _ended(EXIT_FAILED_RUNS, f"{len(failed)} failed simulations; the first: {failed[0]}") if failed else 0
+    return output.ended(EXIT_FAILED_RUNS, f"{len(failed)} failed simulations; the first: {failed[0]}") if failed else 0
 
 
 def _told_again(folder: Path, pages: Any) -> list[Path]:
@@ -334,18 +321,20 @@ def ladder(options: argparse.Namespace, command: str) -> int:
 
         files += render_ladder(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
-    _say(found["study"]["title"])
-    _tell([*(s["words"] for s in found["steps"]), found["words"], *(f"warning: {w}" for w in found["warnings"])])
+    output.say(found["study"]["title"])
+    output.sentences(
+        [*(s["words"] for s in found["steps"]), found["words"], *(f"warning: {w}" for w in found["warnings"])]
+    )
     print(f"  {found['counts']['runs']} simulations, {found['timings']['wall']:.0f} s")
     for file in files:
-        _say(f"  {file}")
-    return 0 if found["chosen"] else _ended(EXIT_FAILED_RUNS, f"no level has an answer: {found['words']}")
+        output.say(f"  {file}")
+    return 0 if found["chosen"] else output.ended(EXIT_FAILED_RUNS, f"no level has an answer: {found['words']}")
 
 
 def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
-    from rso.optimal_design.design_results import markdown, results, write
-    from rso.optimal_design.study_design import run_next
+    from rso.next_experiment.design_results import markdown, results, write
+    from rso.next_experiment.study_design import run_next
     from rso.study.loader import load
 
     study = load(options.study)
@@ -360,14 +349,14 @@ def next_test(options: argparse.Namespace, command: str) -> int:
 
         files += render_next(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
-    _say(found["study"]["title"])
+    output.say(found["study"]["title"])
     unanswered = (f"no answer: {n}: {w}" for n, w in found["problems"].items())
-    _tell([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
+    output.sentences([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
     print("\n" + "\n".join(markdown(found)) + "\n")
     for file in files:
-        _say(f"  {file}")
+        output.say(f"  {file}")
     lost = "; ".join(f"{n}: {w}" for n, w in found["problems"].items())
-    return _ended(EXIT_FAILED_RUNS, f"no answer: {lost}") if lost else 0
+    return output.ended(EXIT_FAILED_RUNS, f"no answer: {lost}") if lost else 0
 
 
 def blind(options: argparse.Namespace, command: str) -> int:
@@ -379,14 +368,14 @@ def blind(options: argparse.Namespace, command: str) -> int:
 
     cases = cases_of(options.folder)
     if not cases:
-        _complain(f"{options.folder}: no folder with a nominal.json in it")
+        output.complain(f"{options.folder}: no folder with a nominal.json in it")
         return EXIT_BAD_INPUT
     disk.folder(options.out)
     bad = 0
     with (
         RunStore(options.out / "store") as store,
         WorkerPool(options.jobs, source=Source(USE)) as pool,
-        Progress() as progress,
+        Progress(options.quiet) as progress,
     ):
         found = answer(
             cases,
@@ -400,13 +389,15 @@ def blind(options: argparse.Namespace, command: str) -> int:
         )
         bad = sum("error" in data for _, data in found)
     errors = f"; {bad} with an error, tried again at the next call" if bad else ""
-    _say(f"{len(cases)} cases, answers in {options.out}{errors}")
-    return _ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error; their answers say it") if bad else 0
+    output.say(f"{len(cases)} cases, answers in {options.out}{errors}")
+    return (
+        output.ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error; their answers say it") if bad else 0
+    )
 
 
 @contextmanager
 def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
-    """The store of a study, what runs its simulations, and what tells of them; the folder is its own from then on."""
+    """The store of a study, what runs its simulations, and what shows of them; the folder is its own from then on."""
     from rso.api.workspace import executor
     from rso.calibration.result_files import claim
     from rso.cli.progress import Progress
@@ -415,7 +406,11 @@ def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Pat
     claim(folder, study.file)
     jobs = options.jobs or study.dispatch.jobs
     where = _store(options, folder)
-    with RunStore(where) as store, executor(study.dispatch, jobs, source, folder) as pool, Progress() as progress:
+    with (
+        RunStore(where) as store,
+        executor(study.dispatch, jobs, source, folder) as pool,
+        Progress(options.quiet) as progress,
+    ):
         yield store, pool, progress
 
 
@@ -427,19 +422,19 @@ def export(options: argparse.Namespace, command: str) -> int:
     names = list(dict.fromkeys([*options.formats, *(options.options or ())]))
     if not names:
         print("formats, each as an argument or option (rso export STUDY --csv):")
-        _print([f"  {name}: {text}" for name, text in formats(study.plan).items()])
+        output.lines([f"  {name}: {text}" for name, text in formats(study.plan).items()])
         return 0
     try:
         folder = options.to or study.folder / "export"
         files = study.export(folder, *names, candidate=options.candidate, experiment=options.experiment)
     except FileNotFoundError:
-        _complain(f"{study.folder}: there are no results; rso run {shlex.quote(str(options.study))} makes them")
+        output.complain(f"{study.folder}: there are no results; rso run {shlex.quote(str(options.study))} makes them")
         return EXIT_BAD_INPUT
     except ValueError as error:
-        _complain(error)
+        output.complain(error)
         return EXIT_BAD_INPUT
     for file in files:
-        _say(file)
+        output.say(file)
     return 0
 
 
@@ -450,35 +445,87 @@ def import_runs(options: argparse.Namespace, command: str) -> int:
     try:
         count = study.import_runs(options.table)
     except ValueError as error:
-        _complain(f"{options.table}: {error}")
+        output.complain(f"{options.table}: {error}")
         return EXIT_BAD_INPUT
-    _say(f"{count} simulations are stored in {study.folder}; the study uses those that its design asks for")
+    output.say(f"{count} simulations are stored in {study.folder}; the study uses those that its design asks for")
     return 0
 
 
 def status(options: argparse.Namespace, command: str) -> int:
-    from rso.evaluation.store import RunStore
+    from rso.cli.status import report_status
     from rso.study.toml_text import tables_of, text_of
 
+    if _are_results(options.study):
+        return report_status(options, options.study, options.study, _store(options, options.study))
     file, text = text_of(options.study)
     tables_of(file, text)  # no study is no study, but its data and backend have no say in what has been done
     folder = _folder(options, file.parent)
-    if not folder.exists():
-        _say(f"{file}: not started ({folder} does not exist)")
-        return 0
-    try:
-        found = disk.read_json(folder / "results.json")
-        _say(f"last finished stage: {found['stage']}")
-    except (OSError, ValueError, KeyError, TypeError):
-        print("no stage is finished")
-    with RunStore(_store(options, folder), read_only=True) as store:
-        rows = store.rows()
-    for state in ("done", "failed", "crashed"):
-        print(f"{state}: {sum(r.state == state for r in rows)}")
-    for row in rows:
-        if row.state != "done":
-            reason, *_ = (*(row.reason or "").splitlines(), "no reason given")
-            _say(f"  {row.state} {row.key[:12]} {dict(row.values)}: {reason}")
+    return report_status(options, file, folder, _store(options, folder))
+
+
+def example(options: argparse.Namespace, command: str) -> int:
+    from rso.cli.example import write_example
+
+    return write_example(options)
+
+
+def compare(options: argparse.Namespace, command: str) -> int:
+    from rso.cli.compare import compare
+
+    return compare(options)
+
+
+def doctor(options: argparse.Namespace, command: str) -> int:
+    from rso.cli.doctor import doctor
+
+    return doctor(options)
+
+
+def open_page(options: argparse.Namespace, command: str) -> int:
+    from rso.cli.pages import open_page
+
+    return open_page(options, _results_folder(options))
+
+
+def plot(options: argparse.Namespace, command: str) -> int:
+    from rso.cli.pages import plot
+
+    return plot(options, _results_folder(options))
+
+
+def _are_results(place: Path) -> bool:
+    """Whether a folder holds results and no study, as one that a colleague has sent."""
+    return (place / "results.json").is_file() and not (place / "study.toml").exists()
+
+
+def _results_folder(options: argparse.Namespace) -> Path:
+    """Where the results of a study lie; a folder of results stands for itself."""
+    from rso.study.toml_text import text_of
+
+    if _are_results(options.study):
+        return Path(options.study).absolute()
+    return _folder(options, text_of(options.study)[0].parent)
+
+
+def first_steps(options: argparse.Namespace, command: str) -> int:
+    """What `rso` alone says: the next three steps, by whether a study lies here."""
+    here = Path("study.toml").is_file()
+    steps = (
+        [
+            ("rso check study.toml", "what would run, and about how long"),
+            ("rso run study.toml", "run it, or go on with it, and write its report"),
+            ("rso status study.toml", "how far it is and what was found"),
+        ]
+        if here
+        else [
+            ("rso example", "worked studies to try; one takes about a minute"),
+            ("rso new CURVE.csv --help", "write a study for your own force curve"),
+            ("rso run study.toml", "run a study and write its report"),
+        ]
+    )
+    output.bold("rso: identify soft materials from indentation tests")
+    output.lines([f"  {words:28}{text}" for words, text in steps])
+    output.say("All commands: rso --help")
     return 0
 
 
@@ -486,8 +533,9 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.results import SCHEMA, data_hashes
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
-    from rso.optimal_design import design_results
-    from rso.report import render, render_diagnosis, render_ladder, render_next
+    from rso.next_experiment import design_results
+    from rso.objectives import results as pareto_results
+    from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
     from rso.study.loader import load
 
     study = load(options.study)
@@ -498,32 +546,34 @@ def report(options: argparse.Namespace, command: str) -> int:
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
         (design_results.FILE, design_results.SCHEMA, render_next, "next"),
     ]
+    if study.objectives is not None:
+        shown = [("results.json", pareto_results.SCHEMA, render_pareto, "run")]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name
         try:
             found = disk.read_json(path)
         except FileNotFoundError:
-            _complain(f"{path}: is not there; run the study first: rso {again} {options.study}")
+            output.complain(f"{path}: is not there; run the study first: rso {again} {options.study}")
             return EXIT_BAD_INPUT
         except (OSError, ValueError) as error:
-            _complain(f"{path}: {error}; run the study first: rso {again} {options.study}")
+            output.complain(f"{path}: {error}; run the study first: rso {again} {options.study}")
             return EXIT_BAD_INPUT
         try:
             if found["schema"] != schema:
                 raise ValueError(f"schema {found['schema']}, expected {schema}")
             files = draw(found, folder, html=True, pdf=True)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
-            _complain(
+            output.complain(
                 f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "
                 f"run the study again: rso {again} {options.study}"
             )
             return EXIT_BAD_INPUT
         for file in files:
-            _say(file)
+            output.say(file)
         then = (found.get("provenance") or {}).get("data_sha256") or now
         if changed := sorted(f for f in then.keys() | now.keys() if then.get(f) != now.get(f)):
-            _complain(
+            output.complain(
                 f"{path.name} and its page are of other data: since then {', '.join(changed)} changed, came or "
                 f"went; run it again: rso {again} {options.study}"
             )

@@ -7,16 +7,18 @@ import time
 from typing import Any
 
 from rso.core.printable import one, raw
+from rso.core.symbols import in_units
 from rso.evaluation import Event, Finished, Planned, Preparing, Retried
 
 EVERY_S = 20.0  # between plain lines
 
 
 class Progress:
-    """Context manager; `watch` takes the events of the dispatcher, `say` the stages of a study."""
+    """Context manager; `watch` takes the events of the dispatcher, `say` the stages of a study; `quiet` shows none."""
 
-    def __init__(self) -> None:
-        self._terminal = sys.stdout.isatty()
+    def __init__(self, quiet: bool = False) -> None:
+        self._quiet = quiet
+        self._terminal = sys.stdout.isatty() and not quiet
         self._bar: Any = None
         self._task: Any = None
         self._last = time.monotonic()
@@ -42,13 +44,17 @@ class Progress:
 
     def say(self, text: str) -> None:
         """One line."""
+        if self._quiet:
+            return
         if self._bar is not None:
-            self._bar.console.print(one(text), markup=False, highlight=False)
+            self._bar.console.print(one(in_units(text)), markup=False, highlight=False)
         else:
-            print(one(text), flush=True)
+            print(one(in_units(text)), flush=True)
 
     def watch(self, event: Event) -> None:
         """Show an event of :func:`rso.evaluation.run_all`."""
+        if self._quiet:
+            return
         if isinstance(event, Preparing):
             self.say(f"  preparing {event.n_artefacts} artefact(s) (meshes)")
         elif isinstance(event, Planned):

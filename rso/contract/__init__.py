@@ -22,6 +22,10 @@ from rso.contract.capabilities import (
     ClosedFormStart,
     ContactModulus,
     CostModel,
+    DeformedBodies,
+    DeformedBody,
+    DeformedFrame,
+    DeformedSurface,
     DerivedQuantities,
     DerivedQuantity,
     DistortionDepth,
@@ -35,6 +39,7 @@ from rso.contract.capabilities import (
     ForceExponents,
     FormulaCurve,
     Formulas,
+    FreeCurves,
     FurtherTests,
     Gauges,
     Given,
@@ -63,9 +68,9 @@ from rso.contract.capabilities import (
 )
 from rso.contract.cases import Case, Programme
 from rso.contract.keys import run_key
-from rso.contract.parameters import Parameter, Scope, drop_neutral, finite, knob, number, parameters_of
+from rso.contract.parameters import Parameter, Scope, drop_neutral, finite, knob, number, parameters_of, worded
 from rso.contract.plain_data import by_contents, digest, object_path, plain
-from rso.contract.responses import CAUSES, Curve, NotFinite, Response, SimulationFailed
+from rso.contract.responses import CAUSES, Curve, FreeCurve, NotFinite, Response, SimulationFailed
 from rso.contract.segments import Segment
 
 __all__ = [
@@ -78,6 +83,10 @@ __all__ = [
     "ContactModulus",
     "CostModel",
     "Curve",
+    "DeformedBodies",
+    "DeformedBody",
+    "DeformedFrame",
+    "DeformedSurface",
     "DerivedQuantities",
     "DerivedQuantity",
     "DistortionDepth",
@@ -91,6 +100,8 @@ __all__ = [
     "ForceExponents",
     "FormulaCurve",
     "Formulas",
+    "FreeCurve",
+    "FreeCurves",
     "FurtherTests",
     "Gauges",
     "Given",
@@ -133,4 +144,5 @@ __all__ = [
     "plain",
     "run_key",
     "unfit",
+    "worded",
 ]

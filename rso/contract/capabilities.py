@@ -2,7 +2,7 @@
 
 Each is optional and stands alone: a backend implements what it can answer, under the name given here, and
 :func:`capability` is how `rso` asks.  What happens without it stands in each docstring; no answer of a simulation
-and no run key hangs on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
+and no run key depends on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
 times in s, forces in N, moduli in MPa; `settings` are those of one case, as the study states them.
 `docs/adding.md` has an example of each.
 """
@@ -295,6 +295,56 @@ class Sketches(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class DeformedFrame:
+    """A section at one travel (mm) and force (N): points (n, 2) mm, triangles (t, 3) of them, fields (n,).
+
+    `indenter` (k, 2) mm is its outline; `mirrored` says that the section goes on beyond 0 as its mirror image.
+    """
+
+    travel: float
+    force: float
+    points: np.ndarray
+    triangles: np.ndarray
+    fields: Mapping[str, np.ndarray]
+    indenter: np.ndarray
+    mirrored: bool = False
+
+
+@dataclass(frozen=True)
+class DeformedSurface:
+    """The surface of the body in the last frame: points (n, 3) mm, triangles (t, 3), the same fields (n,).
+
+    `mirrored` says of x and y whether the body goes on beyond 0 as its mirror image.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    fields: Mapping[str, np.ndarray]
+    mirrored: tuple[bool, bool]
+
+
+@dataclass(frozen=True)
+class DeformedBody:
+    """A body as it is deformed: vertical sections along `plane` (as in :class:`Sketch`) from contact to the end.
+
+    `units` are those of the fields, the most telling first.  No frames without an answer.
+    """
+
+    plane: str
+    units: Mapping[str, str]
+    frames: tuple[DeformedFrame, ...]
+    surface: DeformedSurface | None = None
+
+
+class DeformedBodies(Protocol):
+    """The deformed body of a run in colour, for the first screen of a report; without it that shows none."""
+
+    def deformed(self, values: Mapping[str, float], case: Case, /) -> DeformedBody:
+        """The body of a run that is done, simulated again with its states; SimulationFailed where there is none."""
+        ...
+
+
 class FilledInputs(Protocol):
     """The input files of a program as they would be filled, for `rso check`; without it none is shown."""
 
@@ -307,7 +357,7 @@ class FilledInputs(Protocol):
 class DerivedQuantity:
     """A quantity that follows from parameters: letter, description, unit, and q = of(values), arrays in and out.
 
-    Where its interval lies outside of the `ordinary` range, a reader is told `otherwise`.
+    Where its interval lies outside of the `ordinary` range, a reader reads `otherwise`.
     """
 
     name: str
@@ -324,6 +374,14 @@ class DerivedQuantities(Protocol):
 
     def derived(self, settings: Settings, given: Collection[str], /) -> Sequence[DerivedQuantity]:
         """The quantities that follow from the parameters `given`, the most telling first."""
+        ...
+
+
+class FreeCurves(Protocol):
+    """Curves over abscissae of their own, such as a stretch or a frequency; without it there are channels alone."""
+
+    def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
+        """Name → unit of the curve, name of its abscissa, and that one's unit: what `Response.curves` will hold."""
         ...
 
 
@@ -399,7 +457,7 @@ class NewStudies(Protocol):
 
 
 class Fingerprint(Protocol):
-    """What answers hang on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
+    """What answers depend on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
 
     @property
     def fingerprint(self) -> str:
@@ -422,7 +480,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
         DistortionDepth,
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
-    "what is modelled": (Sketches, FilledInputs, DerivedQuantities, Exports),
+    "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, FreeCurves, Exports),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
@@ -446,8 +504,8 @@ def beyond_control(backend: object, case: Case) -> str | None:
         return None
     name = getattr(backend, "name", type(backend).__name__)
     return (
-        f'programme: force controls it (control = "force", to_N or asked_N), which the backend {name!r} does not '
-        "understand: it has no controls_force (rso.contract.ForceControl); a programme of travel alone is followed"
+        f'programme: it is controlled by force (control = "force", to_N or asked_N). The backend {name!r} does not '
+        "understand that (no controls_force, see rso.contract.ForceControl); give a programme of travel"
     )
 
 

@@ -26,6 +26,8 @@ class Programme:
     from the programme's start and needs segments whose durations are known before they are run.
     Travel counts from the first contact with the undeformed specimen; it is negative where the indenter is above that:
     before a contact, and where it draws the specimen up behind it.
+
+    With nothing stated nothing is moved: the case of a model that has no indenter, whose one passage is at 0 s, 0 mm.
     """
 
     time_s: tuple[float, ...] = ()
@@ -42,8 +44,14 @@ class Programme:
         self._refuse_asked()
         if self.segments:
             self._refuse_segments()
-        else:
+        elif not self.still:
             self._refuse_waypoints()
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing is moved and nothing asked for along the way."""
+        asked = self.asked_mm or self.asked_s or self.asked_N
+        return not (self.time_s or self.travel_mm or self.segments or asked)
 
     @property
     def forced(self) -> bool:
@@ -86,8 +94,8 @@ class Programme:
         end = clock(self.segments)[-1]
         if end is None:
             raise ValueError(
-                "programme: asked_s counts from the start, but how long the segments last is known only once they are "
-                "run; state asked_s within a segment, since it began"
+                "programme: asked_s counts from the start, but the duration of these segments is known only after "
+                "the run. State asked_s within a segment, counted from its beginning"
             )
         if np.any(np.diff(self.asked_s) <= 0) or not 0.0 < self.asked_s[0] <= self.asked_s[-1] <= end * (1.0 + 1e-12):
             raise ValueError(f"programme: asked_s must increase within (0, {end:g}] s, got {list(self.asked_s)}")
@@ -123,6 +131,8 @@ class Programme:
 
     def passages(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (n,) s and travels (n,) mm of all passages of asked travels and all asked moments, in order of time."""
+        if self.still:
+            return np.zeros(1), np.zeros(1)
         t, s = np.array(self.time_s), np.array(self.travel_mm)
         found: dict[float, float] = {}
         for (t0, s0), (t1, s1) in itertools.pairwise(zip(t, s, strict=True)):

@@ -1,4 +1,4 @@
-"""The key of a run: everything that its answer hangs on."""
+"""The key of a run: everything that its answer depends on."""
 
 from __future__ import annotations
 

@@ -16,7 +16,10 @@ Scope = Literal["study", "mounting", "place", "curve"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One scalar knob: its meaning, unit, hard bounds and, for an effect, the value that switches it off."""
+    """One scalar knob: its meaning, unit, hard bounds and, for an effect, the value that switches it off.
+
+    The value of a category is the number of one of its `choices`, from 0; that of a `whole` one is a whole number.
+    """
 
     name: str
     description: str
@@ -31,10 +34,15 @@ class Parameter:
     plausible: tuple[float, float] | None = None
     cause: str = ""
     label: str = ""
+    choices: tuple[str, ...] = ()
+    whole: bool = False
 
     def check(self, value: float) -> float:
         """Return `value` as a float, or raise ValueError naming knob, value, unit and bounds."""
         x = number(self.name, value)
+        if (self.choices or self.whole) and x != round(x):
+            what = f"the number of one of {', '.join(self.choices)}, from 0" if self.choices else "a whole number"
+            raise ValueError(f"{self.name} = {x}: {what} is expected ({self.description})")
         if not (math.isfinite(x) and self.low <= x <= self.high):
             raise ValueError(
                 f"{self.name} = {x} {self.unit} is outside its hard bounds "
@@ -99,6 +107,16 @@ def parameters_of(knobs: type) -> tuple[Parameter, ...]:
         for f in dataclasses.fields(knobs)
         if "parameter" in f.metadata
     )
+
+
+def worded(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> dict[str, float | int | str]:
+    """Values as a model is given them: the text of a category, a whole number as an integer, any other as it is."""
+    found: dict[str, float | int | str] = dict(values)
+    for p in parameters:
+        if p.name in values and (p.choices or p.whole):
+            n = round(values[p.name])
+            found[p.name] = p.choices[n] if p.choices else n
+    return found
 
 
 def drop_neutral(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,12 +37,37 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class FreeCurve:
+    """A curve over an abscissa of its own: `value` (n,) in `unit` over increasing `at` (n,), `over` in `over_unit`.
+
+    ValueError for what is no such curve.  Values and abscissa may have any sign; a value that is no number is refused.
+    """
+
+    at: np.ndarray
+    value: np.ndarray
+    unit: str = "1"
+    over: str = "x"
+    over_unit: str = "1"
+
+    def __post_init__(self) -> None:
+        at, value = (np.atleast_1d(_real(f"curve over {self.over!r}", v)) for v in (self.at, self.value))
+        if at.ndim != 1 or at.shape != value.shape or not len(at):
+            raise ValueError(f"curve over {self.over!r}: {at.shape} abscissae and {value.shape} values; both need (n,)")
+        if not (np.isfinite(at).all() and np.isfinite(value).all()):
+            raise NotFinite(f"curve over {self.over!r}: holds what is no number")
+        if np.any(np.diff(at) <= 0):
+            raise ValueError(f"curve over {self.over!r}: the abscissa must increase")
+        object.__setattr__(self, "at", at)
+        object.__setattr__(self, "value", value)
+
+
+@dataclass(frozen=True)
 class Response:
     """Channels over the programme, each (n,), with units and estimated numerical error in the same unit.
 
     `time` (s) and `travel` (mm) are always among the channels.  `gradients[knob][channel]` (n,) is optional:
     whoever needs derivatives must be able to live without.  `info` carries plain facts about the run
-    (CPU seconds, iterations, versions); nothing in it enters a result.
+    (CPU seconds, iterations, versions); nothing in it enters a result.  `curves` are those over other abscissae.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -49,6 +75,7 @@ class Response:
     error: Mapping[str, np.ndarray] = field(default_factory=dict)
     gradients: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     info: Mapping[str, Any] = field(default_factory=dict)
+    curves: Mapping[str, FreeCurve] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         channels = {k: np.atleast_1d(_real(f"response: channel {k!r}", v)) for k, v in self.channels.items()}
@@ -109,6 +136,7 @@ class Response:
             "error": plain(self.error),
             "gradients": plain(self.gradients),
             "info": plain(self.info),
+            **({"curves": {k: plain(dataclasses.asdict(c)) for k, c in self.curves.items()}} if self.curves else {}),
         }
 
     @classmethod
@@ -120,6 +148,7 @@ class Response:
             data.get("error") or {},
             data.get("gradients") or {},
             data.get("info") or {},
+            {k: FreeCurve(**c) for k, c in (data.get("curves") or {}).items()},
         )
 
 

@@ -82,7 +82,7 @@ class Resampling:
 def ahead(travel: np.ndarray) -> np.ndarray:
     """Mask (n,) of the points of a response that belong to a :class:`Resampling`: pressed deeper than ever before.
 
-    Programs of others also print the moment of contact, a hold or the way back.
+    Programs of others also print the moment of contact, a hold or the unloading.
     """
     u = np.asarray(travel, float)
     return np.concatenate([[True], np.diff(np.maximum.accumulate(u)) > 0])[: len(u)] & (u > 0)
@@ -101,10 +101,10 @@ def way_back(travel: np.ndarray) -> np.ndarray:
 
 
 def on_the_way_back(travel: np.ndarray, value: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Values (n,) of a response at depths (n,) mm of its way back, straight between computed travels.
+    """Values (n,) of a response at depths (n,) mm of its unloading, straight between computed travels.
 
     A response that ends at its deepest travel is that of a model that returns on its way there, and feels nothing above
-    contact.  ValueError for depths beyond the way back.
+    contact.  ValueError for depths beyond the unloading.
     """
     rows, u, y = way_back(travel), np.asarray(travel, float), np.asarray(value, float)
     if len(rows) == 1:
@@ -114,7 +114,7 @@ def on_the_way_back(travel: np.ndarray, value: np.ndarray, depth: np.ndarray) ->
     s, f = u[rows][::-1], y[rows][::-1]
     if depth.min() < s[0] - _ROUND_OFF * s[-1] or depth.max() > s[-1] * (1.0 + _ROUND_OFF):
         raise ValueError(
-            f"depths {depth.min():g} to {depth.max():g} mm lie beyond the way back, {s[0]:g} to {s[-1]:g} mm"
+            f"depths {depth.min():g} to {depth.max():g} mm lie beyond the unloading, {s[0]:g} to {s[-1]:g} mm"
         )
     return np.interp(depth, s, f)
 
@@ -173,7 +173,7 @@ def at_readings(
     """Values of a response at readings (n,): of loading by depth (mm), of a hold by the time `since` it began (s).
 
     `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth, but
-    for those of the `channel` CREEP, which are of a hold at a force.  `back`: all are readings of the way back.
+    for those of the `channel` CREEP, which are of a hold at a force.  `back`: all are readings of the unloading.
     """
     if channel == CREEP and since is not None:
         return np.asarray(value)[creeping(time, since)]

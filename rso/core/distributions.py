@@ -45,6 +45,11 @@ def f_sf(x: Values, a: Values, b: Values) -> Values:
     return special.fdtrc(a, b, x)
 
 
+def f_ppf(p: Values, a: Values, b: Values) -> Values:
+    """The x with P(F <= x) = p, with a and b degrees of freedom."""
+    return special.fdtri(a, b, p)
+
+
 def t_ppf(p: Values, ν: Values) -> Values:
     """The x with P(t_ν <= x) = p."""
     return special.stdtrit(ν, p)

@@ -1,7 +1,7 @@
 """Force over the depth of a shallow contact as a power law, F = Σ_p a_p u^p: the exponents taken where nobody says.
 
 A backend says those of its indenter (:class:`rso.contract.ForceExponents`).  Files are read before there is a backend,
-so that where a record begins and what lies between its readings is told by these for every indenter; the contact is
+so that where a record begins and what lies between its readings is found from these for every indenter; the contact is
 then widened by what the other families of `FAMILIES` say of it.
 """
 

@@ -5,6 +5,7 @@ Arithmetic is exact (fractions) until the last step, so ``"3.2 kPa"`` and the ba
 
 from __future__ import annotations
 
+import difflib
 import functools
 import math
 import numbers
@@ -264,12 +265,19 @@ def header(text: str) -> tuple[str, str]:
         name, unit = _LOWER.get(ending[0].lower()), ending[1]
     if name is None or name in BARE_COLUMNS:
         what = "column {} has no unit" if written.lower() in _LOWER else "unknown column {}"
-        raise ValueError(f"{what.format(repr(written[:_LONGEST]))}; {_understood()}")
+        raise ValueError(f"{what.format(repr(written[:_LONGEST]))}; {_meant(written)}{_understood()}")
     try:
         factor(unit, kind_of(name))
     except ValueError as error:
         raise ValueError(f"column {written[:_LONGEST]!r}: {error}; {_understood()}") from error
     return name, unit
+
+
+def _meant(written: str) -> str:
+    """The nearest column to one that is written nearly so."""
+    usual = [f"{k}_{u}" for k, u in COLUMNS.items()]
+    near = difflib.get_close_matches(written[:_LONGEST], [*usual, *BARE_COLUMNS], n=1)
+    return f"did you mean {near[0]}? " if near else ""
 
 
 def _understood() -> str:

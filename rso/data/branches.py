@@ -31,9 +31,9 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
                 f"height: {plausibility.TURN} and {plausibility.ZERO}"
             )
         raise ValueError(
-            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
-            f"add a column 'repeat', or name one that counts the tests (repeat = {{ header = … }} in [columns] of the "
-            f"study), or add 'segment' with {', '.join(SEGMENTS)}{sign}"
+            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm. Add a column 'repeat', or "
+            "name the one that counts the tests: repeat = { header = … } in [columns] of the study. Or add "
+            f"'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
     if depth[k] - after.min() > curve_shape.JITTER * stroke:
@@ -84,7 +84,7 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
 
 def _arrival(time: np.ndarray, depth: np.ndarray, level: float) -> float:
     """When a level is reached from the last of the readings at the speed of the way, which the machine's brake ends;
-    infinite where these do not tell it."""
+    infinite where these do not show it."""
     start, end = (int(np.argmax(depth >= share * level)) for share in (0.5, 0.9))
     if end <= start or not time[end] > time[start]:
         return np.inf

@@ -57,7 +57,7 @@ class _Fit:
 
 
 def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
-    """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings tell it.
+    """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings show it.
 
     The contact is a rounded tip's (:func:`_of_rounded`) with the weight that the record leaves to such tips, else the
     average of alternatives m of the shape beyond contact and of what the force does before it.  Its bias holds by how
@@ -70,12 +70,12 @@ def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
 
 
 def _of_rounded(u: np.ndarray, F: np.ndarray) -> Onset | None:
-    """The contact of a rounded tip by means u, F (n,); None where too few of them tell it.
+    """The contact of a rounded tip by means u, F (n,); None where too few of them show it.
 
     Least squares of F = b + Σ_p a_p (u − c)^p, p of ROUNDED, up to UP_TO of the largest force, for c from the first
     reading on, with a drift b' u and a third power where they are clear; c is the mean, its scatter the standard
     deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft body,
-    or by how much more than scatter the contact moves if half of the force tells it.
+    or by how much more than scatter the contact moves if half of the force shows it.
     Valid for a rounded tip on a smooth body without adhesion, with what stiffens or softens beyond small depths.
     """
     whole, half = (_fit(u, F, share) for share in SHARES)
@@ -110,7 +110,7 @@ def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
 def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
     """The contact of a rounded tip where there is air before it beyond doubt; ValueError where there is not."""
     if contact is None:
-        raise ValueError("too few readings before 0.7 of the largest force to tell the contact")
+        raise ValueError("too few readings before 0.7 of the largest force to find the contact")
     before = int(np.sum(depth < contact.depth))
     if before < BEFORE or contact.depth - float(depth.min()) < SURE * contact.deviation:
         where = f"{contact.depth:.3g} ± {contact.deviation:.2g} mm"
@@ -147,7 +147,7 @@ def zeroed(
     ValueError where loading, where `loading` (n,), does not show an approach.
     """
     if "Fz" not in channels:
-        raise ValueError("Fz tells it, which is not there")
+        raise ValueError("it is found from Fz, which is missing")
     found = approached(depth[loading], channels["Fz"][loading])
     first = float(depth[loading].min())
     air = loading & (depth < found.depth - min(found.deviation, 0.5 * (found.depth - first)))
@@ -161,16 +161,17 @@ def zeroed(
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means u, F (n,) of readings by depth, with about as much air before the contact as the tip is pressed."""
     order = np.argsort(depth, kind="stable")
-    u, F = _means(depth[order], force[order])
+    u, F = means(depth[order], force[order])
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     tenth, half = (u[np.nonzero(low + share * (high - low) > F)[0][-1:]] for share in (0.1, 0.5))
     if len(tenth) and len(half):
         c = float(tenth[0] - (half[0] - tenth[0]))
         order = order[depth[order] >= c - (u[-1] - c)]
-    return _means(depth[order], force[order])
+    return means(depth[order], force[order])
 
 
-def _means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """At most MOST means of readings u, F (n,) in their order."""
     n = min(len(u), MOST)
     block = np.arange(len(u)) * n // len(u)
     count = np.bincount(block)
@@ -233,7 +234,7 @@ def _profile(
 
 def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float, float] | None:
     """Contact (mm from the first reading), its variance within and between alternatives, and the weight of rounded
-    tips, by the readings up to a share of the largest force; None where too few tell it.
+    tips, by the readings up to a share of the largest force; None where too few show it.
 
     Mean and variance of c over all alternatives m, of FAMILIES beyond contact and of what the force does before it,
     with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).

@@ -81,7 +81,7 @@ def back(depth: np.ndarray) -> float:
 
 
 def rest(depth: np.ndarray) -> int:
-    """How many readings lie at the deepest point where that may be a rest, else 0; times would tell."""
+    """How many readings lie at the deepest point where that may be a rest, else 0; times would show."""
     stroke = float(np.ptp(depth))
     width = max(0.005 * stroke, 12.0 * noise_of(depth))
     near = int(np.sum(depth > depth.max() - width))
@@ -105,7 +105,7 @@ def noise_of(values: np.ndarray) -> float:
 
 
 def onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | None:
-    """Depth from which the force rises (mm), its level at the start and its scatter (N); None where too few tell it.
+    """Depth from which the force rises (mm), its level at the start and its scatter (N); None where too few show it.
 
     Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of POWERS; c is 0 unless
     χ² falls by more than CLEAR with another.  The level is what the start has beyond a (u − c)^p.

@@ -1,7 +1,7 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
     recorded depth = (1 + depth_scale)(true depth − offset) + permanent_set · earlier + compliance · Fz + z,
-                     less the backlash on the way back,                      creep_tau dz/dt + z = creep · Fz
+                     less the backlash in unloading,                      creep_tau dz/dt + z = creep · Fz
     recorded Fz    = gain · (1 + nonlinearity · Fz*) Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
     recorded Fx    = Fx* cos(turn) + Fy* sin(turn) + cross_x · Fz* + bias_side cos(bias_angle)
     recorded Fy    = Fy* cos(turn) − Fx* sin(turn) + cross_y · Fz* + bias_side sin(bias_angle)
@@ -124,7 +124,7 @@ class Chain:
     )
 
     backlash: float = knob(  # of either sign: a gauge that sticks shows on the way back what was
-        "play of the drive, taken up on the way back; negative: of the depth gauge",
+        "play of the drive, taken up when unloading; negative: of the depth gauge",
         "mm",
         -1.0,
         1.0,

@@ -54,8 +54,8 @@ def check(
         if values is not None and not few and len(wild := curve_shape.marks(values)):
             count, rows = ("1 reading", "this row") if len(wild) == 1 else (f"{len(wild)} readings", "these rows")
             raise ValueError(
-                f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {count} and of another "
-                f"size in all others: a mark for an overload or a gap; delete {rows}"
+                f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {count} and quite "
+                f"different in all others. It looks like a mark for an overload or a gap: delete {rows}"
             )
     stroke = float(np.ptp(depth))
     if stroke == 0.0:
@@ -96,23 +96,23 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
     pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
     if np.sum(loading) < (2 if len(depth) < curve_shape.FEW else 3) or np.ptp(depth[loading]) < STROKE * pressed:
         raise ValueError(
-            f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
-            f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
+            f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and hardly rises anywhere. It must "
+            f"grow from 0 at contact while the indenter goes deeper: {TURN} or subtract its start"
         )
     if back := curve_shape.back(depth):
         notes.append(
-            f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point and all is read as one "
-            "loading; a block before the test, or several tests, are told by a column 'repeat', or by 'segment'"
+            f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point, and all is read as one "
+            "loading. Separate several tests by a column 'repeat', parts of one by 'segment'"
         )
     if time is None and (near := curve_shape.rest(depth)):
         notes.append(
-            f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
+            f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point. If that is a hold, add a "
             "column time_s, or 'segment' with loading, hold, unloading"
         )
     if time is not None and (rest := curve_shape.rest_on_the_way(depth, time)):
         notes.append(
-            f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, and all is "
-            "read as one loading at a steady speed; where the body relaxes leave the readings of rests out"
+            f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, but all is "
+            "read as one loading at a steady speed. If the body relaxes, remove the readings of rests"
         )
     return notes
 
@@ -127,12 +127,15 @@ def _of_force(
     notes: list[str] = []
     late, level, scatter = curve_shape.onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= curve_shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
-        notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
+        notes.append(
+            f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before? "
+            "(depth that counts from a preload: preload of the experiment says it)"
+        )
     if late > LATE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
         notes.append(
-            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
-            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … or "
-            "\"contact\" in [columns]; rso diagnose looks at it as 'offset')"
+            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm: up to there it stays within "
+            f"its scatter of {scatter:.1g} N. Depth must count from contact: subtract the travel in air (zero = … "
+            "or \"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
     if grown := curve_shape.before_contact(d, F):
         notes.append(
@@ -151,15 +154,16 @@ def _of_force(
         )
     elif creep := curve_shape.creep(d, F, None if time is None else time[loading]):
         notes.append(
-            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
-            "force, a sensor at its end, or an indenter that sank in?"
+            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm. Was it held at "
+            "constant force, did the sensor saturate, or did the indenter sink in?"
         )
     # nearer to the deepest point it is a rest, in which the body relaxes
     if (fall := curve_shape.fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):
         top, low = fall
         notes.append(
-            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
-            f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
+            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter "
+            f"goes on to {d.max():.3g} mm. Did it slip or break, or was it taken off before the record ends? Leave "
+            "such readings out"
         )
     return notes
 
@@ -182,20 +186,20 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
     if end < start - FALLS * span:
         raise ValueError(
-            f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper; Fz is the force "
-            f"of the specimen on the indenter, positive upwards: {TURN}"
+            f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper. Fz is the "
+            f"force of the specimen on the indenter, positive upwards: {TURN}"
         )
     if d[0] > POSITION * d.max() > 0.0:
         least = (d[0] / d.max()) ** STEEPEST * end
         if start < 0.5 * least and least > SEEN * curve_shape.noise_of(F):
             raise ValueError(
                 f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
-                f"{end:.3g} N; a body pressed from 0 mm on has {least:.2g} N and more at the first of these: {ZERO}"
+                f"{end:.3g} N. A body pressed from 0 mm on has at least {least:.2g} N at the first of these: {ZERO}"
             )
     if d[0] <= curve_shape.EDGE * d.max() and abs(start) > UNTARED * span:
         raise ValueError(
             f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
-            "in all: subtract the reading before contact (zero = … in [columns] of the study)"
+            "in all. Subtract the reading before contact (zero = … in [columns] of the study)"
         )
     return start
 
@@ -216,7 +220,7 @@ def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> N
     if low[1] * high[1] <= 0.0 or (high[1] / low[1] > SKEW and low[1] > 0.0):
         raise ValueError(
             f"{path}: the largest force of repeat {low[0]!r} is {low[1]:.3g} N, that of repeat {high[0]!r} "
-            f"{high[1]:.3g} N, to about the same depth: one of them has another sign, unit or tare"
+            f"{high[1]:.3g} N, to about the same depth. One of them has another sign, unit or tare"
         )
 
 
@@ -226,7 +230,7 @@ def profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
     if max(most, -least) > BEYOND * deepest:
         return [
             f"repeat {label}: uz goes from {least:.3g} to {most:.3g} mm at depths to {deepest:.3g} mm, further than "
-            "the indenter; uz is the displacement, not the height, of a mark: is its unit right?"
+            "the indenter. uz is the displacement, not the height, of a mark: is its unit right?"
         ]
     if most > max(UP * deepest, -least):
         return [
@@ -297,7 +301,7 @@ def _breaks(
         k = int(np.argmax(np.abs(step) * far))
         notes.append(
             f"repeat {label}: depth jumps by {step[k]:.3g} mm from {depth[k]:.3g} mm between two readings (line "
-            f"{lines[k + 1]}), far more than beside it; a counter that slipped, steps that a motor lost?"
+            f"{lines[k + 1]}), far more than beside it. Did a counter slip, or a motor lose steps?"
         )
     if force is not None:
         rise = np.diff(force)
@@ -309,6 +313,7 @@ def _breaks(
             k = int(np.argmax(np.abs(rise) * far))
             notes.append(
                 f"repeat {label}: Fz jumps by {rise[k]:.3g} N at {depth[k]:.3g} mm between two readings (line "
-                f"{lines[k + 1]}), far more than beside it; a slip, a crack, a cell tared on the way?"
+                f"{lines[k + 1]}), far more than beside it. Was there a slip, a crack, or a cell tared during the "
+                "test?"
             )
     return notes

@@ -108,10 +108,10 @@ class MeasuredCurve:
     from `freedom` degrees of freedom, as far as it was taken from the readings; infinite where all of it is stated.
     `shared` holds the parts s (n,) of C, s sᵀ each, that other curves have with the same sign: what is named alike in
     curves of one test, and "calibration" in those of all tests, is one error.  `white` is the standard deviation (n,)
-    of what counts as white because one record alone does not tell and nothing is stated; None where it is known.
+    of what counts as white because one record alone does not show and nothing is stated; None where it is known.
     `usual` holds the parts U (n, q) of C, U Uᵀ each, that nobody has stated and the readings do not show.
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without those of a hold.
-    `back`: the readings are those of the way back.
+    `back`: the readings are those of the unloading.
     """
 
     channel: str
@@ -131,7 +131,7 @@ class MeasuredCurve:
 
     @property
     def compared(self) -> np.ndarray:
-        """(n,) whether a reading is compared: from contact on, on the way back also above it."""
+        """(n,) whether a reading is compared: from contact on, in unloading also above it."""
         return np.ones(len(self.depth), bool) if self.back else self.depth > 0.0
 
     @property
@@ -326,7 +326,7 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
 
 
 def pulls_off(measurement: Measurement) -> bool:
-    """Whether Fz pulls on the way back of every repeat by more than a tare or scatter may: by a tenth of its range.
+    """Whether Fz pulls in unloading of every repeat by more than a tare or scatter may: by a tenth of its range.
 
     Means over three readings count.
     """
@@ -341,9 +341,9 @@ def pulls_off(measurement: Measurement) -> bool:
 
 
 def _adhering(repeat: Repeat, channel: str, rows: np.ndarray) -> np.ndarray:
-    """(n,) whether a reading of the way back lies before the strongest pull, where contact is for certain.
+    """(n,) whether a reading of the unloading lies before the strongest pull, where contact is for certain.
 
-    Beyond that a record is steep, and where it lets go hangs on the stiffness of the machine.  The strongest pull is
+    Beyond that a record is steep, and where it lets go depends on the stiffness of the machine.  The strongest pull is
     the least of means over three readings; without one it is where contact ends.
     """
     at = np.nonzero(rows)[0]

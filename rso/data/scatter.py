@@ -1,4 +1,4 @@
-"""What readings scatter by: noise, how it changes along the curve and remembers, gain and contact of each test."""
+"""What readings scatter by: noise, its change and autocorrelation along the curve, gain and contact of each test."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[Wh
     mean.
 
     Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom, and of readings that
-    remember each other (1 − ρ²)/(1 + ρ²) of these (Bartlett, J. R. Stat. Soc. 98 (1935) 536).
+    are autocorrelated (1 − ρ²)/(1 + ρ²) of these (Bartlett, J. R. Stat. Soc. 98 (1935) 536).
     """
     r, n = y.shape
     off = y - y.mean(axis=0)

@@ -8,10 +8,10 @@ sensor       what filters or counts in steps
 mixture      exact evidence in tiles           attribute   the contest of hypotheses
 localise     where                             shrinkage   how much
 unfitted     what was left out of the fit      remainder   what a cause leaves
-undecided    what parameters could be besides  jumps, cracks, hum  what no smooth model has
+undecided    what parameters could be besides  jumps, cracks, periodic disturbance  what no smooth model has
 detectable   what this plan can see            judgement   what a contest says
 checks       how far to trust it               judge       the verdict
-rerun        finalists computed anew           next_test   what would settle it
+rerun        finalists recomputed           next_test   what would decide it
 story        all of it as plain data           words, parameters   and in sentences
 """
 

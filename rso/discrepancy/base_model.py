@@ -136,6 +136,6 @@ def in_words(found: Mapping[str, Any] | None) -> list[str]:
         return []
     stories: Sequence[str] = [v["story"] for v in found["parameters"].values()]
     return [
-        f"The model fitted alone, as rso run does it: {found['story']} {' '.join(stories)} A diagnosis allows for "
-        "more: other programs, and effects that the data do not exclude."
+        f"Fit of the base model, as in rso run. {found['story']} {' '.join(stories)} A diagnosis also allows for "
+        "model-form error and for effects that the data do not exclude."
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from rso.core.distributions import chi2_ppf
 from rso.discrepancy.detectors.jumps import Jumps, jumps
 from rso.discrepancy.detectors.periodic import PeriodicLine, periodic_line
-from rso.discrepancy.evidence import attribution, localisation, noise, shrinkage
+from rso.discrepancy.evidence import any_network, attribution, localisation, noise, shrinkage
 from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.checks import SelfCheck, self_checks, sensitivity
 from rso.discrepancy.evidence.cross_validation import HeldOut, fit, held_out, left_out, predicts, shrinkage_of
@@ -18,6 +18,7 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior, mean_prediction
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import Reach, draws, reach
 from rso.discrepancy.evidence.residual_test import ResidualScore, residual_score
+from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, VerdictRules
 from rso.discrepancy.evidence.verdict import (
     UNEXPLAINED,
     Judgement,
@@ -35,12 +36,8 @@ DRAWS = 2000
 LEVEL = 0.9
 ENDS = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)
 WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
-MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
-RARE = 0.01  # of few readings: chance of what a right one leaves beyond which that is too much
-LONE = 0.9  # probability beyond which one experiment is the odd one
 FEW = 0.01  # of the draws: a sign that fewer have is not worth a word
 APART = 0.3  # of the median deviation: where 95 % on both sides lie further out than that, nothing is between
-BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
 
 @dataclass(frozen=True)
@@ -101,7 +98,11 @@ class Diagnosis:
 
 
 def diagnose(
-    whole: Library, seed: int, nulls: int = attribution.NULLS, fitted: Mapping[str, float] | None = None
+    whole: Library,
+    seed: int,
+    nulls: int = attribution.NULLS,
+    fitted: Mapping[str, float] | None = None,
+    settings: DiagnosisSettings = SETTINGS,
 ) -> Diagnosis:
     """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only.
 
@@ -109,7 +110,7 @@ def diagnose(
     """
     library = replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
-    opened = _opened(library, y, nulls, seed)
+    opened = _opened(library, y, nulls, seed, settings)
     evidence, bench, gap = opened.evidence, opened.evidence.bench, opened.gap
     contest, finalists, judged, rest = _contested(opened, y, seed)
     steps, line = jumps(library.plan), periodic_line(library.plan)
@@ -129,9 +130,10 @@ def diagnose(
     if judged.verdict == "partly" and _widens(left_out(library, bench, evidence, y, judged.chosen, seed, anew=False)):
         judged = UNEXPLAINED
         posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
+    judged = _flow_or_network(judged, evidence, y, posts, rng)
     verdict, chosen = judged.verdict, judged.chosen
     odd = evidence.odd(y) if chosen == UNEXPLAINED.chosen else None
-    odd = odd if odd is not None and odd[1] > LONE else None
+    odd = odd if odd is not None and odd[1] > settings.rules.lone else None
     fits = {
         h.name: shrinkage.predicted(library, h.effects, posts[h.name], bench.modulus)
         for h in dict.fromkeys([Hypothesis(()), chosen])
@@ -187,7 +189,7 @@ class _Opened:
     @property
     def threshold(self) -> float:
         """What few of these exceed; besides, a gap must be more probable than none."""
-        return attribution.critical(self.null)
+        return attribution.critical(self.null, self.evidence.bench.settings.rules.false_alarm)
 
     @property
     def gap(self) -> bool:
@@ -195,13 +197,13 @@ class _Opened:
         return self.first.statistic > self.threshold
 
 
-def _opened(library: Library, y: np.ndarray, nulls: int, seed: int) -> _Opened:
+def _opened(library: Library, y: np.ndarray, nulls: int, seed: int, settings: DiagnosisSettings) -> _Opened:
     """With the noise of the repeats; where that is far beyond what is stated and explains all, what is stated asks why,
     and stands where that is found."""
-    opened = _first(attribution.set_up(library, y), y, nulls, seed)
-    if opened.gap or noise.levels(library.plan, True) == opened.evidence.bench.levels:
+    opened = _first(attribution.set_up(library, y, settings=settings), y, nulls, seed)
+    if opened.gap or noise.levels(library.plan, True, settings.noise) == opened.evidence.bench.levels:
         return opened
-    asked = _first(attribution.set_up(library, y, True), y, nulls, seed)
+    asked = _first(attribution.set_up(library, y, True, settings), y, nulls, seed)
     return asked if asked.gap else opened
 
 
@@ -222,14 +224,14 @@ def _contested(
     contest = opened.first
     if gap:
         contest = attribution.comparisons(evidence, y[None], pairs, finalists=finalists)[0]
-    judged = judge(contest, gap)
+    judged = judge(contest, gap, evidence.bench.settings.rules)
     part = judged.verdict == "partly" and len(judged.chosen.effects) == 1
     rest = residual_score(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE else None
     if rest is not None and rest.there:
         joined = beside(judged.chosen, rest, pairs)
         finalists |= {e.source for pair in joined for e in pair}
         contest = attribution.comparisons(evidence, y[None], [*pairs, *joined], finalists=finalists)[0]
-        judged = judge(contest, gap)
+        judged = judge(contest, gap, evidence.bench.settings.rules)
     return contest, finalists, judged, rest
 
 
@@ -237,7 +239,9 @@ def _restless(judged: Judgement, opened: _Opened, y: np.ndarray, restless: bool)
     """No smooth model jumps or hums: a cause explains at most the rest; a loose contact leaves nothing smooth."""
     if opened.gap and restless:
         return judged if judged.verdict == "unexplained" else replace(judged, verdict="partly")
-    if not opened.gap and (restless or misfit(opened.evidence, judged.chosen, y) > most_left(len(y))):
+    if not opened.gap and (
+        restless or misfit(opened.evidence, judged.chosen, y) > most_left(len(y), opened.evidence.bench.settings.rules)
+    ):
         return replace(judged, verdict="unexplained", chosen=UNEXPLAINED.chosen)
     return judged
 
@@ -249,8 +253,27 @@ def _whole_or_part(
     chosen = judged.chosen
     if judged.verdict not in WHOLE:
         return judged
-    doubtful = misfit(evidence, chosen, y) > most_left(len(y)) or _beyond(chosen, posts[chosen.name])
+    rules = evidence.bench.settings.rules
+    doubtful = misfit(evidence, chosen, y) > most_left(len(y), rules) or _beyond(chosen, posts[chosen.name], rules)
     return replace(judged, verdict="partly") if doubtful or (rest is not None and rest.there) else judged
+
+
+def _flow_or_network(
+    judged: Judgement, evidence: Evidence, y: np.ndarray, posts: dict[str, Posterior], rng: np.random.Generator
+) -> Judgement:
+    """What flows is no sure cause where a network of many relaxation times would make the same forces in these tests;
+    of that the catalogue has one time alone, which may fit worse."""
+    chosen, other = judged.chosen, any_network.network(evidence.bench)
+    single = len(chosen.effects) == 1 and chosen.effects[0].flows
+    if other is None or not single or judged.verdict not in (*WHOLE, "partly") or other.name in judged.named:
+        return judged
+    post = posts[chosen.name]
+    at, modulus = np.median(post.at, axis=0), float(np.median(post.modulus))
+    if any_network.distance(evidence.bench, chosen.effects[0], at, modulus) > evidence.bench.settings.rules.apart:
+        return judged
+    posts[other.name] = _posterior(evidence, (other,), y, rng)
+    verdict = "partly" if judged.verdict == "partly" else "ambiguous"
+    return Judgement(verdict, (*judged.named, other.name), chosen)
 
 
 def _readings(
@@ -358,9 +381,9 @@ def misfit(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
     return float(np.mean((w - mean_prediction(best, w)) ** 2))
 
 
-def most_left(n: int) -> float:
+def most_left(n: int, rules: VerdictRules = SETTINGS.rules) -> float:
     """χ² per reading that a right hypothesis may leave of n readings."""
-    return max(MISFIT, float(chi2_ppf(1.0 - RARE, n)) / n)
+    return max(rules.misfit, float(chi2_ppf(1.0 - rules.rare, n)) / n)
 
 
 def _gap_of(evidence: Evidence, h: Hypothesis, fits: Mapping[str, np.ndarray], y: np.ndarray) -> np.ndarray:
@@ -381,14 +404,14 @@ def _of_tests(evidence: Evidence, h: Hypothesis, tests: np.ndarray, r: np.ndarra
     return (tests + own) @ np.linalg.solve(C, r)
 
 
-def _beyond(h: Hypothesis, post: Posterior) -> bool:
+def _beyond(h: Hypothesis, post: Posterior, rules: VerdictRules = SETTINGS.rules) -> bool:
     """Whether an effect would have to be larger than is plausible, or lie where nothing was computed."""
     for e in h.effects:
         if e.family == "scatter":
             continue
         column = _column(h, e, post)
         far = max(abs(v) for side in e.size.ends() for v in side)
-        large = e.size.neutral is not None and np.median(np.abs(post.at[:, column])) > BEYOND * far
+        large = e.size.neutral is not None and np.median(np.abs(post.at[:, column])) > rules.beyond * far
         if large or _strayed(e, column, post):
             return True
     return False

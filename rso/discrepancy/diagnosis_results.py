@@ -14,8 +14,8 @@ from rso.discrepancy.evidence.detectable import Detectable
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import trusted
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.shrinkage import predicted
-from rso.discrepancy.evidence.verdict import SURE
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.simulations import Base
 from rso.discrepancy.library.tables import Library
@@ -43,7 +43,7 @@ def story(
     """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report.
 
     `visible` is what the plan can see, `run` simulates candidates of the next test, `checked` are the rounds in which
-    finalists were computed anew.
+    finalists were recomputed.
     """
     plan = library.plan.seen()
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
@@ -184,6 +184,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                 "like_a_modulus": c.effect.like_a_modulus,
                 "like_a_body": c.effect.like_a_body,
                 "like_a_spot": c.effect.like_a_spot,
+                "flows": c.effect.flows,
                 **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
                 **(
                     {"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
@@ -217,6 +218,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "refit_only": c.refit_only,
                     "with_cause": c.with_cause,
                     "rms": list(c.rms),
+                    "p_values": list(c.p_values),
                     "cause": list(c.cause),
                 }
                 for c in s.curves
@@ -254,6 +256,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
             {
                 "test": t.test,
                 "chance": t.chance,
+                "information": t.information,
+                "price": t.price,
                 "separates": list(t.separates),
                 "distance": t.distance,
                 "resolves": t.resolves,
@@ -276,7 +280,8 @@ def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
 def _rivals(d: Diagnosis) -> bool:
     """Whether the named effects are rivals: each for itself, not together, and none sure."""
     several = d.verdict == "partly" and len(d.causes) > 1 and len(d.chosen.effects) == 1
-    return d.verdict == "ambiguous" or (several and d.causes[0].probability < SURE)
+    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < SETTINGS.rules.sure)
+    return d.verdict == "ambiguous" or doubtful
 
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:

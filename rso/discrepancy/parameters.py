@@ -109,7 +109,7 @@ def _known(found: Mapping[str, Any], k: str, band: Mapping[str, float]) -> str:
 
 
 def _trusted(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    """What no indentation shows and a calibration must tell, and how far it was trusted."""
+    """What no indentation shows and a calibration must show, and how far it was trusted."""
     labels = {"gain": "the gain of the cell", "depth_scale": "the scale of the depth"}
     usual = {k: v["sd"] for k, v in (found.get("trusted") or {}).items() if not v["stated"] and v["sd"]}
     each = [f"{labels.get(k, called(found, k))} to {100 * v:.2g} %" for k, v in usual.items()]

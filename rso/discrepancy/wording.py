@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rso.discrepancy.evidence.attribution import FALSE_ALARM
 from rso.discrepancy.evidence.noise import UNLIKE
+from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.library.test_plan import NOT_USED
 from rso.discrepancy.parameters import about, called, of_unit, values_of
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
@@ -34,18 +35,41 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
+    out += [f"Left out of the diagnosis: {note.removesuffix(f' {NOT_USED}')}." for note in _not_used(found)]
+    if _of_one_size(d):
+        return [*out, "Next test: the same test with an indenter, or a specimen, of twice the size."]
     return out + [next_sentence(t) for t in d["next_test"][:1]]
+
+
+def _of_one_size(d: Mapping[str, Any]) -> str:
+    """Why a flow and a relaxation are rivals whatever their probabilities; nothing where they are not."""
+    causes = d.get("causes") or []
+    if not (len(causes) == 2 and any(c.get("flows") for c in causes) and d.get("ambiguous_with")):
+        return ""
+    return (
+        " The catalogue has one relaxation time alone; several would do what the flow does in tests of one size. Under "
+        "twice the size a flow takes four times as long, a relaxation as long as before."
+    )
+
+
+def _not_used(found: Mapping[str, Any]) -> list[str]:
+    """Notes of holds and ways back that no hypothesis was compared with, each experiment once."""
+    each: dict[str, str] = {}
+    for note in found.get("notes") or []:
+        if note.endswith(NOT_USED):
+            each.setdefault(note.split(":")[0], note)
+    return list(each.values())
 
 
 def next_sentence(test: Mapping[str, Any]) -> str:
     """What the best of the next tests promises; one with a chance below 1 % promises nothing and is not named."""
     if test["chance"] < TELLS:
-        return "None of the tests in the list would settle it: it takes repeats, less noise or other channels."
+        return "None of the proposed tests would separate the causes: repeats, less noise or other channels are needed."
     note = f" ({test['note']})" if test.get("note") else ""
-    share = f"it settles the matter with a probability of {100 * test['chance']:.0f} %"
+    share = f"it separates the causes with a probability of {100 * test['chance']:.0f} %"
     if test["chance"] >= 0.5:
         return f"Next test: {test['test']}; {share}{note}."
-    return f"No test in the list is likely to settle it; the best is {test['test']}: {share}{note}."
+    return f"No proposed test is likely to separate the causes; the best is {test['test']}: {share}{note}."
 
 
 def _mirrored(found: Mapping[str, Any]) -> list[str]:
@@ -72,7 +96,7 @@ def _unlike(found: Mapping[str, Any]) -> list[str]:
             )
         if z and at > UNLIKE * z:
             out.append(
-                f"Contact points of repeats differ by {at:.2g} mm by {c}, {z:.2g} mm is usual: "
+                f"Contact points of repeats differ by {at:.2g} mm ({c}); {z:.2g} mm is usual: "
                 f"{_counts(v['contact_mm'], at)} (contact taken early or late, a specimen that creeps or moves)."
             )
     return out
@@ -98,9 +122,9 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
             return [stays]
     depths = ", ".join(f"{v:.3g}" for v in j["depths"])
     return [
-        f"The force jumps suddenly (its steps are skewed, t = {j['t']:+.1f} and z = {j['z']:+.0f}; largest "
-        f"{j['size']:+.3g} N in {j['experiment']}, at {depths} mm): stick–slip, a crack or a grip that slips. "
-        "No smooth model has that."
+        f"The force jumps suddenly, most by {j['size']:+.3g} N in {j['experiment']}, at {depths} mm (skewness of "
+        f"its steps: t = {j['t']:+.1f}, z = {j['z']:+.0f}). Stick–slip, a crack or a slipping grip does that; no "
+        "smooth model has it."
     ]
 
 
@@ -128,8 +152,9 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
     if undecided(d):
+        limit = SETTINGS.rules.false_alarm
         return (
-            f"Undecided: a gap is called where p is at most {FALSE_ALARM:g} and its ln Bayes factor above 0; p is "
+            f"Undecided: a gap is called where p is at most {limit:g} and its ln Bayes factor above 0; p is "
             f"{p:.2g}, the factor {g['statistic']:.1f}. The misfit is {g['size_over_noise']:.2f} times the noise."
         )
     if d["verdict"] == "no_gap":
@@ -150,7 +175,7 @@ def undecided(d: Mapping[str, Any]) -> bool:
     """
     gap = d.get("gap") or {}
     p, factor = gap.get("p_value"), gap.get("statistic")
-    near = p is not None and p <= BORDER * FALSE_ALARM
+    near = p is not None and p <= BORDER * SETTINGS.rules.false_alarm
     return d.get("verdict") == "no_gap" and (near or (factor is not None and factor >= 0.0))
 
 
@@ -174,7 +199,7 @@ def _where(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %{_of(r)}" for r in clear]
     told = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
     others = f"all data but those of {d['odd']['experiment']} predict" if d.get("odd") else "all other data predict"
-    return f"{lies}Measured against what {others}: {'; '.join(told)}."
+    return f"{lies}Compared with what {others}: {'; '.join(told)}."
 
 
 def _of(region: Mapping[str, Any]) -> str:
@@ -190,7 +215,9 @@ def _named(c: Mapping[str, Any]) -> str:
     elif c["neutral"]:
         neutral += f", absent at {c['neutral']:g}"
     if c["railed"]:
-        neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
+        neutral += (
+            "; a parameter of it lies at the end of its plausible or computed range, so size and interval mean little"
+        )
     return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
 
 
@@ -220,28 +247,28 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         if len(causes) == 1 and first.get("like_a_modulus"):
             return (
                 f"Cause: every test has its own factor on the force, {_named(first)}, probability "
-                f"{chance(first['probability'])}. Of the load cell, or of the specimen (recovery between tests, "
-                "temperature): a modulus does the same. A known weight on the cell before each test tells."
+                f"{chance(first['probability'])}. It may come from the load cell or from the specimen (recovery "
+                "between tests, temperature), which changes the modulus alike. A known weight on the cell before "
+                "each test decides."
             )
         if len(causes) == 1 and first.get("like_a_body"):
             return (
                 f"Cause: what carries the body gives way with time, {_named(first)}, probability "
-                f"{chance(first['probability'])}, or the body itself does, as one out of which water is pressed "
-                "(poroelasticity): forces on the indenter hardly tell these apart. A rigid block under the same load, "
-                "for as long, does."
+                f"{chance(first['probability'])}, or the body itself does by pore flow (poroelasticity). Forces on "
+                "the indenter hardly separate the two; a rigid block under the same load, for as long, does."
             )
         if len(causes) == 1 and first.get("like_a_spot"):
             return (
                 f"Cause: the specimen gives way under one place, {_named(first)}, probability "
-                f"{chance(first['probability'])}: how it sits there, or a softer spot of the body itself, such as an "
-                "inclusion. The same place with the specimen turned or set anew tells, or places around it."
+                f"{chance(first['probability'])}: how it sits there, or a soft inclusion. Test the same place with "
+                "the specimen turned or placed again, or places around it."
             )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
-        return f"Cause{whether}: cannot be told apart with these data: {each}."
+        return f"Cause{whether}: these data cannot separate {each}.{_of_one_size(d)}"
     if v == "partly" and d["ambiguous_with"]:
-        return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."
+        return f"Part of the gap looks like one of these, which the data cannot separate: {each}.{_of_one_size(d)}"
     if v == "partly" and len(d["chosen"]) == 2:
         both = " and ".join(f"{text[c['effect']]} ({_named(c)})" for c in causes if c["effect"] in d["chosen"])
         return f"Cause: it takes two effects together, {both}. A pair mimics much: take it for a part of the truth."
@@ -319,8 +346,8 @@ def _remainder(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return ""
     of, like = called(found, r["of"]), called(found, r["looks_like"] or "nothing known")
     return (
-        f" What {of} alone leaves is more than noise: it looks most like {like} (score {r['score']:.1f}; where {of} is "
-        f"all that there is about 1 % exceed {r['threshold']:.1f})."
+        f" What {of} alone leaves is more than noise and looks most like {like}. Its score is {r['score']:.1f}; "
+        f"with {of} alone about 1 % exceed {r['threshold']:.1f}."
     )
 
 
@@ -400,7 +427,7 @@ def _checks(found: Mapping[str, Any]) -> str | None:
     """How often data simulated from a hypothesis are judged to be of it."""
     names = ["no gap" if c["hypothesis"] == "none" else called(found, c["hypothesis"]) for c in found["checks"]]
     each = [f"{n} in {100 * c['returned']:.0f} %" for n, c in zip(names, found["checks"], strict=True)]
-    said = "Data simulated with this noise are recognised by the same contest"
+    said = "Self-test on data simulated with this noise, correctly recognised"
     return f"{said}: {', '.join(each)}." if each else None
 
 
@@ -415,4 +442,4 @@ def hidden(d: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
 
 def _unseen(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     blind = [called(found, name) for name in hidden(d, found).values()]
-    return [f"These data could not have shown, at any plausible size: {', '.join(blind)}."] if blind else []
+    return [f"This test plan cannot detect, at any plausible size: {', '.join(blind)}."] if blind else []

@@ -20,6 +20,7 @@ from rso.doe.samplers.factorial import factorial
 from rso.doe.samplers.latin_hypercube import extend_latin, latin, latin_within
 from rso.doe.samplers.optimal_space_filling import optimal_space_filling
 from rso.doe.sequences import sobol
+from rso.doe.space import Space, space
 
 __all__ = [
     "MOST_OPTIMISED",
@@ -30,6 +31,7 @@ __all__ = [
     "Feasible",
     "Options",
     "Sampler",
+    "Space",
     "box_behnken",
     "central_composite",
     "design",
@@ -42,6 +44,7 @@ __all__ = [
     "optimal_space_filling",
     "read_condition",
     "sobol",
+    "space",
     "star_distance",
 ]
 

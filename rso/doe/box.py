@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,10 +34,15 @@ class Box:
         """Number of parameters."""
         return len(self.names)
 
+    @cached_property
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bounds (d,) and which axes are logarithmic."""
+        return np.array(self.low), np.array(self.high), np.array(self.log)
+
     def from_unit(self, x: np.ndarray) -> np.ndarray:
         """θ = low + x (high − low), or low (high/low)^x on a log scale; x (..., d); 0 and 1 give the ends exactly."""
         x = self._check(x)
-        low, high, log = np.array(self.low), np.array(self.high), np.array(self.log)
+        low, high, log = self._arrays
         ratio = np.where(log, high / np.where(log, low, 1.0), 1.0)
         theta = np.where(log, low * ratio**x, low + x * (high - low))
         return np.where(x == 0, low, np.where(x == 1, high, theta))
@@ -44,7 +50,7 @@ class Box:
     def to_unit(self, theta: np.ndarray) -> np.ndarray:
         """Inverse of :meth:`from_unit`; θ (..., d). A value <= 0 on a log scale raises ValueError."""
         theta = self._check(theta)
-        low, high, log = np.array(self.low), np.array(self.high), np.array(self.log)
+        low, high, log = self._arrays
         if np.any((theta <= 0) & log):
             bad = [
                 n

@@ -43,7 +43,7 @@ FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 @dataclass(frozen=True)
 class Output:
     """One scalar of a response: channel of an experiment at a travel (mm), or in a hold `since_s` after it began;
-    `back` on the way back."""
+    `back` in unloading."""
 
     experiment: str
     channel: str
@@ -52,7 +52,7 @@ class Output:
     since_s: float = 0.0
     back: bool = False
 
-    @property
+    @cached_property
     def id(self) -> str:
         """``experiment:channel@depth``, in a hold ``experiment:channel@depth+since``."""
         held = f"+{self.since_s:g}s" if self.since_s else ""
@@ -142,7 +142,8 @@ class Emulator:
         if names not in self._several:
             self._several[names] = multi_output([self.surrogates[n] for n in names])
         f = self._several[names].mean(R)
-        return np.stack([self._scaled(o, f[:, k], s) for k, o in enumerate(outputs)], axis=1)
+        scale = {c: self.group.expand(c, np.ones(len(s)), s) for c in {o.channel for o in outputs}}
+        return f * np.stack([scale[o.channel] for o in outputs], axis=1)
 
     def beyond(self, X: np.ndarray) -> np.ndarray:
         """Mask (n,) of the points of the unit cube of `box` that lie outside the hull of the (reduced) samples."""
@@ -288,7 +289,7 @@ def _fit(job: Mapping[str, Any]) -> Surrogate:
 
 
 def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:
-    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes anew."""
+    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes again."""
     bare = replace(emulator, samples=(*emulator.samples, *new))
     if emulator.reduced is None:
         return bare

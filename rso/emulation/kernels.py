@@ -79,6 +79,17 @@ def covariance(
     return K.reshape(rows * n, columns * m)
 
 
+def covariances(kernel: str, X: np.ndarray, Y: np.ndarray, lengths: np.ndarray, right: bool) -> np.ndarray:
+    """:func:`covariance` with each of m vectors of lengths (m, d), of values at X: (m, n, N) or (m, n, (1 + d) N)."""
+    scale = lengths.T[:, :, None, None]
+    x, y = X.T[:, None, :, None], Y.T[:, None, None, :]
+    D = (x - y) / scale if right else x / scale - y / scale  # (d, m, n, N), rounded as `covariance` does
+    g, *slope = profile(kernel, np.sum(D**2, axis=0), int(right))
+    if not right:
+        return g
+    return np.concatenate([g, *(-2 * slope[0] * D[j] / lengths[:, j, None, None] for j in range(len(D)))], axis=-1)
+
+
 def length_slopes(kernel: str, X: np.ndarray, lengths: np.ndarray, W: np.ndarray) -> np.ndarray:
     """Σ_ab W_ab ∂K_ab/∂ ln ℓ_m (d,) for K = covariance(X, X) with all slopes; W symmetric, of K's shape."""
     D = differences(X, X, lengths)

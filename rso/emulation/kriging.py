@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from rso.emulation.common import checked, from_log, inside, legendre, legendre_slopes, outside, powers, triangular
-from rso.emulation.kernels import KERNELS, WORDS, covariance
+from rso.emulation.kernels import KERNELS, WORDS, covariance, covariances
 from rso.emulation.kriging_likelihood import LENGTHS, KrigingData, correlation, factor, hyper_parameters, one_thread
 from rso.emulation.scores import Scores, score
 
@@ -157,6 +157,46 @@ class Kriging:
         )
         rivals = tuple((r["weight"], cls.from_dict(r["model"])) for r in data.get("rivals", ()))
         return replace(model, inflate=data.get("inflate", 1.0), rivals=rivals)
+
+
+@dataclass(frozen=True, eq=False)
+class KrigingBatch:
+    """Processes of one kernel and trend through the same points, to be asked for their means together."""
+
+    models: tuple[Kriging, ...]
+
+    @staticmethod
+    def alike(model: Kriging) -> tuple[Any, ...]:
+        """Equal for processes that a batch may hold."""
+        mask = None if model.slopes is None else _kept(model.slopes).tobytes()
+        return model.kernel, model.trend, model.X.shape, model.X.tobytes(), mask
+
+    @cached_property
+    def _stacked(self) -> tuple[np.ndarray, ...]:
+        """Lengths (m, d), variances (m, 1, 1), coefficients of the trend (terms, m), weights (m, N, 1)."""
+        each: Sequence[Kriging] = self.models
+        lengths, variance = np.array([k.lengths for k in each]), np.array([k.variance for k in each])
+        return (
+            lengths,
+            variance[:, None, None],
+            np.array([k.beta for k in each]).T,
+            np.array([k.weights for k in each])[:, :, None],
+        )
+
+    def mean(self, X: np.ndarray) -> np.ndarray:
+        """Means (n, m) at X (n, d) in the unit cube, those of :meth:`Kriging.mean` to round-off."""
+        first = self.models[0]
+        lengths, variance, beta, weights = self._stacked
+        K = variance * covariances(first.kernel, X, first.X, lengths, first.slopes is not None)[..., first._columns]
+        A = legendre(X, powers(first.d, first.trend))
+        m = A @ beta + np.matmul(K, weights)[:, :, 0].T
+        for j, model in enumerate(self.models):
+            if model.log:
+                v = triangular(model.L, K[j].T)
+                u = triangular(model.LH, A.T - model.LA.T @ v)
+                rest = model.variance - np.einsum("ij,ij->j", v, v) + np.einsum("ij,ij->j", u, u)
+                m[:, j] = np.exp(m[:, j] + 0.5 * np.maximum(rest, 0.0))
+        return m
 
 
 def fit_kriging(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.emulation.common import inside, legendre
+from rso.emulation.kriging import Kriging, KrigingBatch
 from rso.emulation.model_choice import Surrogate
 from rso.emulation.polynomial import Polynomial
 from rso.emulation.whole_curve import CurvePoint
@@ -15,27 +16,33 @@ from rso.emulation.whole_curve import CurvePoint
 
 @dataclass(frozen=True, eq=False)
 class MultiOutput:
-    """Surrogates of one cube; `exponents` (terms, d) are all terms of the polynomials, `places` those of each."""
+    """Surrogates of one cube.
+
+    `exponents` (terms, d) are all terms of the polynomials, `places` those of each; `batches` are processes that are
+    asked together, by their places among the `models`.
+    """
 
     models: tuple[Surrogate | CurvePoint, ...]
     exponents: np.ndarray
     places: tuple[np.ndarray, ...]
+    batches: tuple[tuple[list[int], KrigingBatch], ...]
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Means (n, m) at X (n, d); ValueError outside the unit cube."""
-        A = legendre(inside(X, self.models[0].d), self.exponents) if len(self.exponents) else np.empty((len(X), 0))
+        X = inside(X, self.models[0].d)
+        A = legendre(X, self.exponents) if len(self.exponents) else np.empty((len(X), 0))
         curves: dict[int, np.ndarray] = {}
-        columns = []
-        for model, place in zip(self.models, self.places, strict=True):
+        found = np.empty((len(X), len(self.models)))
+        for columns, batch in self.batches:
+            found[:, columns] = batch.mean(X)
+        for k, (model, place) in enumerate(zip(self.models, self.places, strict=True)):
             if isinstance(model, Polynomial):
-                columns.append(model.of_basis(A[:, place]))
+                found[:, k] = model.of_basis(A[:, place])
             elif isinstance(model, CurvePoint):
                 if id(model.curve) not in curves:
                     curves[id(model.curve)] = model.curve.mean(X)
-                columns.append(curves[id(model.curve)][:, model.point])
-            else:
-                columns.append(model.mean(X))
-        return np.stack(columns, axis=1)
+                found[:, k] = curves[id(model.curve)][:, model.point]
+        return found
 
 
 def multi_output(models: Sequence[Surrogate | CurvePoint]) -> MultiOutput:
@@ -47,4 +54,12 @@ def multi_output(models: Sequence[Surrogate | CurvePoint]) -> MultiOutput:
         else np.empty(0, int)
         for m in models
     )
-    return MultiOutput(tuple(models), np.array(list(terms), int), places)
+    together: dict[tuple, list[int]] = {}
+    for k, m in enumerate(models):
+        if isinstance(m, Kriging):
+            together.setdefault(KrigingBatch.alike(m), []).append(k)
+    batches = tuple(
+        (columns, KrigingBatch(tuple(models[k] for k in columns)))  # type: ignore[misc]
+        for columns in together.values()
+    )
+    return MultiOutput(tuple(models), np.array(list(terms), int), places, batches)

@@ -64,9 +64,7 @@ def load(stem: Path) -> dict[str, Any]:
         if isinstance(value, dict):
             if set(value) == {MARK}:
                 if value[MARK] not in arrays:
-                    raise ValueError(
-                        f"{stem.name}.npz has no array {value[MARK]!r}: the two files do not belong together"
-                    )
+                    raise ValueError(f"{stem.name}.npz has no array {value[MARK]!r}: the two files do not match")
                 return arrays[value[MARK]]
             return {k: unpack(v) for k, v in value.items()}
         return [unpack(v) for v in value] if isinstance(value, list) else value

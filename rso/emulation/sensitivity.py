@@ -265,7 +265,7 @@ def _base(
 
 
 def _redraw(X: np.ndarray, columns: np.ndarray, rng: np.random.Generator, constraint: Feasible) -> np.ndarray:
-    """X with the marked columns drawn anew, uniformly on the feasible part of each slice."""
+    """X with the marked columns drawn again, uniformly on the feasible part of each slice."""
     Y, pending = X.copy(), np.arange(len(X))
     for _ in range(2000):
         tries = X[pending]

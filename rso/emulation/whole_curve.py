@@ -211,7 +211,7 @@ def refit_curve(
     gradients: np.ndarray | None = None,
     unit: str = "",
 ) -> WholeCurve:
-    """The same kind of whole-curve surrogate on other (usually more) curves; modes, coefficients and band anew."""
+    """The same kind of whole-curve surrogate on other (usually more) curves; modes, coefficients and band again."""
     X, Y = np.asarray(X, float), np.asarray(Y, float)
     new = _again(model, X, Y, noise_sd, gradients, seed)
     new = _checked(new, X, Y, noise_sd, gradients, seed)
@@ -267,7 +267,7 @@ def _again(
     gradients: np.ndarray | None,
     seed: int,
 ) -> WholeCurve:
-    """Modes anew; each coefficient by the kind of surrogate it had, the last one's where there are more now."""
+    """Modes again; each coefficient by the kind of surrogate it had, the last one's where there are more now."""
 
     def learn(k: int, a: np.ndarray, sd: np.ndarray | None, G: np.ndarray | None) -> Surrogate:
         old = model.coefficients[min(k, len(model.coefficients) - 1)]

@@ -39,6 +39,7 @@ from rso.contract import (
     number,
     run_key,
     unfit,
+    worded,
 )
 from rso.core import disk
 from rso.core.default_backend import PACKAGE as OWN
@@ -243,7 +244,9 @@ class CommandBackend:
             disk.folder(Path(self.keep_folder))
         folder = Path(tempfile.mkdtemp(prefix=f"{key[:12]}-", dir=self.keep_folder))
         request, answer = folder / "request.json", folder / "response.json"
-        request.write_text(json.dumps({"values": filled, "case": case.to_json()}, allow_nan=False, indent=1))
+        request.write_text(
+            json.dumps({"values": worded(self.parameters, filled), "case": case.to_json()}, allow_nan=False, indent=1)
+        )
         code = run_guarded((*self.command, str(request), str(answer)), folder, self.timeout_s)
         response = _read_answer(answer, code, [p.name for p in self.parameters])
         shutil.rmtree(folder)

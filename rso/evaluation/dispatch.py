@@ -167,7 +167,7 @@ class _Book:
     poor: frozenset[str]
 
     def settle(self, outcome: Outcome, wall_s: float) -> None:
-        """Store what has become of a run for good, and tell it."""
+        """Store what has become of a run for good, and announce it."""
         key, case = outcome.key, outcome.case
         if isinstance(outcome, Done) and (lack := _lacking(outcome.response, case, self.needs[key], self.backend)):
             outcome = Crashed(key, outcome.values, case, lack)
@@ -296,7 +296,7 @@ def _prepare(
 
 
 def begin(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Executor, ahead: Ahead) -> None:
-    """Let a pool begin tasks that will be wanted soon, their artefacts first; nothing is waited for, nothing is told.
+    """Let a pool begin tasks that will be wanted soon, their artefacts first; nothing is waited for or announced.
 
     To be called again when artefacts may be there; other executors than pools begin nothing.  :func:`run_all` with the
     same `ahead` takes the results over.

@@ -1,4 +1,4 @@
-"""What the answers of a foreign backend hang on: the hash of its file and of the modules beside it that it uses."""
+"""What the answers of a foreign backend depend on: the hash of its file and of the modules beside it that it uses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LOADERS = ("import_module", "__import__")
 def fingerprint_of(file: str) -> str:
     """SHA-256 of a file; where it is Python that uses modules beside it, of all of these with their names.
 
-    Read from the text, functions included, so that it hangs on nothing that a process has loaded: ``import``, names
+    Read from the text, functions included, so that it depends on nothing that a process has loaded: ``import``, names
     handed to ``import_module``, and texts that name a ``.py`` file there, each followed in turn.  Not seen are modules
     whose names are made up while it runs, data files, and what is installed, which has versions.
     """

@@ -373,8 +373,8 @@ def _explained(file: Path) -> Iterator[None]:
         raise
     except (sqlite3.OperationalError, OSError) as error:
         raise StoreError(
-            f"{file} cannot be used ({error}): check that its folder exists, is writable and that the disk is not "
-            "full, then run again; runs stored so far are kept"
+            f"{file} cannot be used ({error}): check that its folder exists and is writable, and the disk not full, "
+            "then run again. Finished runs stay stored"
         ) from error
     except (sqlite3.DatabaseError, zlib.error, ValueError, TypeError, RecursionError, MemoryError) as error:
         raise StoreError(

@@ -1,4 +1,4 @@
-"""What the best fit tells of errors that neither repeats nor the study do: their size, and whether they go together."""
+"""What the best fit shows of errors that neither repeats nor the study do: their size, and whether they go together."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class DerivedInterval:
 
     @property
     def known(self) -> bool:
-        """Whether the data tell a value: the interval is within `KNOWN` of its middle, and no range makes an end."""
+        """Whether the data show a value: the interval is within `KNOWN` of its middle, and no range makes an end."""
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
         return not (self.low_by or self.high_by) and half <= KNOWN * abs(middle)
 

@@ -14,9 +14,9 @@ from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
 from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
 from rso.inference.least_squares import SAME, Fit, all_minima, fit_at
-from rso.inference.likelihood import WEIGHTINGS, Data, Misfit
+from rso.inference.likelihood import WEIGHTINGS, Misfit
 from rso.inference.posterior_sampling import Draws, agree, sample
-from rso.inference.sloppy_directions import Direction, Gain, best_depth, gain, per_log
+from rso.inference.sloppy_directions import Direction, per_log
 from rso.inference.verdict import REFUTED, WORDS, Verdict, Word, judge, quieter, sentences, size
 
 LEVEL = 0.9
@@ -69,12 +69,12 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Determination:
-    """Best fit and other minima of χ², goodness of fit, what is known of each parameter, directions, gains of tests.
+    """Best fit and other minima of χ², goodness of fit, what is known of each parameter, directions.
 
     `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
     widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may
-    remember each other (:func:`.autocorrelated_residuals.remembering`) these are at least as large as what is left;
+    are autocorrelated (:func:`.autocorrelated_residuals.remembering`) these are at least as large as what is left;
     there is no p-value where nobody stated them, unless that is beyond `REFUTED`.  `refuting` are the finished runs
     (their indices) that agree with the data where the model of the misfit left their values out.
     """
@@ -88,15 +88,19 @@ class Determination:
     known: tuple[Known, ...]
     directions: tuple[Direction, ...]
     draws: Draws | None
-    gains: tuple[Gain, ...]
     story: str
     wider: float = 1.0
     refuting: tuple[int, ...] = ()
 
     @property
     def warning(self) -> str:
-        """The story where the errors had to be made larger or readings to remember each other, else nothing."""
+        """The story where the errors had to be made larger or readings to be autocorrelated, else nothing."""
         return self.story if self.scale > 1 or any(d.memory for d in self.misfit.data) else ""
+
+    @property
+    def used(self) -> Misfit:
+        """The misfit with its errors as much wider as the intervals."""
+        return replace(self.misfit, scale=self.misfit.scale * self.wider)
 
     def of(self, name: str) -> Known:
         """What is known of a parameter; KeyError if there is none of this name."""
@@ -127,7 +131,7 @@ def determine(
     Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
     noise explains (p < 0.01; always with the weightings that have no noise); Laplace, profile and MCMC intervals.
     Where the size of the errors was itself taken from m degrees of freedom, χ²/ν is F(ν, m), not χ²_ν/ν.  That of
-    readings which remember each other is not seen in how neighbours differ: unless it is stated, it is taken from what
+    readings which are autocorrelated is not seen in how neighbours differ: unless it is stated, it is taken from what
     is left, which holds fewer degrees of freedom than ν.
 
     χ² of every finished one of the `runs` counts: the best are starts, and no interval leaves one out that agrees with
@@ -160,7 +164,6 @@ def determine(
         seen = profiles[k].with_runs(runs.X, rise)
         one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated)
         known.append(refuted(one, len(out)) if out else one)
-    gains = _gains(used, fit)
     return Determination(
         misfit,
         first,
@@ -171,7 +174,6 @@ def determine(
         tuple(known),
         along.directions(box, fit.x, fit.fisher),
         draws,
-        gains,
         _story(misfit, first, ν, p, scale),
         wider,
         tuple(sorted(refuting)),
@@ -216,10 +218,10 @@ def taken_up(misfit: Misfit, x: np.ndarray | None) -> float:
 
 
 def p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = None) -> float | None:
-    """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing tells.
+    """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing shows.
 
     That is where ν <= 0, where errors have no stated size, where their size was taken from what is left, and where
-    readings remember each other by errors that nobody stated, unless χ² is beyond what `REFUTED` times these would
+    readings are autocorrelated by errors that nobody stated, unless χ² is beyond what `REFUTED` times these would
     leave.  Usual errors (:func:`taken_up` at x (d,)) may be there or not: it is the chance without them.
     """
     ρ = max(d.memory for d in misfit.data)
@@ -257,9 +259,9 @@ def lenient(chi2: float, ν: int, p: float | None) -> str:
     if p is None or p <= 1.0 - LENIENT:
         return ""
     return (
-        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors say. Fz, "
-        "depth and a column of Fz_sigma_N are errors of each reading by itself, which many readings average out; what "
-        "moves a whole curve is contact, gain or calibration under noise"
+        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors. "
+        "noise.Fz, noise.depth and a column Fz_sigma_N are independent errors of single readings. An error of a "
+        "whole curve is contact, gain or calibration under noise"
     )
 
 
@@ -304,8 +306,9 @@ def _known(
 def refuted(known: Known, count: int) -> Known:
     """The same, not called determined: so many finished runs agree with the data at values that were left out."""
     why = (
-        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that the "
-        "surrogates exclude: they do not know the curves well enough, more runs (verify.max_infill, [doe]) would tell."
+        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that "
+        "the surrogates exclude. The surrogates are not accurate enough; more runs (verify.max_infill, [doe]) "
+        "would help."
     )
     return doubt(known, "weakly", why)
 
@@ -345,31 +348,6 @@ def _apart(misfit: Misfit, fit: Fit, points: Sequence[np.ndarray]) -> np.ndarray
 def _along(profiles: Sequence[ProfileInterval]) -> np.ndarray:
     """Points (k, d) of all profiles at which the data allow the model."""
     return np.concatenate([p.path[p.rise <= FAR] for p in profiles])
-
-
-def _gains(misfit: Misfit, fit: Fit) -> tuple[Gain, ...]:
-    """What the same test once more, and more readings at its best depth, would add."""
-    box, data = misfit.model.box, misfit.data
-    J = misfit.model.jacobian(fit.x)
-    found, start = [], 0
-    for d in data:
-        rows = J[start : start + len(d.value)]
-        C = (misfit.scale * np.eye(len(rows))) @ _definite(d) * misfit.scale
-        found.append(gain(box, fit.x, fit.fisher, f"{d.name} once more, with errors of its own", rows, C))
-        start += len(d.value)
-    sigma = np.concatenate([d.sigma for d in data]) * misfit.scale
-    places = [place for d in data for place in d.places]
-    worst = int(np.argmax(spread(fit.fisher) / per_log(box, fit.x)))
-    if sigma.max() > 0:
-        at, _ = best_depth(box, fit.x, fit.fisher, worst, J, sigma)
-        label = f"ten more readings at {places[at]}"
-        rows = np.repeat(J[at : at + 1], 10, axis=0)
-        found.append(gain(box, fit.x, fit.fisher, label, rows, sigma[at] ** 2 * np.eye(10)))
-    return tuple(found)
-
-
-def _definite(d: Data) -> np.ndarray:
-    return d.covariance + (1e-6 * float(np.abs(d.value).max()) or 1e-12) ** 2 * np.eye(len(d.value))
 
 
 def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> str:
@@ -413,8 +391,8 @@ def _by_what_is_left(misfit: Misfit) -> str:
     if not each:
         return ""
     return (
-        "Nobody states the errors of single readings, and the readings show none: what the best fit leaves over is "
-        f"taken for them, of {', of '.join(each)}. Whether the model fits cannot be said; noise.Fz would tell."
+        "The noise of single readings is not stated, and the readings show none. The residual of the best fit is "
+        f"taken for it, of {', of '.join(each)}. Whether the model fits is undecided; state noise.Fz."
     )
 
 
@@ -433,9 +411,8 @@ def _together(misfit: Misfit, fit: Fit) -> str:
     if not each:
         return ""
     return (
-        f"Neighbouring readings miss the model together, those of {', of '.join(each)}, root mean square: either they "
-        "remember each other, which the intervals allow for and noise.correlation would state, or the model is wrong "
-        "by that."
+        f"The residuals are autocorrelated: those of {', of '.join(each)}, root mean square. Either the noise is "
+        "autocorrelated, which the intervals allow for and noise.correlation states, or the model is wrong by that."
     )
 
 

@@ -197,7 +197,7 @@ def _basins(X: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 def _one_valley(misfit: Misfit, a: np.ndarray, b: np.ndarray, S: float) -> bool:
-    """Whether a path leads from a to b (d,) on which χ² rises above S = χ²(b) by less than anyone could tell.
+    """Whether a path leads from a to b (d,) on which χ² rises above S = χ²(b) by less than anyone could show.
 
     Straight, or along the axis on which they are farthest apart, the others following.
     """

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from rso.contract import Response
 from rso.core.curves import Resampling, at_readings
@@ -22,7 +23,7 @@ class CurvePlace:
     """Where a curve was measured: depths (n,) mm of one channel of one experiment.
 
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without a hold.
-    `back`: all are readings of the way back.
+    `back`: all are readings of the unloading.
     """
 
     experiment: str
@@ -59,6 +60,16 @@ def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np
         return found
 
     return Model(emulator.box, predict), band
+
+
+def emulated_together(emulator: Emulator, places: Sequence[CurvePlace]) -> Model:
+    """The curves of several places one after the other, from one question to the emulator.
+
+    ValueError as :func:`emulated`.
+    """
+    each = [_at(emulator, p) for p in places]
+    outputs, R = [o for mine, _ in each for o in mine], block_diag(*(R for _, R in each))
+    return Model(emulator.box, lambda X: emulator.means(outputs, np.asarray(X, float)) @ R.T)
 
 
 def spread_of(emulator: Emulator, place: CurvePlace, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

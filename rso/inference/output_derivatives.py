@@ -17,7 +17,7 @@ class NoSlopes(Exception):
 
 
 def jacobian(box: Box, x: np.ndarray, f: np.ndarray, own: Mapping[str, np.ndarray], look: Look) -> np.ndarray:
-    """∂f/∂x (n, d) in the unit cube at x (d,), where the curves are f (n,); NoSlopes where nothing tells it.
+    """∂f/∂x (n, d) in the unit cube at x (d,), where the curves are f (n,); NoSlopes where nothing shows it.
 
     `own` are the derivatives ∂f/∂θ (n,) that the run has by name; for every other parameter it is `look`-ed at a point
     beside x, towards the middle of its range, and on the other side of x where no run has an answer there.

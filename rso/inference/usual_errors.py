@@ -82,7 +82,10 @@ def _said(d: Determination, k: int, found: AsStated) -> str:
     )
     if moved:
         each = [f"{ends[0]:.3g} to {ends[1]:.3g} {box.units[k]}".strip() for ends in (alone, with_them)]
-        both = f"{known.name} hangs on usual errors: it is {each[0]} by what is stated alone, {each[1]} with those"
+        both = (
+            f"{known.name} depends on usual errors: it is {each[0]} with the stated errors alone, {each[1]} with "
+            "usual ones"
+        )
     return (
         f"{both} of a test. The usual {what} error{of}, {_size(d, name, key)}, counts most: noise.{key} states it, "
         "and 0 says that there is none."

@@ -1,4 +1,4 @@
-"""The ladder of models: how far to climb, from what noise and the data allow.  Knows no mechanics."""
+"""The ladder of models: how rich a model noise and data allow.  Knows no mechanics."""
 
 from rso.model_selection.evidence import log_evidence
 from rso.model_selection.goodness_of_fit import (

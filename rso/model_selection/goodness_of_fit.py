@@ -9,7 +9,7 @@ measured one.  With the measured one first, i = 0 … B,
 
     p_ji = #{k : S_jk >= S_ji}/(1 + B),    q_i = min_j p_ji,    p = #{i : q_i <= q_0}/(1 + B)
 
-so that a perfect model has p < α in the share α of all data sets, however the criteria hang together.  The limit of a
+so that a perfect model has p < α in the share α of all data sets, however the criteria are correlated.  The limit of a
 single criterion is the largest S_ji that passes; a perfect model is beyond *any* limit in the share α, and beyond a
 given one in less (`share`).
 Source: Westfall & Young, Resampling-Based Multiple Testing, Wiley 1993, §2.3 (min P); Beran, J. Am. Stat. Assoc. 83
@@ -143,7 +143,7 @@ def together(S: np.ndarray, alpha: float) -> tuple[float, np.ndarray, np.ndarray
 def simulate(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulated:
     """Parametric bootstrap: y* = f(x̂) + ε with ε ~ N(0, C), refitted from x̂ within the box.
 
-    Where the size of C was itself taken from m degrees of freedom it is drawn anew with each data set: the errors are
+    Where the size of C was itself taken from m degrees of freedom it is drawn again with each data set: the errors are
     then ε/√(χ²_m/m), which is what both χ² by such a C and an NRMSE of noise that it only estimates scatter by.
     Source: Efron & Tibshirani 1993, §6.5.  All data sets are refitted at once: an axis that does not move says which.
     """

@@ -1,4 +1,4 @@
-"""`ladder.json`: a climb as plain data (layout in docs/results.md)."""
+"""`ladder.json`: a selection as plain data (layout in docs/results.md)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ import rso
 from rso import model_selection
 from rso.calibration import result_files
 from rso.calibration.plan import Plan
+from rso.calibration.predictive_check import Channel, PredictiveCheck
+from rso.calibration.readings import label
 from rso.calibration.results import data_hashes
 from rso.inference.error_model import shares
+from rso.inference.predictive_test import limit
 from rso.inference.verdict import physical
 from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
-from rso.model_selection.held_out import Unused
 from rso.model_selection.study_ladder import FittedLevel, LadderFit
 from rso.study.cases import sketches
 
@@ -79,27 +81,26 @@ def warnings(plan: Plan, found: LadderFit) -> list[str]:
     t = j.goodness.checks[0]
     if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
         said.append(
-            f"the fitted curves leave χ² = {t.chi2:.3g} where a perfect model leaves {t.expected:.3g} on average: the "
-            "stated errors are larger than the curves show, so that the thresholds are lenient and the ladder may stop "
-            "too early"
+            f"the fitted curves leave χ² = {t.chi2:.3g}, a perfect model {t.expected:.3g} on average. The stated "
+            "errors are larger than the curves show, so the ladder may stop too early"
         )
-    for u in found.validation.get(climb.chosen, ()):
-        if u.goodness is None:
-            said.append(f"validation: whether {j.level.label} predicts {u.curve} is open: {u.why}")
-        elif not u.goodness.passes:
-            (e,) = u.goodness.errors
-            said.append(
-                f"validation: {j.level.label} misses {e.name} (NRMSE {100 * e.nrmse:.3g} %, threshold "
-                f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
-                "the decision"
-            )
+    for check in found.validation.get(climb.chosen, ()):
+        if check.test is None:
+            said.append(f"validation: whether {j.level.label} predicts {check.experiment} is open: {check.why}")
+        for row in _validated(plan, check):
+            if row["verdict"] is not None and not row["verdict"]["passes"]:
+                said.append(
+                    f"validation: {j.level.label} misses {row['curve']} (χ² = {row['chi2']:.3g} for {row['points']} "
+                    f"readings, NRMSE {100 * row['nrmse']:.3g} %), which it was not fitted to. With "
+                    "count_validation in [ladder] that curve counts in the decision"
+                )
     failing = {s.name for s in climb.steps if s.verdict == "fails"}
     told = ((v, g) for v in climb.judged if v.level.name in failing and (g := v.if_remembering) and g.passes)
     for v, goodness in itertools.islice(told, 1):
         said.append(
-            f"{v.level.label} is given up because neighbouring readings miss it together; if they remember each other "
-            f"by as much (an amplifier's filter) it is good enough (p = {goodness.p_value:.2g}), and what is "
-            "put on it may be noise: repeats, or noise.correlation, would tell"
+            f"{v.level.label} is rejected because its residuals are autocorrelated. If the noise itself is "
+            f"autocorrelated (an amplifier's filter), it is good enough (p = {goodness.p_value:.2g}) and a richer "
+            "model fits noise. Repeats, or noise.correlation, would decide"
         )
     bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]
     said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]
@@ -161,16 +162,14 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
         )
     g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
     assert g is not None
-    errors = [_error(e) for v in (g, *(u.goodness for u in elsewhere if u.goodness)) for e in v.errors]
-    for row, data in zip(errors, d.data, strict=False):  # curves kept for the end come last, and have none
-        row["parts"] = shares(data)
+    errors = [_error(e) | {"parts": shares(data)} for e, data in zip(g.errors, d.data, strict=True)]
     return head | {
         "parameters": rows,
         "values": d.axes.physical(d.values),
         "verdict": _verdict(g),
         "fitted": _test(g.checks[0]) | {"p_analytic": d.determination.p_value},
         "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
-        "validated": [_validated(u) for u in elsewhere],
+        "validated": [row for v in elsewhere for row in _validated(plan, v)],
         "errors": errors,
         "log_evidence": j.log_evidence,
         "agreement": d.agreement,
@@ -196,10 +195,28 @@ def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]
     }
 
 
-def _validated(u: Unused) -> dict[str, Any]:
-    if u.goodness is None:
-        return {"curve": u.curve, "verdict": None, "why": u.why}
-    return {"curve": u.curve} | _test(u.goodness.checks[0]) | {"verdict": _verdict(u.goodness), "why": None}
+def _validated(plan: Plan, v: PredictiveCheck) -> list[dict[str, Any]]:
+    """A row for each curve of an experiment that took no part."""
+    if v.test is None:
+        every = plan.study.experiment(v.experiment).compared
+        return [{"curve": label(plan, v.experiment, c), "verdict": None, "why": v.why} for c in every]
+    return [_curve(plan, v.experiment, c) for c in v.channels]
+
+
+def _curve(plan: Plan, experiment: str, c: Channel) -> dict[str, Any]:
+    confidence, t = plan.study.ladder.confidence, c.test
+    assert t is not None  # the experiment has one
+    return {
+        "curve": label(plan, experiment, c.kept.channel),
+        "chi2": t.chi2,
+        "expected": float(t.points),
+        "limit": limit(t.points, confidence, t.freedom),
+        "p_value": t.p_value,
+        "points": t.points,
+        "nrmse": c.metrics.nrmse,
+        "verdict": {"passes": t.p_value >= 1.0 - confidence, "p_value": t.p_value, "share": 1.0 - confidence},
+        "why": None,
+    }
 
 
 def _verdict(g: Goodness) -> dict[str, Any]:

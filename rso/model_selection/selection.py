@@ -1,4 +1,4 @@
-"""Deciding: from which level to climb on, which one is taken, and why, in words.
+"""Model selection: which levels are rejected, which one is accepted, and why, in words.
 
 Each level is a model fitted to the same curves; whether it is good enough is asked in :mod:`.goodness_of_fit`.
 """
@@ -14,11 +14,10 @@ from rso.model_selection.goodness_of_fit import Goodness
 
 MARGIN = math.log(20.0)  # of ln evidence: below 20 to 1 two levels are not told apart
 RULE = (
-    "A level is left only if at most {alarm} % of the data sets that a perfect model with this noise and this "
-    "numerical error would give look as bad: χ² over all readings and the NRMSE of each curve are one test, and a "
-    "perfect model is beyond any of their limits in {alarm} %. A level above is taken only if the data determine every "
-    "parameter that it adds, or at least that it is not nothing, and its evidence is larger; climbing ends at the "
-    "first level taken that is good enough."
+    "A level is rejected if at most {alarm} % of data sets simulated from it fit as badly. χ² over all readings "
+    "and the NRMSE of each curve are one joint test: a perfect model exceeds any limit in {alarm} %. A richer "
+    "level is accepted only if its evidence is larger and the data determine every parameter that it adds, or "
+    "exclude its absence. The ladder ends at the first accepted level that is good enough."
 )
 
 
@@ -70,7 +69,7 @@ class Judged:
 
     `problem` says why there is no answer, and then the rest is empty.  `onto` is the level that it was put on,
     `detail` whatever the caller keeps with it.  `if_remembering` is the goodness of a level that is not good enough if
-    readings of which nobody knows whether they remember each other do so as what it leaves does; None where that does
+    readings of which nobody knows whether they are autocorrelated do so as what it leaves does; None where that does
     not go together, or is far more than noise.
     """
 
@@ -129,10 +128,10 @@ class Selection:
 def select_model(
     rungs: Sequence[Sequence[ModelLevel]], judge: Callable[[ModelLevel, Judged | None], Judged]
 ) -> Selection:
-    """Climb rung by rung; `judge` fits one level, given what holds so far, and is asked only where it is needed.
+    """Compare levels rung by rung; `judge` fits one level, given what holds so far, where it is needed.
 
     A rung is tried when what holds so far fails.  Of its levels with an answer, nothing undetermined and more evidence
-    than what holds, those that are good enough end the climb and the likeliest is chosen; else the likeliest takes
+    than what holds, those that are good enough end the selection and the likeliest is chosen; else the likeliest takes
     over and the next rung is tried.
     """
     judged: list[Judged] = []
@@ -183,7 +182,7 @@ def _step(j: Judged, n: int, before: Judged | None, holds: Judged | None, rivals
         )
     if not j.adequate:
         return SelectionStep(name, n, "fails", f"{label} fails: {measured}")
-    text = "is good enough" if holds is j else "is good enough too, and not told apart"
+    text = "is good enough" if holds is j else "is good enough too; the data cannot separate them"
     if holds is not j and name not in rivals:
         text = "is good enough too, but more than 20 times less likely"
     left_open = "".join(f" That it is there is shown, its size is not: {a.story}" for a in j.added if not a.determined)
@@ -195,7 +194,7 @@ def _measured(j: Judged) -> str:
     g = j.goodness
     assert g is not None
     each = []
-    for check, what in zip(g.checks, ("the fitted curves", "the curves kept for selection"), strict=False):
+    for check, what in zip(g.checks, ("the fitted curves", "the selection curves"), strict=False):
         each.append((check.chi2 > check.limit, f"χ² = {_size(check.chi2)} of {what}", _size(check.limit)))
     for e in g.errors:
         if e.role != "validate":
@@ -222,9 +221,9 @@ def _conclusion(holds: Judged | None, done: bool, rivals: list[str], refused: li
         return "No level has an answer that the data determine."
     name = holds.level.label
     if done:
-        text = f"{name} is the simplest level that these data cannot tell from the truth."
+        text = f"{name} is the simplest model consistent with the data."
         if rivals:
-            text += f" They cannot tell it from {' and '.join(rivals)} either: other data must decide."
+            text += f" {' and '.join(rivals)} cannot be excluded either: other data must decide."
         return text
     text = f"No level of this ladder is good enough; {name} is the best that the data support."
     if refused:

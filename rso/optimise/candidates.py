@@ -133,13 +133,16 @@ def story(choice: Choice, box: Box, targets: Sequence[Target]) -> str:
         text = f"A valley: many parameter sets hit {within}, with {ranges}" + (
             f" ({'; '.join(pairs)})" if pairs else ""
         )
-        text += ". These targets do not determine them; the candidates are a central point and points far apart."
+        text += (
+            ". These targets do not determine them; the candidates are one in the middle of the valley, the "
+            "others towards its ends."
+        )
     elif choice.kind == "islands":
         text = f"Several separate parameter sets hit {within}, with {ranges}."
     else:
         text = f"One compact set of parameters hits {within}: {ranges}."
     if n < choice.asked:
-        text += f" Of {choice.asked} candidates asked for only {n} distinct exist{'s' if n == 1 else ''}."
+        text += f" Only {n} of {choice.asked} requested candidates {'is' if n == 1 else 'are'} distinct."
     return text
 
 

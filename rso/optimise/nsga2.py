@@ -60,17 +60,17 @@ def nsga2(
     if population < 4 or population % 2 or generations < 1:
         raise ValueError(f"nsga2: needs an even population >= 4 and a generation, got {population}, {generations}")
     if not free.any():
-        F, G = _evaluate(low[None], objectives, constraints)
+        F, G = evaluated(low[None], objectives, constraints)
         return Front(low[None], F, bool(G.max() <= 0), np.zeros(1), 1)
     score = _one(objectives, constraints, inside(sobol(int(free.sum()), 256, seed), low, high, free))
     narrow = basins(lambda U: score(inside(U, low, high, free)), int(free.sum()), seed)[: population // 4]
     first = _start(d, population, seed, start, low, high, free, narrow)
     algorithm, problem = _algorithm(int(free.sum()), population, generations, seed, first)
-    static, evaluator = _pymoo_evaluation()
+    static, evaluator = pymoo_evaluation()
     history = []
     while algorithm.has_next():
         asked = algorithm.ask()
-        F, G = _evaluate(inside(asked.get("X"), low, high, free), objectives, constraints)
+        F, G = evaluated(inside(asked.get("X"), low, high, free), objectives, constraints)
         # Known once the first points are computed.
         problem.n_obj, problem.n_ieq_constr = F.shape[1], G.shape[1]
         evaluator.eval(static(problem, F=F, G=G), asked)
@@ -82,7 +82,7 @@ def nsga2(
     X, once = np.unique(X, axis=0, return_index=True)
     F = F[once]
     order = np.lexsort(F.T[::-1])
-    return Front(X[order], F[order], feasible, _hypervolumes(history), population * len(history))
+    return Front(X[order], F[order], feasible, hypervolumes(history), population * len(history))
 
 
 def bounds(d: int, low: np.ndarray | None, high: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -103,13 +103,13 @@ def inside(U: np.ndarray, low: np.ndarray, high: np.ndarray, free: np.ndarray) -
 
 def _one(objectives: Function, constraints: Function | None, X: np.ndarray) -> Function:
     """One number for each point: objectives over their mean size at X (n, d), and violations over theirs, added up."""
-    F, G = _evaluate(X, objectives, constraints)
+    F, G = evaluated(X, objectives, constraints)
     good = G[:, -1] == 0
     sizes = [np.abs(V[good]).mean(axis=0) if good.any() else np.ones(V.shape[1]) for V in (F, G[:, :-1])]
     a, b = (np.where(s > 0, s, 1.0) for s in sizes)
 
     def score(points: np.ndarray) -> np.ndarray:
-        F, G = _evaluate(points, objectives, constraints)
+        F, G = evaluated(points, objectives, constraints)
         # A violation counts more than any objective.
         total = (F / a).sum(axis=1) + 100 * (G[:, :-1] / b).sum(axis=1)
         return np.where(G[:, -1] > 0, np.inf, total)
@@ -138,7 +138,8 @@ def _start(
     return U
 
 
-def _evaluate(X: np.ndarray, objectives: Function, constraints: Function | None) -> tuple[np.ndarray, np.ndarray]:
+def evaluated(X: np.ndarray, objectives: Function, constraints: Function | None) -> tuple[np.ndarray, np.ndarray]:
+    """Objectives (n, m) and violations (n, k + 1) at X, the last of those for what is no number."""
     F = np.asarray(objectives(X), float)
     F = F[:, None] if F.ndim == 1 else F
     G = np.zeros((len(X), 0)) if constraints is None else np.asarray(constraints(X), float).reshape(len(X), -1)
@@ -159,14 +160,16 @@ def _algorithm(d: int, population: int, generations: int, seed: int, start: np.n
     return algorithm, problem
 
 
-def _pymoo_evaluation() -> tuple[Any, Any]:
+def pymoo_evaluation() -> tuple[Any, Any]:
+    """What hands pymoo values that were computed outside."""
     from pymoo.core.evaluator import Evaluator
     from pymoo.problems.static import StaticProblem
 
     return StaticProblem, Evaluator()
 
 
-def _hypervolumes(history: list[np.ndarray]) -> np.ndarray:
+def hypervolumes(history: list[np.ndarray]) -> np.ndarray:
+    """Hypervolume (generations,) of feasible objectives by generation, as :class:`Front` has it."""
     from pymoo.indicators.hv import Hypervolume
 
     kept = [F for F in history if len(F)]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import io
+import json
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -10,8 +12,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
@@ -23,12 +28,14 @@ if TYPE_CHECKING:  # matplotlib 3.9 does not name the keys of its settings
 
 INK, GREY, LIGHT, PALE, PAPER = "#23272b", "#7b8085", "#c9ccca", "#eceeed", "#ffffff"
 ACCENT, WARM = "#0b5a7d", "#b4481e"
+NARROW = 5.4  # the same of figures that a phone shows whole
 WIDTH = 7.2  # inch: 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
+_GROUP = "\x1f"  # between the name of a line and that of its group
 HALO: list[Stroke] = [withStroke(linewidth=2.2, foreground=PAPER)]
 
 _STYLE: dict[RcKeyType, Any] = {
     "svg.hashsalt": "rso",
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",
     "text.parse_math": False,  # names come from people's files and may hold a dollar sign
     "font.family": ["DejaVu Sans"],
     "font.size": 8.5,
@@ -82,20 +89,75 @@ def style() -> Iterator[None]:
         yield
 
 
-def canvas(height: float) -> Figure:
-    """An empty figure as wide as the page, `height` in inch; the layout leaves no label outside."""
-    return Figure(figsize=(WIDTH, height), layout="constrained")
+def canvas(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure, as wide as the page, `height` in inch; the layout leaves no label outside."""
+    return Figure(figsize=(width, height), layout="constrained")
 
 
-def svg(figure: Figure, name: str) -> str:
-    """The figure as one SVG element; its ids start with `name`, so that several fit into one page."""
+def svg(figure: Figure, name: str, plate: bool = False) -> str:
+    """The figure as one SVG element; its ids start with `name`, so that several fit into one page.
+
+    What its lines and marks show goes along as data, for whoever points at them; a `plate` keeps its paper white.
+    """
+    shown_ones = _named(figure)
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    # `savefig` would draw it twice, the first time only to lay it out.
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
+    series = [_places(figure, name, axes, artist) for name, axes, artist in shown_ones]  # now that it is laid out
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # Comments repeat the text of labels; a page needs neither them nor the metadata.
     text = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
-    return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    labels = [[axes.get_xlabel(), axes.get_ylabel().replace("\n", " ")] for axes in figure.axes]
+    series = [{**s, "g": f"{name}-{s['g']}"} for s in series if s["x"]]
+    held = html.escape(json.dumps({"series": series, "labels": labels}, separators=(",", ":")), quote=False)
+    mark = ' data-plate="1"' if plate else ""
+    return re.sub(
+        r"(<svg)([^>]*>)", lambda m: f'{m[1]}{mark}{m[2]}<metadata class="data">{held}</metadata>', text, count=1
+    )
+
+
+def grouped_as(name: str) -> str:
+    """What stands behind the label of a line so that it is shown or hidden with all others of that name."""
+    return f"{_GROUP}{name}"
+
+
+def _named(figure: Figure) -> list[tuple[str, int, Any]]:
+    """Lines and marks, each with an id of its own and the number of its panel; no rules of a panel."""
+    found = [
+        (k, artist)
+        for k, axes in enumerate(figure.axes)
+        for artist in (
+            *(line for line in axes.lines if line.get_transform() == axes.transData),
+            *(marks for marks in axes.collections if isinstance(marks, PathCollection)),
+        )
+    ]
+    for n, (_, artist) in enumerate(found):
+        artist.set_gid(f"series{n}")
+    return [(f"series{n}", k, artist) for n, (k, artist) in enumerate(found)]
+
+
+def _places(figure: Figure, gid: str, k: int, artist: Any) -> dict[str, Any]:
+    """Values of a line or of marks, and their places in the picture, y downwards."""
+    at = artist.get_offsets() if isinstance(artist, PathCollection) else np.column_stack(artist.get_data())
+    xy = np.ma.getdata(at).astype(float).reshape(-1, 2)
+    xy = xy[np.isfinite(xy).all(1)]
+    height, points = figure.bbox.height, 72.0 / figure.dpi
+    with np.errstate(all="ignore"):
+        places = figure.axes[k].transData.transform(xy)
+    inside = np.isfinite(places).all(1)
+    label, _, group = str(artist.get_label()).partition(_GROUP)
+    label = "" if label.startswith("_") else label
+    return {
+        "a": k,
+        "g": gid,
+        "name": label,
+        "group": group or label,
+        "x": [float(f"{v:.5g}") for v in xy[inside, 0]],
+        "y": [float(f"{v:.5g}") for v in xy[inside, 1]],
+        "p": [[round(px * points, 1), round((height - py) * points, 1)] for px, py in places[inside].tolist()],
+    }
 
 
 def plain_log(axis: Axis) -> None:

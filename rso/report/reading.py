@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeGuard
 
 import numpy as np
 
 from rso.core.curves import loading
+from rso.core.symbols import in_units
 from rso.report.layout.digits import (
     Unit,
     channel_text,
@@ -22,7 +23,6 @@ from rso.report.layout.digits import (
     shown,
     significant,
     symbol,
-    unit_text,
 )
 
 Results = Mapping[str, Any]
@@ -205,7 +205,7 @@ def lettered(results: Results, text: object) -> str:
     said = sentence(text)
     for p in parameters(results):
         said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
-    said = re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", said)
+    said = in_units(said)
     said = said.replace(" <= ", " ≤ ").replace(" >= ", " ≥ ")
     return re.sub(r"(?<=\w) \* (?=[^\W\d])", " ", said)
 
@@ -277,6 +277,26 @@ def candidates(results: Results) -> tuple[CandidateView, ...]:
 def best_candidate(results: Results) -> CandidateView | None:
     """The candidate named as the best, if one is."""
     return next((c for c in candidates(results) if c.best), None)
+
+
+def fitted_model(results: Results) -> CandidateView | None:
+    """What a report draws as the fitted model: the most likely point as it was rerun, else the best candidate.
+
+    With one answer in the headline, text and figures speak of that one.
+    """
+    again = (results.get("identification") or {}).get("recomputed") or {}
+    if not again.get("curves"):
+        return best_candidate(results)
+    data = {**again, "state": "done"}
+    return CandidateView("", "most likely", 0, True, data)
+
+
+def compared_models(results: Results) -> tuple[CandidateView, ...]:
+    """Every candidate and the fitted model, which alone counts as the best."""
+    fitted = fitted_model(results)
+    if fitted is None or fitted.search:
+        return candidates(results)
+    return (fitted, *(replace(c, best=False) for c in candidates(results)))
 
 
 def lead_search(results: Results) -> str:

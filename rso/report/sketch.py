@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from rso.report.canvas import ACCENT, GREY, HALO, INK, PAPER, WARM, canvas, svg
+from rso.report.canvas import ACCENT, GREY, HALO, INK, PAPER, WARM, WIDTH, canvas, svg
 from rso.report.layout.digits import clean
 from rso.report.layout.document import Picture
 from rso.report.reading import listed
@@ -41,13 +41,13 @@ def sketch_blocks(found: Found) -> tuple[Picture, ...]:
     return (Picture(NAME, f"{' '.join(said)} Section, {clean(drawn[0].get('plane'))}; to scale.{more}"),)
 
 
-def sketch_figure(found: Found) -> str:
-    """The sections side by side, each to its own scale, as SVG."""
+def sketch_figure(found: Found, wide: float = WIDTH) -> str:
+    """The sections side by side, each to its own scale, as SVG `wide` inch wide."""
     drawn = _shown(found)
     spans = [_window(s) for s in drawn]
     shape = [float((high - low)[1] / (high - low)[0]) for low, high in spans]
-    width = 7.2 / len(drawn)
-    figure = canvas(min(max(max(width * r for r in shape), LOWEST), TALLEST))
+    each = wide / len(drawn)
+    figure = canvas(min(max(max(each * r for r in shape), LOWEST), TALLEST), wide)
     for axes, s, (low, high) in zip(np.atleast_1d(figure.subplots(1, len(drawn))), drawn, spans, strict=True):
         axes.set_axis_off()
         axes.set_aspect("equal")

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
-from rso.core.units import spaced
-from rso.report.reading import about_zero
+from rso.report.layout.digits import quantity, symbol
+from rso.report.reading import about_zero, lettered
 
 
-def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
-    """Lines at the end of `rso run`."""
-    lines = [""]
-    counts, best = found["counts"], found["best"]
-    lines.append(found["study"]["title"])
+def summary(found: Mapping[str, Any]) -> list[str]:
+    """Lines at the end of `rso run`, below its verdict."""
+    counts, best, lines = found["counts"], found["best"], []
     for state in found["determined"].values():
-        lines.append(f"  {state['story']}")
+        if not state.get("determined"):  # the verdict above says all of another
+            lines.append(f"  {lettered(found, state['story'])}")
     units = {p["name"]: p["unit"] for p in found["parameters"]}
     likely = (found.get("identification") or {}).get("values") or {}
     if likely:
@@ -56,12 +54,12 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     elif proved:
         lines.append(f"  similarity {found['design']['similarity']['story']}")
     for warning in found["warnings"]:
-        lines.append(f"  warning: {warning}")
-    return [*lines, *(f"  {file}" for file in files)]
+        lines.append(f"  warning: {lettered(found, warning)}")
+    return lines
 
 
 def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:
-    return ", ".join(f"{k} = {v:.4g}{spaced(units.get(k, ''))}" for k, v in values.items())
+    return ", ".join(f"{symbol(k)} = {quantity(v, units.get(k, ''))}" for k, v in values.items())
 
 
 def _outside(value: float, state: Mapping[str, Any] | None) -> bool:

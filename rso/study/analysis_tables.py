@@ -118,7 +118,7 @@ class NextExperiment(StudyFileTable):
 
 
 class NextTable(StudyFileTable):
-    """[next]: what experiments that nobody has done yet would tell."""
+    """[next]: what experiments that nobody has done yet would show."""
 
     experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()
     """The experiments that are asked about."""
@@ -127,7 +127,7 @@ class NextTable(StudyFileTable):
     runs: Runs | None = None
     """Size of the design of each experiment."""
     draws: Annotated[int, Field(ge=10, le=10_000)] = 60
-    """Made-up data sets behind every expectation."""
+    """Simulated data sets behind every expectation."""
 
     @field_validator("experiments")
     @classmethod

@@ -33,8 +33,8 @@ FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument press
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
-BACK = "The way back is compared, down to the strongest pull; loading and holds are not."
-UNLOADING = "The way back is not compared; it is for rso diagnose."
+BACK = "The unloading is compared, down to the strongest pull; loading and holds are not."
+UNLOADING = "The unloading is not compared; rso diagnose uses it."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 UNDRAWN = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")  # of settings
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
@@ -166,7 +166,7 @@ def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None)
 
 
 def _travels_back(curve: MeasuredCurve) -> tuple[float, ...]:
-    """Travels of a way back: those of its readings, or as many evenly spaced ones as are bearable."""
+    """Travels of an unloading: those of its readings, or as many evenly spaced ones as are bearable."""
     u = np.unique(np.round(curve.depth, 9))
     u = u if len(u) <= STEPS_BACK else np.linspace(u[0], u[-1], STEPS_BACK)
     return tuple(map(float, u))
@@ -183,7 +183,7 @@ def case_for(study: Study, name: str, asked: tuple[float, ...], hold: Hold | Non
 
 
 def programme_back(asked: tuple[float, ...], speed: float) -> Programme:
-    """To the deepest of the asked travels (mm) and back to the least at a speed (mm/s), asked for on the way back."""
+    """To the deepest of the asked travels (mm) and back to the least at a speed (mm/s), asked for in unloading."""
     deepest, least = asked[-1], min(asked[0], 0.0)
     came = deepest / speed
     moments = tuple(came + (deepest - u) / speed for u in reversed(asked))

@@ -119,17 +119,17 @@ def said_of(
 
 
 def _too_short(hold: CreepHold, taus: Mapping[str, tuple[float, float]]) -> list[str]:
-    """What a hold cannot tell of the times that are open: beyond its end, and before its first moment."""
+    """What a hold cannot show of the times that are open: beyond its end, and before its first moment."""
     said = []
     for name, (low, high) in taus.items():
         if high > REACH * hold.lasts:
             said.append(
-                f"A hold of {hold.lasts:.3g} s cannot tell a time {name} beyond about {REACH * hold.lasts:.2g} s, and "
-                f"its range goes to {high:.3g} s: creep is then a straight line, which tells share/{name} alone."
+                f"A hold of {hold.lasts:.3g} s cannot determine {name} beyond about {REACH * hold.lasts:.2g} s, and "
+                f"its range goes to {high:.3g} s. Creep is a straight line there, which fixes only share/{name}."
             )
         if low < SOONEST * float(hold.since[0]):
             said.append(
-                f"Its first moment, {hold.since[0]:.3g} s, cannot tell a time {name} below about "
-                f"{SOONEST * float(hold.since[0]):.2g} s: such creep is over by then and looks like a softer body."
+                f"Its first moment, {hold.since[0]:.3g} s, cannot determine {name} below about "
+                f"{SOONEST * float(hold.since[0]):.2g} s: faster creep is over by then and looks like a softer body."
             )
     return said

@@ -52,8 +52,8 @@ class OutputTable(StudyFileTable):
     reader: Annotated[
         str, AfterValidator(_reader), Field(json_schema_extra={"expected": " | ".join([*READERS, "module:function"])})
     ] = "table"
-    """A table of numbers, a regular expression, a .dat file of CalculiX, a log file of FEBio, or a Python function that
-    is given the path and returns values, or a pair of what they belong to and values."""
+    """A table of numbers, a regular expression, a .dat file of CalculiX, a log file of FEBio, or a Python function.
+    The function is given the path and returns values, or a pair of what they belong to and values."""
     column: Column | None = None
     """Its name, or its number from 1; of CalculiX the component such as fx."""
     pattern: Pattern | None = None
@@ -75,6 +75,9 @@ class OutputTable(StudyFileTable):
     """Its unit; by default s, or mm."""
     at_factor: float = 1.0
     """What times or travels are multiplied by."""
+    over: str | None = None
+    """Of a curve over an abscissa of its own: its name, as "stretch" or "frequency"; at_column says where it is,
+    at_unit its unit."""
 
     @model_validator(mode="after")
     def _keys_of_its_reader(self) -> OutputTable:
@@ -84,7 +87,9 @@ class OutputTable(StudyFileTable):
             raise ValueError(f"{wrong[0]} is no key of the reader {self.reader!r}")
         if lost := [k for k in NEEDED.get(self.reader, ()) if getattr(self, k) is None]:
             raise ValueError(f"the reader {self.reader!r} needs {lost[0]}")
-        if self.at_unit is not None and self.at not in ("time", "travel"):
+        if self.over is not None and (self.at is not None or self.at_column is None):
+            raise ValueError("over names an abscissa: give at_column, the column that holds it, and no at")
+        if self.at_unit is not None and self.over is None and self.at not in ("time", "travel"):
             raise ValueError('at_unit is that of a time or a travel: give at = "time" or at = "travel"')
         return self
 
@@ -93,8 +98,11 @@ class OutputTable(StudyFileTable):
         base = CHANNELS.get(channel) or ("1" if self.unit is None else _base(self.unit))
         default = {"calculix": "step", "febio": "time"}.get(self.reader, "order")
         at = self.at or default
-        scale = 1.0
-        if self.at_unit is not None:
+        scale, over_unit = 1.0, "1"
+        if self.over is not None and self.at_unit is not None:
+            over_unit = _base(self.at_unit)
+            scale = float(factor(self.at_unit, over_unit))
+        elif self.at_unit is not None:
             scale = float(factor(self.at_unit, {"time": "s", "travel": "mm"}[at]))
         given = {k: getattr(self, k) for k in ("column", "item", "at_column")}
         return DeckOutput(
@@ -107,6 +115,8 @@ class OutputTable(StudyFileTable):
             set=self.set or "",
             at=at,
             at_factor=self.at_factor * scale,
+            over=self.over or "",
+            over_unit=over_unit,
             **given,
         )
 
@@ -150,7 +160,11 @@ def deck_parameter(name: str, table: Any) -> tuple[Parameter, tuple[float, float
     as similarity scales it with the modulus; any other stays in it, unless `bounds` says more.  Raises ValueError for a
     unit that there is not, values of different kinds, and bounds that do not hold the range.
     """
-    written = [v for v in (table.low, table.high, table.value) if v is not None]
+    if table.choices is not None:
+        high = len(table.choices) - 1.0
+        declared = Parameter(name, table.description or name, "1", 0.0, high, choices=tuple(table.choices))
+        return declared, (0.0, high)
+    written = [v for v in (table.low, table.high, table.value, *(table.values or ())) if v is not None]
     units = [in_base(v)[1] for v in written if isinstance(v, str)]
     unit = table.unit or next(iter(units), "1")
     if table.unit is not None:
@@ -166,10 +180,10 @@ def deck_parameter(name: str, table: Any) -> tuple[Parameter, tuple[float, float
         first, last = (quantity(v, unit) for v in table.bounds)
         if not first <= low <= high <= last:
             raise ValueError(f"bounds = {list(table.bounds)} do not hold {low:g} to {high:g} {unit}")
-        return Parameter(name, table.description or name, unit, first, last), (low, high)
-    scaled = low > 0 and _of_stress(unit)
+        return Parameter(name, table.description or name, unit, first, last, whole=table.whole), (low, high)
+    scaled = low > 0 and _of_stress(unit) and table.values is None and not table.whole
     hard = (low / SCALED, high * SCALED) if scaled else (low, high)
-    return Parameter(name, table.description or name, unit, *hard), (low, high)
+    return Parameter(name, table.description or name, unit, *hard, whole=table.whole), (low, high)
 
 
 def _of_stress(unit: str) -> bool:

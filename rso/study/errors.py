@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from rso.study.line_numbers import Place, line_of
 
 _SHOWN, _LONGEST = 60, 800
+_MANY, _NEAREST = 24, 8  # choices that are all listed; otherwise so many of the nearest
 
 
 class StudyError(ValueError):
@@ -48,12 +49,17 @@ def _cut(message: str) -> str:
 
 
 def choose(name: str, choices: Iterable[str]) -> str:
-    """``did you mean 'mu'? choose from D1, mu``: the nearest names first, then all."""
+    """``did you mean 'mu'? choose from D1, mu``: the nearest names first, then all, or of many the nearest."""
     known = sorted(choices)
+    if not known:
+        return "there is nothing to choose from"
     by_lower = {c.lower(): c for c in known}
     near = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=2, cutoff=0.5)]
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    return f"{hint}choose from {', '.join(known) if known else 'nothing: there is none'}"
+    if len(known) <= _MANY:
+        return f"{hint}choose from {', '.join(known)}"
+    some = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=_NEAREST, cutoff=0.0)]
+    return f"{hint}choose from {', '.join(some)} and {len(known) - len(some)} more"
 
 
 def schema_problems(model: type[BaseModel], error: ValidationError) -> list[Problem]:

@@ -102,7 +102,7 @@ def seen(value: str) -> str:
 
 
 def expected(words: str) -> Any:
-    """What is allowed, in words, where the type does not tell (see :mod:`rso.study.keys`)."""
+    """What is allowed, in words, where the type does not show (see :mod:`rso.study.keys`)."""
     return Field(json_schema_extra={"expected": words})
 
 
@@ -134,6 +134,7 @@ Duration = number_in("s", gt=0)
 Moment = number_in("s", ge=0)
 Stiffness = number_in("N/mm", gt=0)
 Compliance = number_in("mm/N", gt=0)
+Force = number_in("N", gt=0)
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
 Runs = Annotated[int, Field(ge=1, le=10_000)]
 Positive = Annotated[int, Field(ge=1, le=10_000_000)]

@@ -36,7 +36,7 @@ def hold_in(study: Study, name: str, curve: MeasuredCurve) -> Hold | str:
 def relaxes(backend: Backend, values: Mapping[str, float], case: Case) -> bool:
     """Whether forces go on changing while the indenter rests: the backend's word, else a time among the knobs in use.
 
-    That the answer hangs on the way there is not enough: it does with friction, and then a rest changes nothing.
+    That the answer depends on the way there is not enough: it does with friction, and then a rest changes nothing.
     """
     known = capability(backend, Relaxation)
     if known is not None:
@@ -56,7 +56,7 @@ def relaxation(backend: Backend) -> tuple[Parameter, Parameter] | None:
 
 
 def ranges(pair: tuple[Parameter, Parameter], hold: Hold | CreepHold) -> dict[str, tuple[float, float]]:
-    """Ranges of a share and a time that a hold can tell: the plausible ones, times as far as it lasts."""
+    """Ranges of a share and a time that a hold can show: the plausible ones, times as far as it lasts."""
     share, time = pair
     assert share.plausible is not None and time.plausible is not None
     low, high = SOONEST * float(hold.since[0]), REACH * hold.lasts
@@ -144,6 +144,6 @@ def unseen(study: Study, backend: Backend, opened: Mapping[str, object], fitted:
     if not times or max(speeds) > RATES * min(speeds):
         return []
     return [
-        f"No fitted record holds, and all go at one speed: this hardly tells {' and '.join(times)} and what relaxes "
-        "from a modulus. A hold would, or tests at different speeds."
+        f"No fitted record holds, and all go at one speed: relaxation ({' and '.join(times)}) and a modulus are "
+        "hardly separable. A hold, or tests at different speeds, would separate them."
     ]

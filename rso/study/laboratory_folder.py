@@ -185,10 +185,10 @@ def _refuse_unclear(file: Path) -> None:
     if clear or not (_PLACE.search(name) or len(re.findall(r"\d+", name)) > 1):
         return
     raise ValueError(
-        f"{file}: the name does not say where it was pressed: understood are point_X_Y (point_20_0.csv: pressed at "
-        "(20, 0) mm; pt_, pos_, site_ or P_ likewise), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top "
-        "with 30 mm/min), mp_ with anything else and names with less than two numbers (at the top; profile.csv: "
-        "surface marks), each with the number of the test before it or without (04_site_20_0.csv)"
+        f"{file}: the name does not say where it was pressed. Understood: point_X_Y (point_20_0.csv is pressed at "
+        "(20, 0) mm; also pt_, pos_, site_ or P_). mp_cycle_V (mp_cycle_30.csv) is loaded and unloaded at the top "
+        "with 30 mm/min. mp_ with anything else, and names with less than two numbers, are at the top; profile.csv "
+        "holds surface marks. The number of the test may come first (04_site_20_0.csv)"
     )
 
 

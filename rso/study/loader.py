@@ -45,7 +45,7 @@ def load(path: str | Path) -> Study:
     problems += _check_search(raw, measurements)
     problems += _check_names(raw, file.parent)
     problems += _check_look_alikes(raw)
-    problems += [] if study is None else _check_deck(study)
+    problems += [] if study is None else [*_check_deck(study), *_check_objectives(study)]
     if problems or study is None:
         raise study_error(file, lines, problems)
     study._source = StudySource(file, lines, measurements)
@@ -93,7 +93,13 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
     experiments = dict(_valid(ExperimentTable, _tables(raw, "experiments")))
     shared = dict(_valid(ColumnsTable, [raw.get("columns", {})]))
     roles = [e.get("role") for e in _tables(raw, "experiments") if isinstance(e, dict)]
-    if "experiments" in raw and "fit" not in roles:
+    if "objectives" not in raw and "experiments" not in raw:
+        text = "are missing: [[experiments]] with data to fit, or [objectives] of a study without measurements"
+        yield Problem(("experiments",), text)
+    if "experiments" in raw and "objectives" in raw:
+        text = "a study has data to fit ([[experiments]]) or something to minimise ([objectives]), not both"
+        yield Problem(("objectives",), text)
+    elif "experiments" in raw and "fit" not in roles:
         yield Problem(("experiments",), 'at least one experiment needs role = "fit"')
     circles: set[frozenset[str]] = set()
     after = {e.name: e.after for e in experiments.values()}
@@ -118,7 +124,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             continue
         files = [folder / f for f in e.data]
         try:
-            measurement = read(files, columns.columns())
+            measurement = read(files, columns.columns(), e.preload)
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
@@ -273,6 +279,43 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
     for _, doe in _valid(DoeTable, [raw.get("doe", {})]):
         if doe.file is not None and not (folder / doe.file).is_file():
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
+
+
+MEASURED = {  # tables and keys that mean something only where there are data
+    "columns": (),
+    "identify": (),
+    "diagnose": (),
+    "ladder": (),
+    "next": (),
+    "search": ("targets", "constraints", "metric", "repair", "repair_limit", "variants"),
+    "doe": ("reduce",),
+}
+DISCRETE = ("whole", "values", "choices")
+
+
+def _check_objectives(study: Study) -> Iterator[Problem]:
+    """What belongs to data has no place in a study without, and the other way round."""
+    if study.objectives is None:
+        for name, table in study.parameters.items():
+            for key in DISCRETE:
+                if getattr(table, key):
+                    text = "belongs to a study with [objectives]; a fit to measurements searches ranges, low to high"
+                    yield Problem(("parameters", name, key), text)
+        if study.search.method == "simulations":
+            yield Problem(("search", "method"), "belongs to a study with [objectives]", study.search.method)
+        return
+    for place, keys in MEASURED.items():
+        if place in study.model_fields_set and not keys:
+            yield Problem((place,), "belongs to a study with data; this one has [objectives]")
+        for key in keys:
+            if key in getattr(study, place).model_fields_set:
+                yield Problem((place, key), "belongs to a study with data; this one has [objectives]")
+    if study.search.method == "gauss_newton":
+        text = "fits curves; with [objectives] choose response_surface or simulations"
+        yield Problem(("search", "method"), text, study.search.method)
+    if study.surrogate.kind == "whole_curve":
+        text = "learns curves; with [objectives] choose auto, polynomial or kriging: what is read of a curve is learnt"
+        yield Problem(("surrogate", "kind"), text, study.surrogate.kind)
 
 
 def _check_deck(study: Study) -> Iterator[Problem]:

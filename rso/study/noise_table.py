@@ -23,7 +23,7 @@ class NoiseTable(StudyFileTable):
     gain: Share | None = None
     """Of all forces of the test by one factor: unless stated 2 % a test, less by repeats."""
     correlation: NotNegativeLength | None = None
-    """Length of travel over which errors of forces and columns belong together; unstated: 0.2 % over half of it."""
+    """Length of travel over which errors of forces and columns are correlated; unstated: 0.2 % over half of it."""
     contact: NotNegativeLength | None = None
     """Of the depths of the whole test: where contact was taken to begin; unless stated 1 % of the deepest travel."""
     calibration: Share = 0.0

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from rso.contract import Parameter
 from rso.core.units import quantity
-from rso.doe import Box
+from rso.doe import Box, Space, space
 from rso.study.errors import Problem, choose, study_error
 from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
@@ -20,12 +20,17 @@ _WIDEST = 1e30  # ratio of the ends of a log scale; beyond it their quotient ove
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter to be identified, with its range in the parameter's unit."""
+    """One parameter to be identified, with its range in the parameter's unit.
+
+    `levels` are the values of one that has only some, `labels` the texts of a category, whose values are 0, 1, …
+    """
 
     parameter: Parameter
     low: float
     high: float
     scale: Literal["linear", "log"]
+    levels: tuple[float, ...] = ()
+    labels: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -59,6 +64,12 @@ class Resolved:
             return None
         columns = [(a.name, a.parameter.unit, float(a.low), float(a.high), a.scale == "log") for a in self.axes]
         return Box(*zip(*columns, strict=True))
+
+    @property
+    def space(self) -> Space | None:
+        """The same with the axes that have only some values."""
+        box = self.box
+        return None if box is None else space(box, [a.levels for a in self.axes], [a.labels for a in self.axes])
 
 
 def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
@@ -120,7 +131,15 @@ def _start(study: Study, axes: Mapping[str, Axis], problems: list[Problem]) -> d
 
 
 def _number(written: Any, parameter: Parameter, place: Place, problems: list[Problem]) -> float | None:
-    """A value in the parameter's unit and within its hard bounds; None after noting a problem."""
+    """A value in the parameter's unit and within its hard bounds; None after noting a problem.
+
+    Of a category it is one of its texts.
+    """
+    if parameter.choices:
+        if written in parameter.choices:
+            return float(parameter.choices.index(written))
+        problems.append(Problem(place, choose(str(written), parameter.choices), written))
+        return None
     try:
         return parameter.check(quantity(written, parameter.unit))
     except ValueError as error:
@@ -129,6 +148,19 @@ def _number(written: Any, parameter: Parameter, place: Place, problems: list[Pro
 
 
 def _axis(parameter: Parameter, table: ParameterTable, place: Place, problems: list[Problem]) -> Axis | None:
+    if table.choices is not None or parameter.choices:
+        return _category(parameter, table, place, problems)
+    if table.values is not None:
+        found = [_number(v, parameter, (*place, "values", n), problems) for n, v in enumerate(table.values)]
+        numbers = sorted({v for v in found if v is not None})
+        if None in found or len(numbers) < 2:
+            return None
+        if table.scale == "log" and numbers[0] <= 0:
+            problems.append(Problem((*place, "values"), "a log scale needs values > 0", list(table.values)))
+            return None
+        return Axis(parameter, numbers[0], numbers[-1], table.scale, tuple(numbers))
+    if table.whole or parameter.whole:
+        return _whole(parameter, table, place, problems)
     low = _number(table.low, parameter, (*place, "low"), problems)
     high = _number(table.high, parameter, (*place, "high"), problems)
     if low is None or high is None:
@@ -144,6 +176,49 @@ def _axis(parameter: Parameter, table: ParameterTable, place: Place, problems: l
         problems.append(Problem((*place, "low"), text, table.low))
         return None
     return Axis(parameter, low, high, table.scale)
+
+
+def _category(parameter: Parameter, table: ParameterTable, place: Place, problems: list[Problem]) -> Axis | None:
+    """Texts to choose from: those of the study, or all that the backend has."""
+    if not parameter.choices:
+        text = f"the backend has {parameter.name} as a number in {parameter.unit}: give low and high, or values"
+        problems.append(Problem((*place, "choices"), text))
+        return None
+    if table.choices is None:
+        text = f"is a category: give choices = [...], of {', '.join(parameter.choices)}"
+        problems.append(Problem((*place, "low" if table.low is not None else "values"), text))
+        return None
+    unknown = [(n, v) for n, v in enumerate(table.choices) if v not in parameter.choices]
+    for n, v in unknown:
+        problems.append(Problem((*place, "choices", n), choose(v, parameter.choices), v))
+    if unknown:
+        return None
+    at = sorted(parameter.choices.index(v) for v in table.choices)
+    return Axis(parameter, at[0], at[-1], "linear", tuple(map(float, at)), tuple(parameter.choices[k] for k in at))
+
+
+MOST_WHOLE = 10_000  # whole numbers of a range
+
+
+def _whole(parameter: Parameter, table: ParameterTable, place: Place, problems: list[Problem]) -> Axis | None:
+    """The whole numbers of a range."""
+    ends = [_number(v, parameter, (*place, k), problems) for k, v in (("low", table.low), ("high", table.high))]
+    low, high = ends
+    if low is None or high is None:
+        return None
+    wrong = [k for k, v in (("low", low), ("high", high)) if v != round(v)]
+    if wrong:
+        written = table.low if wrong[0] == "low" else table.high
+        problems.append(Problem((*place, wrong[0]), "a whole number is expected (whole = true)", written))
+        return None
+    if not low < high <= low + MOST_WHOLE:
+        text = f"low = {low:g} must be below high = {high:g}, by at most {MOST_WHOLE}"
+        problems.append(Problem(place, text))
+        return None
+    if table.scale == "log" and low <= 0:
+        problems.append(Problem((*place, "low"), "a log scale needs low > 0", table.low))
+        return None
+    return Axis(parameter, low, high, table.scale, tuple(map(float, range(round(low), round(high) + 1))))
 
 
 def _narrowed(axis: Axis, low: Any, high: Any, place: Place, problems: list[Problem]) -> Axis | None:

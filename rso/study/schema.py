@@ -33,6 +33,7 @@ from rso.study.fields import (
     Count,
     Duration,
     Files,
+    Force,
     Name,
     Names,
     Positive,
@@ -46,6 +47,7 @@ from rso.study.fields import (
 )
 from rso.study.line_numbers import Place
 from rso.study.noise_table import NoiseTable
+from rso.study.objectives_table import ObjectivesTable
 from rso.study.search_table import SearchTable
 from rso.study.settings_files import named, written
 
@@ -75,8 +77,8 @@ class BackendTable(StudyFileTable):
     """Or a program, called with the paths of request.json and response.json behind its arguments, or, with a template,
     as it is written."""
     template: Files | None = None
-    """Input files of the program with placeholders such as {mu:.6e} or {2 / D1}, filled in for each run in a folder of
-    its own; a line {each asked}, and one {end}, repeat what is between for each asked {travel} and {time}."""
+    """Input files of the program with placeholders such as {mu:.6e} or {2 / D1}; each run has a folder of its own.
+    What is between a line {each asked} and one {end} is repeated for each asked {travel} and {time}."""
     files: Names = ()
     """Further files that are put beside them unchanged, such as a mesh."""
     outputs: dict[str, OutputTable] = Field(default_factory=dict)
@@ -86,7 +88,7 @@ class BackendTable(StudyFileTable):
     delimiters: Annotated[tuple[str, str], BeforeValidator(two_marks)] = DELIMITERS
     """What placeholders begin and end with, for input files that have braces of their own."""
     settings: Settings = Field(default_factory=dict)
-    """What the backend is told of every experiment: specimen, indenter, support, material, mesh, point, …"""
+    """Settings of the backend for every experiment: specimen, indenter, support, material, mesh, point, …"""
     timeout: Duration | None = None
     """The longest that one run may take."""
 
@@ -114,20 +116,43 @@ class ParameterTable(StudyFileTable):
     """Whether the range is covered evenly or in its logarithm; moduli go by logarithm."""
     value: Bound = None
     """Or the value that fixes the parameter."""
+    whole: bool = False
+    """Whether only whole numbers between low and high are searched."""
+    values: (
+        Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple), Field(min_length=2, max_length=1000)] | None
+    ) = None
+    """Or the values that it may have, in place of low and high, such as ["1.5 mm", "2 mm"]."""
+    choices: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=2, max_length=50)] | None = (
+        None
+    )
+    """Or texts to choose from, which have no order, such as ["steel", "brass"]."""
     unit: str | None = None
     """Of a parameter of a template, where its numbers do not say it: N, mm, MPa, s and what is made of them."""
     bounds: Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)] | None = None
-    """Of such a parameter: between which values the program may be asked at all; by default its range, or any positive
-    value where its unit holds a stress."""
+    """Of such a parameter: limits of the program itself. By default its range, or any positive value where its unit
+    holds a stress."""
     description: Annotated[str, Field(min_length=1, max_length=80), AfterValidator(seen)] | None = None
     """Of such a parameter: what it means, in a few words."""
 
     @model_validator(mode="after")
     def _range_or_value(self) -> ParameterTable:
-        if self.value is None and (self.low is None or self.high is None):
-            raise ValueError("give low and high, or value to fix it")
+        if self.values is not None or self.choices is not None:
+            own = "values" if self.values is not None else "choices"
+            beside = [k for k in ("low", "high", "value", "whole", "values", "choices", "scale", "bounds") if k != own]
+            if self.choices is None:
+                beside.remove("scale")
+            if wrong := [k for k in beside if k in self.model_fields_set]:
+                raise ValueError(f"{own} says all that it may be: leave {wrong[0]} out")
+            listed = getattr(self, own)
+            if twice := [v for k, v in enumerate(listed) if v in listed[:k]]:
+                raise ValueError(f"{own}: {twice[0]!r} is there twice")
+            return self
         if (self.low is None) != (self.high is None):
-            raise ValueError("low and high belong together")
+            raise ValueError("low and high must be given together")
+        if self.value is None and self.low is None:
+            raise ValueError("give low and high, values, choices, or value to fix it")
+        if self.whole and self.value is not None:
+            raise ValueError("value fixes it: leave whole out")
         beside = [k for k in ("low", "high", "scale") if k in self.model_fields_set]
         if self.value is not None and beside:
             raise ValueError(f"value fixes it, and {beside[0]} belongs to a range to search: leave one of them out")
@@ -151,15 +176,18 @@ class ExperimentTable(StudyFileTable):
     channels: Channels = ()
     """Those compared with the model; by default Fz, or uz for a profile."""
     branch: Literal["loading", "unloading"] = "loading"
-    """The way there or the way back, which tells what sticks: down to the strongest pull, also above contact."""
+    """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
     settings: Settings = Field(default_factory=dict)
-    """What the backend is told of this experiment, in place of keys of the same name."""
+    """Settings of the backend for this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
     """What its readings are uncertain by."""
+    preload: Force | None = None
+    """Where its travel was set to 0 at a small force, that force, as "10 mN": contact is found before it, by the shape
+    of Fz, or in its approach; Fz may have been set to 0 there, too."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
-    """Experiments that the specimen had been through before, which a softening remembers."""
+    """Experiments that the specimen had been through before: a softening depends on them."""
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -203,7 +231,7 @@ class DoeTable(StudyFileTable):
     @model_validator(mode="after")
     def _file_with_kind(self) -> DoeTable:
         if (self.kind == "file") != (self.file is not None):
-            raise ValueError('file = "points.csv" and kind = "file" belong together')
+            raise ValueError('file = "points.csv" and kind = "file" must be given together')
         owners = {k: s.name for s in SAMPLERS.values() for k in s.options}
         wrong = [k for k, kind in owners.items() if k in self.model_fields_set and self.kind != kind]
         if wrong:
@@ -223,8 +251,8 @@ class SurrogateTable(StudyFileTable):
     degree: Annotated[int, Field(ge=1, le=HIGHEST)] | None = None
     """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
-    """Error on new runs, as a share of the spread of the output over the ranges (√12 standard deviations), above which
-    runs are added, at most verify.max_infill of them; an error below the stated numerical error of the runs is none."""
+    """Error on new runs above which runs are added, at most verify.max_infill: a share of the output's spread over the
+    ranges (√12 standard deviations). An error below the stated numerical error of the runs does not count."""
 
 
 class SensitivityTable(StudyFileTable):
@@ -304,7 +332,8 @@ class Study(StudyFileTable):
     study: StudyTable
     backend: BackendTable
     parameters: dict[str, ParameterTable]
-    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)]
+    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)] = ()
+    objectives: ObjectivesTable | None = None
     columns: ColumnsTable | None = None
     doe: DoeTable = DoeTable()
     surrogate: SurrogateTable = SurrogateTable()
@@ -370,7 +399,7 @@ class Study(StudyFileTable):
         return self._source.measurements[name]
 
     def noise_of(self, name: str) -> Noise:
-        """Errors of an experiment as stated; of its contact, unless stated, as the record tells where it was found."""
+        """Errors of an experiment as stated; of its contact, unless stated, as the record shows where it was found."""
         e, found = self.experiment(name), self.measurement(name).contact
         noise = e.noise.noise()
         return replace(noise, contact=found) if noise.contact is None and found > 0.0 else noise

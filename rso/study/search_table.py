@@ -83,8 +83,9 @@ class SearchTable(StudyFileTable):
     "response_surface".
     """
 
-    method: Literal["response_surface", "gauss_newton"] = "response_surface"
-    """On response surfaces of a design, or whole curves straight on simulations and their derivatives."""
+    method: Literal["response_surface", "gauss_newton", "simulations"] = "response_surface"
+    """On response surfaces of a design, or whole curves straight on simulations and their derivatives. With
+    [objectives] "simulations" makes each individual of NSGA-II a simulation: for models of milliseconds."""
     start: dict[str, Bound] = Field(default_factory=dict)
     """Values to begin with; the middle of the range for a parameter that is left out."""
     starts: Annotated[int, Field(ge=1, le=100)] = 1
@@ -108,7 +109,7 @@ class SearchTable(StudyFileTable):
     repair: bool = True
     """Whether ranges are widened while candidates press against an end."""
     repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] | None = None
-    """How far: by this factor a side on a log scale, by so many widths on a linear one; by default one width
+    """How far: by this factor a side on a log scale, by so many widths on a linear one. By default one width
     on its scale. Hard bounds come first, and no range crosses 0 that does not as stated."""
     variants: Annotated[tuple[Variant, ...], BeforeValidator(list_to_tuple)] = ()
     """More searches of the same study."""
@@ -117,6 +118,7 @@ class SearchTable(StudyFileTable):
     def _keys_of_method(self) -> SearchTable:
         theirs = {"start", "starts", "max_runs", "derivatives"}
         mine = theirs if self.method == "gauss_newton" else set(type(self).model_fields) - theirs
+        mine = {"population", "generations", "candidates"} if self.method == "simulations" else mine
         wrong = sorted(self.model_fields_set - mine - {"method", "metric"})
         if wrong:
             other = "response_surface" if self.method == "gauss_newton" else "gauss_newton"

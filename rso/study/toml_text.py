@@ -23,7 +23,12 @@ def text_of(path: str | Path) -> tuple[Path, str]:
             file = file / "study.toml"
         if not file.exists():
             near = [f.name for f in file.parent.glob("*.toml")] if file.parent.is_dir() else []
-            raise StudyError([f"{file}: there is no such study file; {choose(file.name, near)}"])
+            cure = (
+                choose(file.name, near)
+                if near
+                else ("write one with: rso new CURVE.csv …; or try a worked one: rso example")
+            )
+            raise StudyError([f"{file}: there is no such study file; {cure}"])
         if not file.is_file():
             raise StudyError([f"{file}: is not a file; a study file such as study.toml is expected"])
         size = file.stat().st_size

@@ -42,7 +42,7 @@ def test_a_segment_that_is_none_names_key_value_and_choices(stated, why):
         ({"segments": (PRESS, REST), "asked_s": (13.0,)}, r"within \(0, 12\] s"),
         (
             {"segments": (Segment("travel", rate=1.0, to_N=0.1), REST), "asked_s": (1.0,)},
-            "known only once they are run",
+            "known only after the run",
         ),
         ({"segments": (dataclasses.replace(PRESS, asked_s=(3.0,)),)}, "at most 2 s, how long it lasts"),
     ],
@@ -108,5 +108,5 @@ def test_a_backend_that_knows_travel_alone_refuses_a_force():
 
     forced, plain = (Case("c", p, {"radius": 1.0}) for p in (Programme(segments=(PRESS, REST)), Programme.ramp((1.0,))))
     assert beyond_control(Toy(), plain) is None and beyond_control(Knows(), forced) is None
-    assert "the backend 'toy' does not understand" in beyond_control(Toy(), forced)
+    assert "The backend 'toy' does not understand" in beyond_control(Toy(), forced)
     assert beyond_control(Knows(), dataclasses.replace(forced, settings={})) is not None

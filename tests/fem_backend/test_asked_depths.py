@@ -1,4 +1,4 @@
-"""What a stranger asks for: any body under any indenter, deep, answers at any depths; none hangs on which."""
+"""What a stranger asks for: any body under any indenter, deep, answers at any depths; none depends on which."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def answered(name, depths, values=VALUES):
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.verification) if n == "flat" else n for n in BODIES]
 )
-def test_an_answer_hangs_on_no_other_depth_that_is_asked_for(name):
+def test_an_answer_depends_on_no_other_depth_that_is_asked_for(name):
     """Alone, and after three others at random, 1.3 lengths of the indenter deep: within what is stated."""
     deepest = 1.3 if name == "cone" else 3.9
     rng = np.random.default_rng(list(BODIES).index(name))

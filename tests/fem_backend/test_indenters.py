@@ -381,7 +381,7 @@ WRONG = [
     (HEAD + "0,0\n1,0.1\n0.9,1\n", "row 4: r = 0.9 mm is less than 1 mm before it"),
     (HEAD + "0,0\n1,0.1\n2,0.05\n", "row 4: z = 0.05 mm is less than 0.1 mm before it"),
     (HEAD + "0,0\n1,0.1\n1,0.1\n", "row 4: r = 1 mm, z = 0.1 mm: the same point"),
-    (HEAD + "0,0\n1,0.2\n2,0.3\n", "row 3: z = 0.2 mm at r = 1 mm: the profile bends inwards there, from 11.3 to 5.71"),
+    (HEAD + "0,0\n1,0.2\n2,0.3\n", "row 3: z = 0.2 mm at r = 1 mm: the profile bends inwards there (11.3 to 5.71"),
     (HEAD + "0,0\n1,1\n2,2\n", "row 2: a sharp tip of 45 degrees"),
     (HEAD + "0,0\n1,0\n1,1\n1,2\n", "row 3: a sharp edge at r = 1 mm, of 0 to 90 degrees"),
     (

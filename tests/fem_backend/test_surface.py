@@ -386,7 +386,7 @@ def test_a_wrong_region_is_refused(kidney, held, words):
     ("change", "words"),
     [
         ({"unit": "m"}, r"radius = 3.0 mm: no mesh .* measures 1.2e\+05 x 7e\+04 x 7e\+04 mm .*unit = 'm': is that"),
-        ({"unit": "um"}, r"much smaller than the specimen .*unit = 'um': is that its unit"),
+        ({"unit": "um"}, r"only indenters up to .*unit = 'um': is that its unit"),
         ({"unit": "mile"}, r"specimen.unit = 'mile' is not modelled; choose from nm, um, µm, mm, cm, m, in"),
         ({"file": "gone.stl"}, r"specimen.file = 'gone.stl': there is no such file"),
         ({"sha256": "0" * 64}, "has changed since the run was set up"),

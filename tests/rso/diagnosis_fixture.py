@@ -394,7 +394,7 @@ def _words(verdict, named):
     if verdict == "no_gap":
         return ["No gap beyond noise (p = 0.43, misfit 1.02 times the noise)."]
     cause = {
-        "ambiguous": f"Cause: cannot be told apart with these data: {', '.join(named)}.",
+        "ambiguous": f"Cause: these data cannot separate {', '.join(named)}.",
         "unexplained": "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to.",
     }
     return [
@@ -402,5 +402,5 @@ def _words(verdict, named):
         "Where, measured against what all other data predict: cycle_100 Fz loading 2.7–4.0 mm (+6.1 ± 0.7 %).",
         cause.get(verdict) or f"Cause: {named[0]} = {SIZE[named[0]][0]:g}; probability 95 %.",
         "On held-out curves (validate curves) the gap is 6.30 before, 4.35 after a re-fit alone, 1.25 with the cause.",
-        "These data could not have shown, at any plausible size: weight, gain.",
+        "This test plan cannot detect, at any plausible size: weight, gain.",
     ]

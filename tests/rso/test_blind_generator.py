@@ -62,8 +62,9 @@ def test_folders_do_not_hint(round_of_cases):
     for folder in folders:
         files = sorted(folder.iterdir())
         lengths = tuple(len(f.read_text().splitlines()) for f in files)
-        nominal = (folder / "nominal.json").read_bytes()
-        seen.add((tuple(f.name for f in files), lengths, tuple(f.stat().st_mtime for f in files), nominal))
+        nominal = json.loads((folder / "nominal.json").read_text())
+        assert set(nominal.pop("noise")) == {"force_N", "depth_mm", "repeat_gain", "profile_mm"}
+        seen.add((tuple(f.name for f in files), lengths, tuple(f.stat().st_mtime for f in files), json.dumps(nominal)))
     assert len(folders) == 10 and len(seen) == 1
 
 
@@ -223,7 +224,14 @@ def clean(blind, kind=None, size=0.0, **other):
 def files(blind, folder, kind=None, size=0.0):
     """Text of all files written with one outside kind of this size and always the same noise."""
     chain = {kind: size, **KINDS[kind][2]} if kind else {}
-    noise = {**blind.generate.NOMINAL["noise"], "rho": 0.5, "jitter_mm": 0.01}
+    noise = {
+        "force_N": 0.003,
+        "depth_mm": 0.005,
+        "repeat_gain": 0.01,
+        "profile_mm": 0.05,
+        "rho": 0.5,
+        "jitter_mm": 0.01,
+    }
     mechanics, rng = blind.experiment.Mechanics(MU_D1), np.random.default_rng(5)
     blind.experiment.write(folder, mechanics, MU, chain, rng, noise, blind.generate.NOMINAL)
     return {p.stem: p.read_text() for p in folder.glob("*.csv")}
@@ -463,3 +471,20 @@ def test_figures_without_the_kinds_a_catalogue_holds(blind, round_of_cases, tmp_
         t["allowed"].pop("listed")  # as sealed in earlier rounds: nothing is in a catalogue
     figures = blind.score.figures(told)
     assert figures["unlisted_allowed"] == figures["outside_allowed"]
+
+
+def test_every_case_has_its_own_noise_and_states_what_a_data_sheet_would(blind, tmp_path, monkeypatch):
+    monkeypatch.setattr(blind.experiment, "write", lambda *a: written.append(a[5:7]) or [])
+    monkeypatch.setattr(blind.experiment, "signal", lambda *_: (0.0, []))
+    written, rng = [], np.random.default_rng(0)
+    (tmp_path / "sealed").mkdir()
+    for k in range(30):
+        blind.generate.make({**blind.generate.draw_case("null", [], rng), "id": f"case_{k:04d}"}, tmp_path)
+    for noise, nominal in written:
+        stated = nominal["noise"]
+        assert "jitter_mm" not in stated and set(stated) == set(noise) - {"jitter_mm", "rho"}
+        assert all(abs(stated[k] / noise[k] - 1.0) < 0.34 for k in stated)  # one digit: 1.5 becomes 2 at worst
+    for name, (low, high, _) in blind.generate.NOISE.items():
+        drawn = np.log([noise[name] for noise, _ in written])
+        assert drawn.min() >= np.log(low) and drawn.max() <= np.log(high)
+        assert np.ptp(drawn) > 0.5 * np.log(high / low)  # 30 uniform draws span less in fewer than one of a million

@@ -56,6 +56,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "prevented": ((), lambda v: v == {"the tests again with oil": ("friction",)}),
     "gauges": ((SETTINGS,), lambda v: v["delta_t"][1] == 0.02),
     "sketch": ((SETTINGS, 1.0), lambda v: v.words and v.drawn[0].role == "specimen"),
+    "deformed": ((VALUES, CASE), lambda v: v.frames[-1].travel == 1.0 and list(v.frames[-1].fields) == list(v.units)),
     "derived": ((SETTINGS, ("mu",)), lambda v: v[0].name == "E" and v[0].of({"mu": np.array([2.0])})[0] == 6.0),
     "options": ((), lambda v: [o.name for o in v] == ["thickness"]),
     "first_settings": (({"thickness": (5.0,)}, [1.0]), lambda v: v["thickness"].value == 5.0 and v["base"].guess),
@@ -122,7 +123,11 @@ def test_each_is_described_shown_to_the_outside_and_has_an_example(name):
 
 def test_the_finite_elements_and_the_example_offer_all_and_fit():
     backend = load_backend("fem_backend.backend:BACKEND")
-    assert [k.__name__ for k in CAPABILITIES if capability(backend, k) is None] == ["FilledInputs", "Fingerprint"]
+    assert [k.__name__ for k in CAPABILITIES if capability(backend, k) is None] == [
+        "FilledInputs",
+        "FreeCurves",
+        "Fingerprint",
+    ]
     assert unfit(backend) == unfit(SLAB()) == unfit(Bare()) == []
 
 

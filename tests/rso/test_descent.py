@@ -271,7 +271,7 @@ def test_check_and_the_end_of_a_run_describe_it(tmp_path, capsys):
     assert out.index("most likely by the whole curves: mu = ") < out.index("best verified candidate")
     found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     found["determined"]["mu"]["interval"] = [1.0, 2.0]  # as where three targets pull elsewhere than whole curves
-    assert "    outside what agrees with the whole curves: its mu" in summary(found, [])
+    assert "    outside what agrees with the whole curves: its mu" in summary(found)
 
 
 def test_the_report_shows_every_point(known, tmp_path):

@@ -15,10 +15,11 @@ from rso.data import Noise
 from rso.discrepancy import Diagnosis, Library, build, make_plan, story
 from rso.discrepancy.diagnosis import _opened
 from rso.discrepancy.evidence import attribution, marginal_ranges
-from rso.discrepancy.evidence.attribution import FALSE_ALARM, Evidence, set_up
+from rso.discrepancy.evidence.attribution import Evidence, set_up
 from rso.discrepancy.evidence.cross_validation import _chosen_without, left_out
 from rso.discrepancy.evidence.gaussian_mixture import log_evidence, posterior, posterior_each
 from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings
 from rso.discrepancy.wording import _named, _otherwise, _single
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
@@ -44,6 +45,10 @@ def tables(names: tuple[str, ...], validate: bool) -> Library:
     return build(BASE, make_plan(experiments(0, validate=validate)), toy.effects(*names), toy.run)
 
 
+def with_priors(**changed) -> DiagnosisSettings:
+    return dataclasses.replace(SETTINGS, priors=dataclasses.replace(SETTINGS.priors, **changed))
+
+
 def diagnose(seed: int, truth=None, names=NAMES, validate: bool = False, **chain: float) -> Diagnosis:
     """One library serves all data of the same plan."""
     plan = make_plan(experiments(seed, truth, validate, **chain))
@@ -59,7 +64,7 @@ def test_nothing_planted_is_no_gap():
     found = [diagnose(seed, names=("stiff", "skin", "soften")) for seed in range(100, 120)]
     alarms = [d for d in found if d.verdict != "no_gap"]
     assert len(alarms) <= 4
-    assert all(d.p_value <= FALSE_ALARM for d in alarms)
+    assert all(d.p_value <= SETTINGS.rules.false_alarm for d in alarms)
     assert all(not d.causes for d in found if d.verdict == "no_gap")
     assert 0.7 < np.mean([d.size_over_noise for d in found]) < 1.2
 
@@ -73,7 +78,7 @@ def test_what_is_planted_is_named_with_its_size(name, value, chain):
     for seed in range(3):
         planted = {name: value}
         found.append(diagnose(seed, None if chain else planted, **(planted if chain else {})))
-    assert all(d.p_value <= FALSE_ALARM for d in found)
+    assert all(d.p_value <= SETTINGS.rules.false_alarm for d in found)
     named = [d for d in found if name in d.named]
     assert len(named) == 3
     alone = [d for d in found if d.verdict == ("measurement" if chain else "explained")]
@@ -147,9 +152,7 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     for more in (False, True):
         each = [P[s, more] for s in ("stiff", "shift", "shift at one place")]
         np.testing.assert_allclose(each, each[0], rtol=1e-12)
-    np.testing.assert_allclose(
-        P["shift", "stiff", False], 0.5 * attribution.PRIOR["pair"] / 3, rtol=1e-12
-    )  # of 3 pairs
+    np.testing.assert_allclose(P["shift", "stiff", False], 0.5 * SETTINGS.priors.pair / 3, rtol=1e-12)  # of 3 pairs
     beside = np.concatenate([np.arange(at.start, at.stop) for t, _, at in plan.rows() if t.place == 1])
     rest = np.setdiff1d(np.arange(plan.n), beside)
     away = next(e for e in library.effects if e.name == "shift at (10, 0)")
@@ -202,11 +205,11 @@ def test_what_all_experiments_have_is_in_none_alone():
 
 
 @pytest.mark.parametrize("name", ["load", "cycle", "deep"])
-def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name, monkeypatch):
+def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
     """Softening or stiffening makes most of a file that is clipped, and nothing of the other files."""
-    monkeypatch.setattr(attribution, "ALONE", ())
     plan = make_plan(clipped(name, experiments(3)))
-    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
+    library = dataclasses.replace(tables(NAMES, False), plan=plan)
+    d = discrepancy.diagnose(library, 3, nulls=NULLS, settings=with_priors(alone=()))
     assert d.verdict == "unexplained" and not d.causes
     likely = max(d.probabilities, key=d.probabilities.get)
     assert likely.startswith(("soften", "stiff"))  # evidence alone would name it
@@ -256,7 +259,7 @@ def test_a_look_alike_makes_it_ambiguous():
 def test_offsets_that_differ_from_curve_to_curve_are_the_measurement():
     names = ("stiff", "soften", "offset", "offset_each")
     found = [diagnose(seed, names=names, each_offset=0.12) for seed in (1, 2, 3)]
-    assert sum(d.verdict == "measurement" for d in found if d.p_value <= FALSE_ALARM) >= 2
+    assert sum(d.verdict == "measurement" for d in found if d.p_value <= SETTINGS.rules.false_alarm) >= 2
     for d in found:  # all of them are: none is singled out
         assert "in one curve" not in " ".join(story(d.bench.library, d, (), None, "")["words"])
 
@@ -446,7 +449,7 @@ def test_one_curve_alone_is_answered_humbly():
 @pytest.mark.parametrize("names", [("offset_each",), ("stiff",), ("gain_each", "stiff")])
 def test_a_short_catalogue_is_a_catalogue(names):
     d = diagnose(0, names=names)
-    assert d.verdict == "no_gap" or d.p_value <= FALSE_ALARM
+    assert d.verdict == "no_gap" or d.p_value <= SETTINGS.rules.false_alarm
 
 
 def test_nothing_stated_and_no_repeats():
@@ -478,14 +481,12 @@ def screwed(e, size: float, pitch: float):
     return dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats))
 
 
-@pytest.mark.parametrize("menu, seen", [(attribution.GAPS, True), (((0.03, 0.2), (0.15, 0.2)), False)])
-def test_a_gap_that_is_small_and_rough_is_seen(monkeypatch, menu, seen):
+@pytest.mark.parametrize("menu, seen", [(SETTINGS.priors.gaps, True), (((0.03, 0.2), (0.15, 0.2)), False)])
+def test_a_gap_that_is_small_and_rough_is_seen(menu, seen):
     """0.025 mm in 1.3 mm: a competitor that is only smooth, or only large, finds it less probable than nothing."""
-    monkeypatch.setattr(attribution, "GAPS", menu)
-    monkeypatch.setattr(attribution, "ALONE", ())
     plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
     library = dataclasses.replace(tables(NAMES, False), plan=plan)
-    opened = _opened(library, plan.values(), NULLS, 3)
+    opened = _opened(library, plan.values(), NULLS, 3, with_priors(gaps=menu, alone=()))
     assert opened.gap == seen
     assert not seen or opened.first.hypotheses[int(np.argmax(opened.first.probability))] == Hypothesis((), True)
 
@@ -647,16 +648,16 @@ def test_one_draw_of_each_data_set_is_the_posterior_of_each(walls):
         np.testing.assert_allclose(many, alone, rtol=3e-3)
 
 
-def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
+def test_what_a_plan_can_see_is_what_the_verdict_finds():
     """The verdict asks besides that a gap be more probable than none: powers were those of a laxer rule."""
     from rso.discrepancy.evidence import detectable as room
 
-    monkeypatch.setattr(
-        attribution, "FALSE_ALARM", 0.5
-    )  # as far beyond what that lets through as a poor plan's 5 % are
+    lax = dataclasses.replace(
+        SETTINGS, rules=dataclasses.replace(SETTINGS.rules, false_alarm=0.5)
+    )  # as a poor plan's 5 % are
     library = tables(NAMES, False)
     y = library.plan.values()
-    evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
+    evidence = attribution.Evidence(attribution.set_up(library, y, settings=lax), library.effects)
     null = np.array([c.statistic for c in attribution.comparisons(evidence, attribution.nulls(evidence, y, 400, 5))])
     assert np.quantile(null, 0.5) < 0.0 and np.mean(null > 0.0) < 0.1
     base, rng, over = evidence.ready(()), np.random.default_rng(3), []

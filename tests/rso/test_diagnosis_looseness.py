@@ -9,10 +9,11 @@ import pytest
 from rso.discrepancy import build, make_plan
 from rso.discrepancy.evidence import model_form_tolerance
 from rso.discrepancy.evidence.hypotheses import tiles
-from rso.discrepancy.evidence.model_form_tolerance import LATERAL, LOOP, SHARE, WAY, loops, with_tolerance
+from rso.discrepancy.evidence.model_form_tolerance import loops, with_tolerance
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.library.prediction import predict
 
-MODULUS = 0.012
+MODULUS, TOLERANCE = 0.012, SETTINGS.tolerance
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +59,8 @@ def test_only_what_rubs_may_come_back_otherwise(library, name, more):
     added = loose.sd[len(t.sd) :]
     ordinary = len(with_tolerance(dataclasses.replace(library, rubbing=frozenset()), effects, t, base, MODULUS).sd)
     assert len(loose.sd) - ordinary == more
-    assert not more or added[-1] == LOOP
-    assert set(added[: len(added) - more]) == {SHARE, LATERAL}
+    assert not more or added[-1] == TOLERANCE.loop
+    assert set(added[: len(added) - more]) == {TOLERANCE.share, TOLERANCE.lateral}
 
 
 def test_an_effect_may_be_stronger_in_one_part_alone(library):
@@ -76,8 +77,8 @@ def test_another_support_may_have_another_size_at_each_place(library):
     effects, t, base = own(library, "clearance")
     loose = with_tolerance(library, effects, t, base, MODULUS)
     places = sorted({item.place for item, c, _ in library.plan.rows() if c == "Fz"})
-    assert set(loose.sd[len(t.sd) : -len(places)]) == {SHARE, LATERAL}
-    assert set(loose.sd[-len(places) :]) == {WAY}
+    assert set(loose.sd[len(t.sd) : -len(places)]) == {TOLERANCE.share, TOLERANCE.lateral}
+    assert set(loose.sd[-len(places) :]) == {TOLERANCE.way}
     moved = loose.lift(loose.D[:, -len(places) :])  # (T, places, n)
     step = 1e-3
     further = t.at[:, 1] + (step if effects[0].size.logarithmic else step * t.at[:, 1])

@@ -12,12 +12,13 @@ import rso.discrepancy.diagnosis
 from rso import discrepancy
 from rso.data import Repeat
 from rso.discrepancy import build, make_plan
-from rso.discrepancy.diagnosis import MISFIT, WHOLE
+from rso.discrepancy.diagnosis import WHOLE
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import LEVEL, ResidualScore, _changes, residual_score
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.verdict import beside
 from rso.discrepancy.library.prediction import predict
 
@@ -117,7 +118,7 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     plan = make_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
     d = discrepancy.diagnose(library, 2, nulls=100)
-    assert d.remainder.there and d.left < MISFIT
+    assert d.remainder.there and d.left < SETTINGS.rules.misfit
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
     monkeypatch.setattr(rso.discrepancy.diagnosis, "residual_score", lambda *_: ResidualScore("", None, 0.0, np.inf))
     blind = discrepancy.diagnose(library, 2, nulls=100)
@@ -187,4 +188,4 @@ def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
     assert d["verdict"] == "partly" and len(d["chosen"]) == 1 and len(d["causes"]) > 1, d["causes"]
     assert set(d["ambiguous_with"][0]) == {c["effect"] for c in d["causes"]}
     assert not any("takes two effects" in w for w in found["words"])
-    assert any("cannot be told apart" in w for w in found["words"])
+    assert any("which the data cannot separate" in w for w in found["words"])

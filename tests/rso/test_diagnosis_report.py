@@ -98,7 +98,7 @@ def test_only_what_is_asked_for_is_written(tmp_path):
     [
         ("no_gap", ["reproduces these measurements within their noise", "no cause is named", "No share is printed"]),
         ("explained", ["this explains it: relaxing share of the shear modulus", "0.170 to 0.250", "0.24 % of Fz"]),
-        ("ambiguous", ["tell its causes apart: Coulomb friction", "; or work of adhesion", "promises an answer"]),
+        ("ambiguous", ["separate the causes: Coulomb friction", "; or work of adhesion", "promises an answer"]),
         ("partly", ["is part of it, not all", "stiffness of the skin"]),
         ("unexplained", ["nothing in the catalogue explains it", "No cause of the catalogue is named"]),
         ("measurement", ["Not the model but the measurement is off: load-train compliance"]),
@@ -379,9 +379,9 @@ def test_tests_that_settle_nothing_have_no_row():
     found = story("ambiguous")
     one = found["diagnosis"]["next_test"][0]
     found["diagnosis"]["next_test"] = [one | {"chance": 0.4}, one | {"test": "idle", "chance": 0.004}]
-    assert "idle" not in said(found) and "left out, for they settle nothing (chance below 1 %): 1." in said(found)
+    assert "idle" not in said(found) and "Left out because they decide nothing (chance below 1 %): 1." in said(found)
     found["diagnosis"]["next_test"] = [one | {"chance": 0.0}]
-    assert "None of 1 that were weighed would settle it" in said(found)
+    assert "None of 1 proposed tests would separate the causes" in said(found)
 
 
 def test_a_share_that_is_not_known_is_not_printed():

@@ -10,6 +10,7 @@ import pytest
 from rso.data import Measurement, Noise, Repeat
 from rso.discrepancy import make_plan
 from rso.discrepancy.evidence import noise
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.library.simulations import passes, passes_of
 from rso.discrepancy.library.test_plan import BINS, STEP
 
@@ -315,7 +316,7 @@ def test_uncertainties_that_the_file_states_count_as_stated_noise():
 
 def test_white_noise_alone_is_neither_gain_nor_correlated():
     found = [level(synthetic(5, k)) for k in range(12)]
-    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * noise.GAIN)
+    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * SETTINGS.noise.gain)
     assert sum(v.correlated > 0 for v in found) <= 2
 
 
@@ -357,7 +358,7 @@ def test_softening_between_the_first_and_later_repeats_is_not_scatter():
     """A virgin test differs from those after it by an effect of the catalogue."""
     truth = {**toy.TRUTH, "soften": 0.3}
     e = toy.experiment("a", toy.recorded(truth, rng(1), repeats=5, scatter=0.0), noise=NOTHING)
-    assert level([e]).gain <= noise.GAIN and level([e]).contact <= noise.CONTACT
+    assert level([e]).gain <= SETTINGS.noise.gain and level([e]).contact <= SETTINGS.noise.contact
 
 
 def test_a_few_noiseless_readings_still_have_a_covariance():

@@ -8,11 +8,12 @@ import pytest
 
 from rso.data import Noise, Repeat
 from rso.discrepancy import build, diagnose, make_plan, story
-from rso.discrepancy.diagnosis import BEYOND, MISFIT, _beyond, _sides, most_left
-from rso.discrepancy.evidence.attribution import FALSE_ALARM, SHARES, Comparison, Evidence, critical, set_up
+from rso.discrepancy.diagnosis import _beyond, _sides, most_left
+from rso.discrepancy.evidence.attribution import SHARES, Comparison, Evidence, critical, set_up
 from rso.discrepancy.evidence.cross_validation import HeldOut, held_out, predicts
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.shrinkage import Gap, summarise
 from rso.discrepancy.evidence.verdict import judge
 from rso.discrepancy.parameters import _outside, about, unproved
@@ -76,7 +77,9 @@ def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
         return Posterior(np.ones(9), at, np.zeros(9, int), np.ones((9, 2)), off)
 
     for h in (Hypothesis((STIFF,)), Hypothesis((SCATTER, STIFF)), Hypothesis((STIFF, SCATTER))):
-        assert _beyond(h, drawn(1.01 * BEYOND * far)) and not _beyond(h, drawn(0.99 * BEYOND * far))
+        assert _beyond(h, drawn(1.01 * SETTINGS.rules.beyond * far)) and not _beyond(
+            h, drawn(0.99 * SETTINGS.rules.beyond * far)
+        )
         assert _beyond(h, drawn(0.5 * far, 0.6)) and not _beyond(h, drawn(0.5 * far, 0.4))
     assert not _beyond(Hypothesis((SCATTER,)), drawn(1e9))
 
@@ -109,7 +112,11 @@ def test_no_cause_closes_more_than_all_of_a_gap():
 
 @pytest.mark.parametrize(
     ("chance", "said"),
-    [(0.003, "None of the tests"), (0.02, "No test in the list is likely"), (0.7, "Next test: deeper; it settles")],
+    [
+        (0.003, "None of the proposed tests"),
+        (0.02, "No proposed test is likely"),
+        (0.7, "Next test: deeper; it separates"),
+    ],
 )
 def test_a_test_that_settles_nothing_is_not_proposed(chance, said):
     sentence = next_sentence({"test": "deeper", "chance": chance})
@@ -137,12 +144,12 @@ def test_a_change_that_noise_makes_has_an_interval_that_holds_nothing():
 
 
 def test_what_a_right_cause_leaves_of_few_readings_is_not_too_much():
-    """One in a hundred of 20 000 chi-square variables lies above, of few and many; of very many MISFIT counts."""
+    """One in a hundred of 20 000 chi-square variables lies above, of few and many; of very many a fixed limit holds."""
     rng = np.random.default_rng(0)
     for n in (8, 14, 40):
         above = np.mean(rng.chisquare(n, 20_000) / n > most_left(n))
         assert 0.005 < above < 0.015
-    assert most_left(1000) == MISFIT
+    assert most_left(1000) == SETTINGS.rules.misfit
 
 
 @pytest.mark.parametrize("scatter", [0.03, 0.12])
@@ -200,11 +207,11 @@ def test_an_unusual_plan_has_a_story(what):
 
 
 def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
-    """Nine in ten for one cause and the rest for none of them: there is nothing else to tell it apart from."""
+    """Nine in ten for one cause and the rest for none of them: there is nothing else to separate it from."""
     d = {"verdict": "ambiguous", "ambiguous_with": [["skin"]], "causes": [{"effect": "skin", "probability": 0.92}]}
     said = _cause(d, {"effects": [{"name": "skin", "description": "stiffness of a skin"}]})
     assert "stiffness of a skin, or something that is not in the catalogue" in said
-    assert "cannot be told apart" not in said
+    assert "cannot separate" not in said
 
 
 def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is():
@@ -216,9 +223,9 @@ def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is
     }
     effects = [{"name": n, "description": n} for n in ("skin", "gain")]
     said = _cause(d, {"effects": effects})
-    assert said == "Cause: cannot be told apart with these data: skin (> 99 %), gain (< 1 %)."
+    assert said == "Cause: these data cannot separate skin (> 99 %), gain (< 1 %)."
     said = _cause(d, {"effects": effects, "diagnosis": d, "probabilities": {"none": 0.41}})
-    assert said.startswith("Cause, if there is a gap (chances given one): cannot be told apart with these data: skin")
+    assert said.startswith("Cause, if there is a gap (chances given one): these data cannot separate skin")
     g = {"p_value": 0.04, "size_over_noise": 1.0, "statistic": 2.0, "threshold": 1.0}
     found = {"diagnosis": d, "probabilities": {"none": 0.41}}
     assert _gap(d | {"gap": g}, found) == (
@@ -308,7 +315,7 @@ def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
     gain, other = _unlike({"noise": {"Fz": bound}})
     assert "5.4 % in Fz, 1 % is stated or usual: far beyond what is stated, this counts as a gap" in gain
     assert "taken for noise" in other
-    assert contact.startswith("Contact points of repeats differ by 0.14 mm by Fz, 0.01 mm is usual")
+    assert contact.startswith("Contact points of repeats differ by 0.14 mm (Fz); 0.01 mm is usual")
 
 
 def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
@@ -446,7 +453,7 @@ def test_the_odd_one_is_told_and_asked_about(points, words):
         "of_largest": True,
     }
     assert (
-        "Measured against what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest "
+        "Compared with what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest "
         "force)." in _where(d | {"where": [region]}, found)
     )
     assert "what all other data predict" in _where(d | {"where": [region], "odd": None}, found)
@@ -492,9 +499,9 @@ def test_there_is_a_gap_where_p_says_so_and_one_is_more_probable_than_none(n):
     at = critical(null)
     p = lambda t: (1 + np.sum(null >= t)) / (1 + n)  # noqa: E731 - as a diagnosis prints it
     if n < 19:
-        assert at == np.inf and p(10.0) > FALSE_ALARM
+        assert at == np.inf and p(10.0) > SETTINGS.rules.false_alarm
         return
-    assert p(np.nextafter(at, 9.0)) <= FALSE_ALARM < p(np.nextafter(at, -9.0))
+    assert p(np.nextafter(at, 9.0)) <= SETTINGS.rules.false_alarm < p(np.nextafter(at, -9.0))
     assert critical(null - 100.0) == 0.0
 
 
@@ -540,7 +547,7 @@ def test_what_gives_way_at_one_place_may_be_a_soft_spot_of_the_body():
     }
     d = {"verdict": "ambiguous", "ambiguous_with": [["compliance at (10, 0)"]], "causes": [c]}
     said = _cause(d, {"effects": [{"name": "compliance at (10, 0)", "description": "load-train compliance"}]})
-    assert "softer spot" in said and "inclusion" in said and "compliance at (10, 0) = 0.52 mm/N" in said
+    assert "soft inclusion" in said and "inclusion" in said and "compliance at (10, 0) = 0.52 mm/N" in said
 
 
 def test_two_signs_with_nothing_between_are_two_intervals():

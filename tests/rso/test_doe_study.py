@@ -43,7 +43,7 @@ def test_constraints_between_parameters_hold_for_design_sensitivities_and_search
     # The truth, mu D1 = 0.72, is forbidden: whatever is found stays on this side.
     assert all(c["values"]["mu"] * c["values"]["D1"] <= 0.6 * (1 + 1e-9) for c in found["searches"][0]["candidates"])
     assert 0.1 < found["sensitivity"]["excluded"] < 0.9 and "leave out" in found["sensitivity"]["story"]
-    assert "depend on each other" in found["sensitivity"]["story"]
+    assert "the parameters are correlated" in found["sensitivity"]["story"]
     assert "independently" not in found["sensitivity"]["story"]
     learnt = [r for r in found["runs"] if r["purpose"] in ("design", "held_out")]
     assert max(r["values"]["mu"] * r["values"]["D1"] for r in learnt) <= 0.6 * (1 + 1e-9)

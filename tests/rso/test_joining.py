@@ -44,7 +44,7 @@ def test_finished_runs_within_the_new_ranges_are_learnt_too(changed):
     assert len(stored) > 8 and stored == before
     assert len(of(second, "design")) == 12 and all(s["n"] >= 12 + len(stored) for s in second["surrogates"])
     assert len(second["joined"]["points"]) == len(stored) and second["joined"]["outside"] > 0
-    assert f"{len(stored)} points of this model" in second["joined"]["story"]
+    assert f"{len(stored)} earlier runs of this model" in second["joined"]["story"]
     assert second["exit_code"] == 0
 
 

@@ -77,7 +77,7 @@ def test_segments_follow_the_direction_of_travel(tmp_path):
     m = read(write(tmp_path, table("depth_mm,Fz_N", zip(jitter, jitter, strict=True))))
     assert set(m.repeats[0].segment) == {"loading"}
     stacked = np.r_[up, up]
-    with pytest.raises(ValueError, match=r"turns back more than once .* add a column 'repeat'"):
+    with pytest.raises(ValueError, match=r"turns back more than once .* Add a column 'repeat'"):
         read(write(tmp_path, table("depth_mm,Fz_N", zip(stacked, stacked, strict=True))))
     m = read(write(tmp_path, "depth_mm,Fz_N,segment\n1,1,loading\n1,0.9,hold\n0.5,0.2,unloading\n"))
     assert m.repeats[0].segment.tolist() == ["loading", "hold", "unloading"]
@@ -107,7 +107,7 @@ def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, r
     if rest_s == 0.0:
         assert "hold" not in read(timeless).repeats[0].segment
     elif rest_s > 10.0:
-        assert any("if that is a rest" in doubt for doubt in read(timeless).doubts)
+        assert any("If that is a hold" in doubt for doubt in read(timeless).doubts)
 
 
 T_WAY = np.linspace(0.0, 16.0, 401)
@@ -577,11 +577,11 @@ def once(value, at, to):
 
 IMPOSSIBLE = {  # content, words of the answer
     "compression negative": (curve(force=-PULL), ["'Fz' falls", "turn its sign"]),
-    "no tare": (curve(force=PULL + 1.85), ["'Fz' is 1.85 N", "subtract", "zero = "]),
+    "no tare": (curve(force=PULL + 1.85), ["'Fz' is 1.85 N", "Subtract", "zero = "]),
     "position falls": (curve(depth=4.0 - PRESS), ["'depth' falls from 4 to 0 mm", "must grow"]),
     "no travel": (curve(depth=np.ones(81)), ["'depth' is 1 mm throughout"]),
     "no force": (curve(force=np.zeros(81)), ["'Fz' is 0 N throughout, the indenter felt nothing"]),
-    "a position": (curve(depth=35.2 + PRESS), ["'depth' begins at 35.2 mm", "N and more at", "zero = "]),
+    "a position": (curve(depth=35.2 + PRESS), ["'depth' begins at 35.2 mm", "at least", "zero = "]),
     "a position of few rows": (curve(10 + np.arange(5.0), np.arange(5.0)), ["'depth' begins at 10 mm", "zero = "]),
     "a height turned": (curve(depth=PRESS - 60.0), ["'depth' lies between -60 and -56 mm", "zero = "]),
     "one wild depth": (curve(depth=once(PRESS, 50, 9.0)), [":52:", "jumps to 9 mm", "2.45 and 2.55"]),
@@ -691,7 +691,10 @@ DOUBTFUL = {
     "a noisy sensor at its end": (np.minimum(PULL, 0.2) + 1e-4 * np.sin(99 * PRESS), "Fz stays at 0.2 N from 2."),
     "creep": (np.r_[PULL, np.full(40, PULL[-1]) + 0.001 * np.sin(np.arange(40))], "held at constant force"),
     "broken through": (np.where(PRESS > 3.5, 0.5, 1.0) * PULL, "Fz falls from 0.2"),
-    "taken off before the end": (np.where(PRESS > 3.92, 0.0, PULL), "N while the indenter goes on to 4 mm; slipped"),
+    "taken off before the end": (
+        np.where(PRESS > 3.92, 0.0, PULL),
+        "N while the indenter goes on to 4 mm. Did it slip",
+    ),
     "sensor at its end": (np.minimum(0.04 * PRESS**1.5, 0.2), "a sensor at its end"),
 }
 

@@ -5,11 +5,18 @@ import math
 import shutil
 
 import diagnosis_backend  # noqa: F401  the study's backend
+import numpy as np
 import pytest
 import sample_studies as studies
 import test_diagnosis_study as toy
 
 WAYS = ("run", "ladder", "next", "diagnose")
+KEPT = """[[experiments]]
+name = "kept"
+role = "validate"
+data = "kept.csv"
+noise = { Fz = "1 mN", gain = 0.01 }
+"""
 TABLES = """
 [doe]
 runs = 12
@@ -40,8 +47,11 @@ def found(tmp_path_factory):
     """Plain data of the four ways, and of the diagnosis alone its whole file."""
     folder = tmp_path_factory.mktemp("one")
     text = toy.STUDY
-    text = text[: text.index('[[experiments]]\nname = "cycle"')] + text[text.index("[diagnose]") :] + TABLES
+    text = text[: text.index('[[experiments]]\nname = "cycle"')] + KEPT + text[text.index("[diagnose]") :] + TABLES
     path = toy.write(folder, text, soften=0.0)
+    kept = toy.toy.recorded({**toy.toy.TRUTH, "soften": 0.0}, np.random.default_rng(7), repeats=3)
+    rows = [f"{r.label},{u},{t},{F}" for r in kept for u, t, F in zip(r.depth, r.time, r.channels["Fz"], strict=True)]
+    (folder / "kept.csv").write_text("\n".join(["repeat,depth_mm,time_s,Fz_N", *rows]))
     for way in WAYS:
         done = studies.command(way, path)
         assert done.returncode == 0, done.stderr
@@ -64,7 +74,7 @@ def found(tmp_path_factory):
             base["p_value"],
             base["errors"]["load"],
         ),
-    }, read["diagnosis"]
+    }, read
 
 
 def of(rows, name):
@@ -88,9 +98,19 @@ def test_every_way_has_the_interval_the_noise_and_the_p_of_a_run(found, way, sha
     assert errors["numerical"] == pytest.approx(errors_run["numerical"], rel=0.02)
 
 
+def test_a_curve_that_took_no_part_is_judged_alike(found):
+    """`run` and `ladder` by the same run and its slopes; `diagnose` bins readings and has noise of its own."""
+    (run,), ladder = found[1]["results"]["predictions"], found[1]["ladder"]["levels"][0]["validated"]
+    (gap,) = found[1]["diagnosis"]["diagnosis"]["shrinkage"]["curves"]
+    assert [v["curve"] for v in ladder] == ["kept"] == [gap["curve"]]
+    assert ladder[0]["chi2"] == pytest.approx(run["chi2"], rel=0.01)
+    assert ladder[0]["p_value"] == pytest.approx(run["p_value"], abs=0.01) and ladder[0]["verdict"]["passes"]
+    assert min(gap["p_values"]) > 0.05
+
+
 def test_what_a_diagnosis_allows_for_besides_is_more(found):
     """The control: its own interval, which allows for another program, is another one, and words say why."""
-    d = found[1]
+    d = found[1]["diagnosis"]
     before, base = d["diagnosis"]["parameters"]["before"]["mu"], d["base_model"]["parameters"]["mu"]["interval"]
     assert apart((before["low"], before["high"]), base) > 0.05
-    assert any("fitted alone, as rso run does it" in w for w in d["words"])
+    assert any("Fit of the base model, as in rso run" in w for w in d["words"])

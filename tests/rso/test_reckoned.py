@@ -106,8 +106,8 @@ def test_what_is_mostly_subtracted_is_said_and_what_is_not_is_not(tmp_path):
 
 
 WRONG = {  # keys of depth, of minus, of Fz; words of the message
-    "sign of minus": ({}, {"flip": True}, {}, "what is subtracted of depth falls while Fz grows"),
-    "sign of Fz": ({}, {}, {"flip": True}, "what is subtracted of depth falls while Fz grows"),
+    "sign of minus": ({}, {"flip": True}, {}, "what is subtracted from depth falls while Fz grows"),
+    "sign of Fz": ({}, {}, {"flip": True}, "what is subtracted from depth falls while Fz grows"),
     "header of minus": ({}, {"header": "Defl"}, {}, r"there is no header 'Defl' \(depth.minus\); choose from"),
     "both headers": ({}, {"header": "Defl"}, {"header": "Defl"}, r"no header 'Defl' \(Fz, depth.minus\)"),
     "a length by a stiffness": ({}, {"stiffness": K}, {}, "column 'depth.minus' .*'nm' is not a unit of the kind 'N'"),

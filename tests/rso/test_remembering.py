@@ -23,7 +23,7 @@ U = np.linspace(0.1, 4.0, 120)
 F = soft_ball.force(*TRUTH, U)
 SD, SETS = 0.002, 30
 NONE = {"gain": 0.0, "contact": 0.0, "correlation": 0.0}  # of the test as a whole: said to be none
-NEIGHBOURS = "Neighbouring readings miss the model together"
+NEIGHBOURS = "The residuals are autocorrelated"
 
 
 def misfit(curves, noise):

@@ -85,7 +85,9 @@ def test_an_output_that_is_zero_in_the_middle_is_no_trouble():
 def test_extrapolated_candidates_are_named_under_their_search():
     notes = {title: t.note for title, t in tables(complete(), "candidates").items()}
     (note,) = (n for title, n in notes.items() if title.startswith("Search 3P"))
-    assert "Candidate 1 lies outside the convex hull of the runs" in note and "only the rerun tells" in note
+    assert (
+        "Candidate 1 lies outside the convex hull of the training runs" in note and "only the rerun is reliable" in note
+    )
     assert sum("convex hull" in n for n in notes.values()) == 1
     assert extrapolation([], 3) == ""
     assert extrapolation(["a", "b"], 3).startswith("Candidates a, b lie outside") and "extrapolations" in (

@@ -177,7 +177,7 @@ REFUSED = {  # text, columns, place and words
     "cycles": (
         table("depth_mm,Fz_N", np.tile(CYCLE, 3), np.tile(0.04 * CYCLE**1.5, 3)),
         None,
-        ["turns back more than once within 4 mm", "add a column 'repeat'"],
+        ["turns back more than once within 4 mm", "Add a column 'repeat'"],
     ),
     "units in the cells": (table("depth,Fz", [f"{u} mm" for u in U], [f"{v} N" for v in F]), None, [":1:", "no unit"]),
     "a mass": (table("depth_mm,Fz [g]", U, F), PLAIN | {"Fz": Column("Fz [g]")}, [":1:", "'g' is a mass", "'gf'"]),
@@ -203,7 +203,7 @@ REMARKED = {  # text, words
     "filled up with its last": (table("depth_mm,Fz_N", np.r_[U, 9 * [2.5]], np.r_[F, 9 * [0.1]]), "last 9 readings"),
     "a load before": (table("depth_mm,Fz_N", U, F + 0.05), "0.05 N at 0 mm; not tared, or touched before?"),
     "a sensor at its end": (table("depth_mm,Fz_N", U, np.minimum(F, 0.2)), "stays at its largest value, 0.2 N"),
-    "a counter that slipped": (table("depth_mm,Fz_N", U + 1.0 * (U > 2.05), F), "jumps by 1.1 mm from 2 mm"),
+    "Did a counter slip": (table("depth_mm,Fz_N", U + 1.0 * (U > 2.05), F), "jumps by 1.1 mm from 2 mm"),
     "steps lost on the way": (table("time_s,depth_mm,Fz_N", *FINE), "jumps by -0.29 mm from 2.84 mm"),
     "a cell tared on the way": (table("depth_mm,Fz_N", U, F - 0.1 * (U > 3.05)), "Fz jumps by -0.0895 N at 3 mm"),
     "held at constant force": (table("time_s,depth_mm,Fz_N", *HELD), "Fz stays at 0.0785 N from 1.57 to 1.6 mm"),

@@ -306,7 +306,7 @@ def test_full_disk_keeps_what_was_stored(tmp_path):
     with RunStore(tmp_path) as store:
         store.put_done(Done("first", VALUES, CASE, awkward_response(rng), 1.0, 1.0))
         store._db.execute("PRAGMA max_page_count = 20")
-        with pytest.raises(StoreError, match=r"full.*runs stored so far are kept"):
+        with pytest.raises(StoreError, match=r"full.*Finished runs stay stored"):
             for i in range(100):
                 store.put_done(Done(str(i), VALUES, CASE, awkward_response(rng, 500), 1.0, 1.0))
         assert isinstance(store.get("first"), Done)

@@ -210,7 +210,7 @@ def test_branches_in_blocks_that_load_anew_are_remarked_upon(tmp_path, loads, sa
         lines += ["", *(f"{row};loading" for row in rows(1.0 + 0.1 * k))]
         lines += ["", *(f"{row};unloading" for row in rows(0.9)[::-1])]
     m = read(write(tmp_path, lines))
-    words = f"{loads} blocks load anew (from the lines 3, 87"
+    words = f"{loads} blocks start again (from the lines 3, 87"
     assert [r.label for r in m.repeats] == ["1"] and any(words in d for d in m.doubts) is said
 
 

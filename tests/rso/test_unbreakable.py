@@ -54,7 +54,7 @@ def test_full_disk_then_room_again(tmp_path, finished, largest_file):
     studies.write(tmp_path, **QUICK)
     full = rso("run", tmp_path, "--jobs", 1, largest_file=largest_file)
     assert full.returncode == 1 and "Traceback" not in full.stderr, full.stderr
-    assert "disk" in full.stderr and "runs stored so far are kept" in full.stderr
+    assert "disk" in full.stderr and "Finished runs stay stored" in full.stderr
     stored = 0
     if (tmp_path / "results" / "runs.sqlite").exists() and largest_file > 4096:
         with RunStore(tmp_path / "results", read_only=True) as store:

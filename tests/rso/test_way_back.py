@@ -33,7 +33,7 @@ def test_a_way_back_is_read_by_depth_down_to_above_contact():
     value = np.array([5.0, 10.0, 20.0, 8.0, -4.0, -2.0])
     depth = np.array([2.0, 1.5, 0.5, -0.5])
     np.testing.assert_allclose(at_readings(travel, travel, value, depth, back=True), [20.0, 14.0, 2.0, -3.0])
-    with pytest.raises(ValueError, match="beyond the way back"):
+    with pytest.raises(ValueError, match="beyond the unloading"):
         on_the_way_back(travel, value, np.array([-1.1]))
 
 
@@ -139,7 +139,7 @@ def test_the_report_shows_the_way_back(sticking):
     depth = np.array(candidate["curves"]["pull"]["depth"])
     assert depth[0] < 0.0 < depth[-1] and np.all(np.diff(depth) > 0.0)
     (page,) = render(results, folder, pdf=False)
-    assert "The way back is compared" in page.read_text("utf-8")
+    assert "The unloading is compared" in page.read_text("utf-8")
 
 
 def test_a_record_that_pulls_off_is_begun_by_its_way_back(sticking):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,11 +12,10 @@ from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_curves, r
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan
 from rso.calibration.readings import of_response
-from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner, why
+from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner
 from rso.core.similarity import Group
 from rso.doe import sobol
-from rso.evaluation import Outcome
-from rso.evaluation.store import Done
+from rso.evaluation import Done, Outcome, why
 from rso.inference import (
     CurvePlace,
     Data,
@@ -34,7 +33,7 @@ from rso.inference import (
     with_usual,
 )
 from rso.inference import descend as descend_along
-from rso.inference.gauss_newton import DIGITS
+from rso.inference.gauss_newton import DIGITS, chi2_of
 from rso.inference.models import DIFFERENCE
 from rso.study.errors import Problem, study_error
 
@@ -67,6 +66,7 @@ class _Eyes:
     frame: TangentFrame
     places: tuple[CurvePlace, ...]
     curves: tuple[Data, ...]
+    heard: Callable[[dict[str, float], float], None]
     differenced: tuple[str, ...] | None = None  # parameters without derivatives; None before anything was seen
     runs: list[Run] = field(default_factory=list)
     outcomes: dict[bytes, tuple[Outcome, ...]] = field(default_factory=dict)
@@ -85,7 +85,11 @@ class _Eyes:
             self.differenced = self._without_derivatives(done[0])
         beside = [y for x in X for y in self._beside(x)]
         self._run([*X, *beside], purpose, len(X))
-        return [self._sight(x) for x in X]
+        sights = [self._sight(x) for x in X]
+        for sight in sights if purpose == "iterate" else ():
+            if sight is not None:
+                self.heard(self.values(sight.x), chi2_of(self.data(sight), sight.f, self.frame))
+        return sights
 
     def _run(self, X: Sequence[np.ndarray], purpose: str, first: int | None = None) -> None:
         """Run what was not seen; from the `first`-th on for differences."""
@@ -155,13 +159,18 @@ class _Eyes:
         )
 
 
-def run_gauss_newton(bench: Runner) -> GaussNewtonRun:
-    """Every descent that `[search]` asks for; StudyError without derivatives, NothingToFit without any answer."""
+def run_gauss_newton(
+    bench: Runner, heard: Callable[[dict[str, float], float], None] = lambda theta, chi2: None
+) -> GaussNewtonRun:
+    """Every descent that `[search]` asks for; StudyError without derivatives, NothingToFit without any answer.
+
+    `heard` is called with the values and the χ² of every iterate that has an answer.
+    """
     plan = bench.plan
     table = plan.study.search
     places, curves = zip(*fitted_curves(plan), strict=True)
     powers = np.concatenate([np.full(len(p.depth), plan.group.outputs[p.channel]) for p in places])
-    eyes = _Eyes(bench, TangentFrame(ranges(plan), plan.group, powers), places, curves)
+    eyes = _Eyes(bench, TangentFrame(ranges(plan), plan.group, powers), places, curves, heard)
     starts = starting_points(plan)
     proofs, story = _proved(eyes, _first(eyes, starts, table.max_runs))
     found = on_runs(

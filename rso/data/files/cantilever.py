@@ -122,7 +122,7 @@ def _named(cell: str, beneath: str, like: str, sensitivity: str | None) -> dict[
 
 
 def _flips(travel: np.ndarray, force: np.ndarray) -> tuple[dict[str, bool], dict[str, bool]]:
-    """Which of a travel and a force (n,) have their sign turned, as far as the numbers tell."""
+    """Which of a travel and a force (n,) have their sign turned, as far as the numbers show."""
     good = np.isfinite(travel) & np.isfinite(force)
     columns = {"depth": travel[good], "Fz": force[good]}
     try:

@@ -39,8 +39,8 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
             path,
             number,
             f"{n} values in a table of {len(head.cells)} columns ({head.text!r}): {row.strip()[:60]!r}; "
-            f"{comma}delete what is no reading, or begin its line with #; a second table is a file of its own, unless "
-            "it has the same header",
+            f"{comma}delete what is no reading, or begin its line with #. A second table belongs into its own file, "
+            "unless it has the same header",
         )
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
@@ -102,7 +102,10 @@ def no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
         fail(path, line, f"column {numeric[k]!r}: {told}")
     if either and not other:  # 10,000 to 16,000 beside whole numbers, and no cell of the table has other decimals
         k, (line, cell) = next(iter(either.items()))
-        told = f"{cell!r} is a thousand or a decimal, and no number of the table tells; write {cell[:-4]}{cell[-3:]} or"
+        told = (
+            f"{cell!r} is a thousand or a decimal, and no other number of the table shows which; write "
+            f"{cell[:-4]}{cell[-3:]} or"
+        )
         fail(path, line, f"column {numeric[k]!r}: {told} {cell}0")
 
 

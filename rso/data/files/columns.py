@@ -464,8 +464,8 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         fail(
             path,
             line,
-            f"column {name!r} ({column.header!r}): {mega[0]!r} is a meganewton, the weight of a hundred "
-            'tonnes; if a millinewton is meant, say unit = "mN" in [columns] of the study',
+            f"column {name!r} ({column.header!r}): {mega[0]!r} is a meganewton, the weight of a hundred tonnes. For "
+            'millinewtons, write unit = "mN" in [columns] of the study',
         )
     if not units:
         if wrong := odd["the header"]:

@@ -47,14 +47,14 @@ def unit_of(cell: str, beneath: str, name: str) -> str:
 
 
 def is_one(cell: str) -> bool:
-    """Whether a header is a customary name."""
+    """Whether a header is a usual name."""
     return any(plain(cell, name) in names for name, names in NAMES.items())
 
 
 def named(
     cells: Sequence[str], beneath: Sequence[str], known: Sequence[str | None], clocks: Sequence[bool]
 ) -> dict[str, int]:
-    """Known name → column of a line of headers; empty unless travel and force are there and one by a customary name.
+    """Known name → column of a line of headers; empty unless travel and force are there and one by a usual name.
 
     `beneath` are the units in the row below, `known` what a header is by itself, `clocks` whether a time of day stands
     below.  A known name without its unit is none of these names; a time without a unit or a clock is left out.
@@ -153,7 +153,7 @@ def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     slope = [sign * (at(b, b + 0.05) - at(a, a + 0.05)) for a, b in itertools.pairwise((0.0, 0.2, 0.4, 0.6, 0.8, 0.95))]
     if len(x) > FEW and slope[0] > max(STEEPER * max(slope[-1], 0.0), *slope[1:]) and slope[0] > 0.25 * sum(slope):
         raise ValueError(
-            "the force changes most where the record begins: a way back alone, or a cell tared on the way? Leave such "
-            "readings out, or say with [columns] in the study file what the columns are"
+            "the force changes most where the record begins: unloading alone, or a cell tared during the test? "
+            "Remove such readings, or describe the columns with [columns] in the study file"
         )
     return float(np.sign(way[end])), sign

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import io
 import re
 from collections.abc import Iterator
@@ -18,13 +19,21 @@ _OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(
 _FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
 
 
+def _missing(path: Path) -> str:
+    """That a file is not there, and what lies beside it under nearly the same name."""
+    beside = [f.name for f in path.parent.iterdir() if f.is_file()] if path.parent.is_dir() else []
+    near = difflib.get_close_matches(path.name, beside, n=2)
+    hint = f"; did you mean {' or '.join(near)}?" if near else ""
+    return f"there is no such file{hint}"
+
+
 def text_of(path: Path) -> tuple[str, list[str]]:
     """Contents as text, and remarks: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its
     readings."""
     path, sheet = sheet_of(path)
     try:
         if not path.is_file():
-            raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
+            raise ValueError(f"{path}: {_missing(path) if not path.exists() else 'is not a file'}")
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise ValueError(f"{path}: {size / 1e6:.0f} MB is more than the {MAX_BYTES / 1e6:.0f} MB that are read")

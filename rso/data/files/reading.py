@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 
 from rso.core.units import is_counted
-from rso.data import contact_point, curve_shape, force_holds, plausibility
+from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP, segments
 from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
@@ -122,7 +122,7 @@ class _Table:
 
     `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
     of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
-    `less` what was subtracted of the depth (n,) mm and `reckoned` that in words.
+    `less` what was subtracted of the depth (n,) mm and `computed` that in words.
     """
 
     path: Path
@@ -147,11 +147,16 @@ class _Table:
         return rows_of(self.labels.tolist())
 
 
-def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
+def read(
+    path: str | Path | Sequence[str | Path],
+    columns: Mapping[str, Column] | None = None,
+    begins_at: float | None = None,
+) -> Measurement:
     """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
 
-    `columns` says by known name which columns of a machine's file are read; without them its header must say it.  Of
-    several files each holds one repeat, or several by its column `repeat`, and all hold the same columns.
+    `begins_at` (N) is the preload at which depth is 0, None where that is contact.  `columns` says by known name which
+    columns of a machine's file are read; without them its header must say it.  Of several files each holds one repeat,
+    or several by its column `repeat`, and all hold the same columns.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:
@@ -177,7 +182,10 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     onsets: list[Onset] = []
     for table, raw in each:
         with _reckoned(table):
-            r, onset, told = _from_contact(table, raw, in_air)
+            if begins_at is None:
+                r, onset, told = _from_contact(table, raw, in_air)
+            else:
+                r, onset, told = _from_preload(table, raw, begins_at)
             repeats.append(r)
             doubts += told
             onsets += [onset] if onset is not None else []
@@ -211,7 +219,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
 
 @contextmanager
 def _reckoned(table: _Table) -> Iterator[None]:
-    """Says in every ValueError what was reckoned from the columns of the file."""
+    """Says in every ValueError what was computed from the columns of the file."""
     try:
         yield
     except ValueError as error:
@@ -221,7 +229,7 @@ def _reckoned(table: _Table) -> Iterator[None]:
 
 
 def _left(table: _Table, r: Repeat) -> list[str]:
-    """What to say of a depth that is the smaller part of what it was reckoned from, at the deepest reading."""
+    """What to say of a depth that is the smaller part of what it was computed from, at the deepest reading."""
     if table.less is None:
         return []
     less, k = table.less[table.rows[r.label]], int(np.argmax(r.depth))
@@ -280,7 +288,7 @@ def _off(onsets: Sequence[Onset]) -> float:
 
 
 def _sought(table: _Table, r: Repeat) -> bool:
-    """Whether a machine's position may count from where its force tells the contact."""
+    """Whether a machine's position may count from where its force shows the contact."""
     return (
         table.position
         and not table.found
@@ -317,6 +325,34 @@ def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset
     level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
     told += f", {level * per:.2g} {unit} is taken off" if "Fz" in names else ""
     return replace(r, depth=depth, channels=channels), onset if "depth" in names else None, [told]
+
+
+def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset, list[str]]:
+    """A repeat whose depth is 0 at a preload (N), counted from contact; and what to say."""
+    if "Fz" not in r.channels or table.found:
+        why = (
+            "zero = 'contact' counts from there already" if table.found else "Fz tells the contact, which is not there"
+        )
+        raise ValueError(f"{table.path}: preload = {force:g} N: {why}; leave one of them out")
+    own, at, F = dict(r.channels), r.segment == "loading", r.channels["Fz"]
+    pressed = at & (r.depth >= 0.0)
+    approach = int(np.sum(at & (r.depth < 0.0)))
+    try:
+        taken = preload.tared(r.depth[pressed], F[pressed], force)
+        own["Fz"] = F + force if taken else F
+        found = (
+            contact_point.approached(r.depth[at], own["Fz"][at])
+            if approach > contact_point.BEFORE
+            else preload.contact(r.depth[at], own["Fz"][at], force)
+        )
+    except ValueError as error:
+        raise ValueError(f"{table.path}: repeat {r.label!r}: {error}") from error
+    where = f"{_own(table, found.depth, found.deviation)}"
+    how = "by its approach" if approach > contact_point.BEFORE else "by the shape of Fz beyond it"
+    said = f"repeat {r.label}: depth is 0 at a preload of {force:.3g} N; contact is found at {where} {how}"
+    said += "; depth counts from there"
+    said += f", and {force:.3g} N are added to Fz, which was tared at the preload" if taken else ""
+    return replace(r, depth=r.depth - found.depth, channels=own), found, [said]
 
 
 def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
@@ -474,7 +510,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
 
 
 def _in_words(columns: Mapping[str, Column]) -> list[str]:
-    """What is reckoned from the columns of a file, one sentence for each."""
+    """What is computed from the columns of a file, one sentence for each."""
     said = []
     for name, column in columns.items():
         less = column.minus
@@ -530,7 +566,7 @@ def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], l
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:
-    """What to say of columns that were taken by their customary names."""
+    """What to say of columns that were taken by their usual names."""
     if not head.customary:
         return []
     both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
@@ -573,8 +609,8 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     data = {name: column[rows] for name, column in table.columns.items()}
     if table.less is not None and "Fz" in data and _against(table.less[rows], data["Fz"]):
         raise ValueError(
-            f"{table.path}: repeat {label!r}: what is subtracted of depth falls while Fz grows, and nothing bends so: "
-            "turn its sign (flip = true in minus, or without it), or that of Fz"
+            f"{table.path}: repeat {label!r}: what is subtracted from depth falls while Fz grows, which nothing "
+            "elastic does. Change its sign (flip = true in minus), or that of Fz"
         )
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):

@@ -132,7 +132,9 @@ def labels_of(
         if len(anew) < 2 or min(map(len, anew)) < FEWEST or not _alike(anew, HALF):
             return one, []
         where = _lines([int(line[first[k]]) for k in loads])
-        return one, [f"{len(anew)} blocks load anew {where} and are read as one test; a column 'repeat' parts them"]
+        return one, [
+            f"{len(anew)} blocks start again {where} and are read as one test; a column 'repeat' separates them"
+        ]
     if len(tables) < 2:
         if not (min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
             return one, []
@@ -153,7 +155,7 @@ def labels_of(
             )
     said = f"{len(parts)} {what} {_lines(headers)} and are read as repeats of one test"
     return (block + 1).astype(str), [
-        f"{said}; different tests are files of their own, a way back is told by a column 'segment'"
+        f"{said}; put different tests into different files, and mark unloading in a column 'segment'"
     ]
 
 
@@ -166,8 +168,8 @@ def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndar
             fail(
                 path,
                 line,
-                f"a table begins again, with the repeat {label!r} of the one above: number its column "
-                "'repeat' through all tables, or do without it, then each table is a repeat",
+                f"a table begins again, with the repeat {label!r} of the one above. Number its column 'repeat' "
+                "through all tables, or remove it: then each table is a repeat",
             )
 
 
@@ -201,9 +203,8 @@ def no_reading(path: Path, number: int, cells: Sequence[str], head: Head) -> Non
         fail(
             path,
             number,
-            f"{row!r} is no reading beneath the header {above!r}; a second table is a file of its own "
-            "(repeats of one test may stand beneath one another, each with the same header); begin a note with #, or "
-            "delete it",
+            f"{row!r} is no reading beneath the header {above!r}. Put a second table into its own file; only "
+            "repeats of one test, with the same header, may follow one another. Begin a note with #, or delete it",
         )
 
 

@@ -48,7 +48,7 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list
     and other archives.
 
     Numbers are written to all their digits, however the sheet shows them, and formulas by the values last computed.
-    What somebody reckoned beside the table, under no header of its own, is not read, which a remark says.
+    What somebody computed beside the table, under no header of its own, is not read, which a remark says.
     """
     from openpyxl import load_workbook  # only who has such a file waits for it
     from openpyxl.utils.cell import get_column_letter
@@ -157,8 +157,8 @@ def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str
         )
     longest = max(found, key=lambda title: len(sheets[title]))
     raise ValueError(
-        f"{path}: {len(found)} of its sheets hold readings ({_few(found)}): name one behind a #, as in "
-        f'data = "{path.name}#{longest}", several in a list are repeats; or save each as a file of its own'
+        f"{path}: {len(found)} of its sheets hold readings ({_few(found)}): name one behind a #, as in data = "
+        f'"{path.name}#{longest}". Several in a list are repeats'
     )
 
 
@@ -167,7 +167,7 @@ def _few(titles: Sequence[str]) -> str:
 
 
 def _beside(rows: Sequence[Sequence[Any]]) -> set[int]:
-    """Columns with cells and without a header: what was reckoned beside the table, as a mean or a force at 20 %.
+    """Columns with cells and without a header: what was computed beside the table, as a mean or a force at 20 %.
 
     The table are the columns that hold a number in half of the rows of readings; its header is the last row of words
     above the longest run of these that is none of units.

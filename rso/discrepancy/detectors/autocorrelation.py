@@ -1,4 +1,4 @@
-"""How far readings remember each other: from repeats, or from channels with nothing to show; never from a misfit."""
+"""How far readings are autocorrelated: from repeats, or from channels with nothing to show; never from a misfit."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ IDLE = 0.15  # correlation of neighbours there that counts
 
 
 def autocorrelation_length(plan: TestPlan) -> float | None:
-    """Length (mm) over which readings remember each other, None where nothing shows that they do."""
+    """Length (mm) over which readings are autocorrelated, None where nothing shows that they do."""
     return of_repeats(plan) or of_idle_channels(plan)
 
 
 def of_repeats(plan: TestPlan) -> float | None:
-    """Length (mm) over which the readings of all channels remember each other, from repeats; None if they do not.
+    """Length (mm) over which the readings of all channels are autocorrelated, from repeats; None if they do not.
 
     Lag-1 correlation ρ of deviations from the mean of repeats, gain and contact taken out; length = −Δu / ln ρ.  It
     counts where it exceeds twice its standard error: a small one changes little.

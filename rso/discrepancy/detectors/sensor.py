@@ -100,7 +100,7 @@ def _step(repeat: Repeat, channel: str) -> float:
 
 
 def of_bins(length: float, w: float, k: float) -> tuple[float, float]:
-    """Standard deviation of the mean of a bin, and its length (mm), of readings of variance 1 that remember each other.
+    """Standard deviation of the mean of a bin, and its length (mm), of readings of variance 1 that are autocorrelated.
 
     With ρ = e^{−w/kℓ} from one to the next of the k readings in a bin of width w the variance is
     V = [k (1 − ρ²) − 2ρ (1 − ρᵏ)] / k² (1 − ρ)²; correlations rⁿ of bins, r = (S − V) / (S + V), add up to the

@@ -6,7 +6,7 @@ Between every two readings v of a loading branch the step δ of
 
 through the `WINDOW` readings on either side, by least squares, over its standard deviation per unit noise; of δ with
 each reading left out in turn the least counts, so that no single reading makes a step.  z is that over the robust
-standard deviation of all such steps of the record, noise that remembers included, of a usual record, or of the steps
+standard deviation of all such steps of the record, autocorrelated noise included, of a usual record, or of the steps
 at this place where they grow along the record, as noise in proportion to a force does: of the largest of these.
 """
 

@@ -33,22 +33,15 @@ from rso.discrepancy.evidence.gaussian_mixture import (
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis, tiles
 from rso.discrepancy.evidence.model_form_tolerance import with_tolerance
+from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, HypothesisPriors
 from rso.discrepancy.evidence.shrinkage import curves_of
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Test
 
-PRIOR = {"single": 0.70, "pair": 0.10, "unexplained": 0.08, "partly": 0.12}  # given that there is a gap
-NO_GAP = 0.5
-# what is unexplained: relative size, and the length over which it changes over the deepest travel; a screw, a tear or
-# slips are rough, what models lack is smooth, and a wrong size or length costs 5 to 10 of log evidence
-GAPS = ((0.01, 0.2), (0.03, 0.2), (0.15, 0.2), (0.01, 0.06), (0.03, 0.06))
-ALONE = ((0.03, 0.2), (0.03, 0.06))  # the same of one experiment alone, whatever the others are like
-SCATTER = (0.15, 0.6)  # of the largest plausible size
-SHARES = np.geomspace(0.02, 1.5, 25)  # of that, from which its size is read
+SHARES = np.geomspace(0.02, 1.5, 25)  # of the largest plausible size of what scatters, from which its size is read
 SURVIVORS = 5
-FALSE_ALARM = 0.05
 NULLS = 400
 
 
@@ -56,7 +49,7 @@ NULLS = 400
 class Shared:
     """What all hypotheses share: library, noise, μ₀, tiles by effect names, whitening without and with a free gap.
 
-    Of `whites` the first has no gap, then come GAPS in all experiments, then ALONE in each of `alone`, if any.
+    Of `whites` the first has no gap, then come the free gaps in all experiments, then those of each of `alone`, if any.
     """
 
     library: Library
@@ -67,6 +60,7 @@ class Shared:
     scatter: Mapping[str, np.ndarray]
     tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
     alone: tuple[str, ...] = ()
+    settings: DiagnosisSettings = SETTINGS
 
     def covariance(self, effects: Sequence[Effect], share: float) -> np.ndarray:
         """C (n, n), with what differs from curve to curve at a share of its largest plausible size."""
@@ -86,20 +80,23 @@ class Shared:
         key = (*(e.name for e in effects), *(("loose",) if loose else ()))
         if key not in self.tiles:
             if loose and effects:
-                self.tiles[key] = with_tolerance(self.library, effects, self.of(effects), self.of(()), self.modulus)
+                own, base = self.of(effects), self.of(())
+                self.tiles[key] = with_tolerance(
+                    self.library, effects, own, base, self.modulus, self.settings.tolerance
+                )
             else:
                 self.tiles[key] = tiles(self.library, effects, self.modulus, len(effects) > 1, self.of(()))
         return self.tiles[key]
 
 
-def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Shared:
+def set_up(library: Library, y: np.ndarray, binding: bool = False, settings: DiagnosisSettings = SETTINGS) -> Shared:
     """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
 
     `binding` as in :func:`noise.levels`.
 
     The free gap is orthogonal to what a re-fit of the base model can do: K⊥ = (I − H) K (I − H)ᵀ.
     """
-    levels = noise.levels(library.plan, binding)
+    levels, priors, error = noise.levels(library.plan, binding, settings.noise), settings.priors, settings.model_error
     modulus = np.sqrt(library.base.low * library.base.high)
     base = tiles(library, (), modulus)
     rough = np.zeros(len(y))
@@ -116,22 +113,22 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Shared:
         modulus = float(np.median(best.modulus))
         base = tiles(library, (), modulus)
         slope = noise.slope_of(library, force)
-        C = noise.covariance(library, levels, force, slope)
+        C = noise.covariance(library, levels, force, slope, error)
     white = whitening(C)
     h = ready(base, white, modulus)
     best_tile = int(np.argmax(np.bincount(posterior(h, white(y), 200, np.random.default_rng(0)).tile)))
     J = h.X[best_tile] @ h.Q.T
     H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
     off, curves = np.eye(len(y)) - H, curves_of(library)
-    gaps = [noise.unexplained(library, force, *gap) for gap in GAPS]
-    for gap in ALONE if len(curves) > 1 else ():
-        K = noise.unexplained(library, force, *gap)
+    gaps = [noise.unexplained(library, force, *gap, error.lateral) for gap in priors.gaps]
+    for gap in priors.alone if len(curves) > 1 else ():
+        K = noise.unexplained(library, force, *gap, error.lateral)
         gaps += [K * np.outer(here, here) for _, _, rows in curves for here in [np.isin(np.arange(len(y)), rows)]]
     whites = [white, *(whitening(C + off @ K @ off.T) for K in gaps)]
-    alone = tuple(name for name, *_ in curves) if len(gaps) > len(GAPS) else ()
+    alone = tuple(name for name, *_ in curves) if len(gaps) > len(priors.gaps) else ()
     centre = base.at[best_tile][None]
     scatter = {e.name: by_test(library, e, centre, modulus) for e in library.effects if e.family == "scatter"}
-    return Shared(library, levels, modulus, C, tuple(whites), scatter, {(): base}, alone)
+    return Shared(library, levels, modulus, C, tuple(whites), scatter, {(): base}, alone, settings)
 
 
 def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
@@ -160,6 +157,7 @@ class Comparison:
     hypotheses: tuple[Hypothesis, ...]
     log_evidence: np.ndarray
     log_prior: np.ndarray
+    no_gap: float = SETTINGS.priors.no_gap
 
     @property
     def probability(self) -> np.ndarray:
@@ -171,7 +169,7 @@ class Comparison:
     def statistic(self) -> float:
         """ln of the Bayes factor of any gap against none."""
         s = self.log_evidence + self.log_prior
-        return float(logsumexp(s[1:]) - np.log(1 - NO_GAP) - s[0] + np.log(NO_GAP))
+        return float(logsumexp(s[1:]) - np.log(1 - self.no_gap) - s[0] + np.log(self.no_gap))
 
 
 class Evidence:
@@ -189,7 +187,11 @@ class Evidence:
         key = (tuple(e.name for e in effects), white, loose)
         if key not in self._ready:
             scatters = any(e.family == "scatter" for e in effects)
-            L = whitening(self.bench.covariance(effects, SCATTER[white])) if scatters else self.bench.whites[white]
+            L = (
+                whitening(self.bench.covariance(effects, self.bench.settings.priors.scatter[white]))
+                if scatters
+                else self.bench.whites[white]
+            )
             self._ready[key] = ready(self.bench.of(effects, loose), L, self.bench.modulus)
         return self._ready[key]
 
@@ -230,27 +232,28 @@ class Evidence:
 
     def _levels(self, effects: Sequence[Effect], unexplained: bool) -> range:
         if any(e.family == "scatter" for e in effects):
-            return range(len(SCATTER))
+            return range(len(self.bench.settings.priors.scatter))
         if not unexplained:
             return range(1)
-        return range(1, 1 + len(GAPS) if effects else len(self.bench.whites))
+        return range(1, 1 + len(self.bench.settings.priors.gaps) if effects else len(self.bench.whites))
 
     def log_weights(self, effects: Sequence[Effect], unexplained: bool) -> np.ndarray:
         """ln of the prior share of every level: what is unexplained is in all experiments or, alike likely, in one."""
-        n = len(self._levels(effects, unexplained))
-        if effects or not unexplained or n == len(GAPS):
+        n, shared = len(self._levels(effects, unexplained)), len(self.bench.settings.priors.gaps)
+        if effects or not unexplained or n == shared:
             return np.full(n, -np.log(n))
-        return -np.log(2.0 * np.where(np.arange(n) < len(GAPS), len(GAPS), n - len(GAPS)))
+        return -np.log(2.0 * np.where(np.arange(n) < shared, shared, n - shared))
 
     def odd(self, y: np.ndarray) -> tuple[str, float] | None:
         """The experiment that has most of what is unexplained for itself, and how probable it is that it alone has it;
-        None where no experiment can be told from others."""
+        None where no experiment can be separated from others."""
         if not self.bench.alone:
             return None
         levels = map(partial(self.ready, ()), self._levels((), True))
         each = np.array([log_evidence(h, h.white(y)[None])[0] for h in levels]) + self.log_weights((), True)
         p = np.exp(each - logsumexp(each))
-        of_each = p[len(GAPS) :].reshape(len(ALONE), -1).sum(axis=0)
+        priors = self.bench.settings.priors
+        of_each = p[len(priors.gaps) :].reshape(len(priors.alone), -1).sum(axis=0)
         return self.bench.alone[int(np.argmax(of_each))], float(of_each.max())
 
     def of(
@@ -280,14 +283,15 @@ def comparisons(
         hypotheses += [Hypothesis((e,), True) for e in effects if e.family != "scatter"]
     hypotheses += [Hypothesis(pair) for pair in pairs]
     table = np.array([column(h) for h in hypotheses]).T
-    prior = np.array([log_prior(h, effects) for h in hypotheses])
-    return [Comparison(tuple(hypotheses), row, prior) for row in table]
+    priors = evidence.bench.settings.priors
+    prior = np.array([log_prior(h, effects, priors) for h in hypotheses])
+    return [Comparison(tuple(hypotheses), row, prior, priors.no_gap) for row in table]
 
 
-def log_prior(h: Hypothesis, effects: Sequence[Effect]) -> float:
+def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors = SETTINGS.priors) -> float:
     """ln π(H) in a catalogue: causes of a kind share its probability, forms of a cause share that of the cause."""
     if not h.effects and not h.unexplained:
-        return float(np.log(NO_GAP))
+        return float(np.log(priors.no_gap))
     sources = {e.source for e in effects}
     kind, n = "unexplained", 1
     if len(h.effects) == 2:
@@ -296,7 +300,7 @@ def log_prior(h: Hypothesis, effects: Sequence[Effect]) -> float:
         (e,) = h.effects
         rivals = {o.source for o in effects if o.family != "scatter"} if h.unexplained else sources
         kind, n = "partly" if h.unexplained else "single", len(rivals) * sum(o.source == e.source for o in effects)
-    return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
+    return float(np.log(priors.of(kind) / max(n, 1)))
 
 
 def survivors(contest: Comparison, count: int = SURVIVORS) -> list[Effect]:
@@ -323,11 +327,11 @@ def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarra
     return simulated(evidence, (), y, count, seed)
 
 
-def critical(null: np.ndarray) -> float:
-    """The statistic beyond which there is a gap: p = (1 + number of `null` (n,) ≥ it) / (1 + n) ≤ FALSE_ALARM and
+def critical(null: np.ndarray, false_alarm: float = SETTINGS.rules.false_alarm) -> float:
+    """The statistic beyond which there is a gap: p = (1 + number of `null` (n,) ≥ it) / (1 + n) ≤ `false_alarm` and
     a gap is more probable than none.  Infinite where n is too few to say so.
     """
-    k = int(FALSE_ALARM * (len(null) + 1) * (1 + 1e-12))
+    k = int(false_alarm * (len(null) + 1) * (1 + 1e-12))
     return max(float(np.sort(null)[-k]), 0.0) if k else np.inf
 
 

@@ -48,7 +48,7 @@ def self_checks(
         returned = named = missed = 0
         own = {e.source for e in h.effects}
         for c in attribution.comparisons(evidence, Y, pairs, finalists=finalists):
-            j = judge(c, c.statistic > threshold)
+            j = judge(c, c.statistic > threshold, evidence.bench.settings.rules)
             missed += j.verdict == "no_gap"
             returned += own == {e.source for e in j.chosen.effects}
             named += own <= {known[n] for n in j.named}

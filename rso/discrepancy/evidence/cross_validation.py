@@ -16,6 +16,7 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import LOADING, SurfaceProfile, Test
+from rso.inference.predictive_test import chi2_of, predictive_test
 
 TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
@@ -57,7 +58,8 @@ def predicts(held: Sequence[HeldOut], h: Hypothesis) -> bool:
 
 def _log_evidence(bench: Shared, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:
     """Log evidence of some rows, over levels of scatter."""
-    shares = attribution.SCATTER if any(e.family == "scatter" for e in h.effects) else attribution.SCATTER[:1]
+    scatter = bench.settings.priors.scatter
+    shares = scatter if any(e.family == "scatter" for e in h.effects) else scatter[:1]
     found = []
     for share in shares:
         white = whitening(bench.covariance(h.effects, share), rows)
@@ -91,7 +93,7 @@ def shrinkage_of(
         C = _covariance(unseen, bench, evidence, y)
         fits = _fits(unseen, bench, y, first, np.arange(len(y)), chosen.effects, seed + 2)
         own = None if fitted is None else _at(unseen, fitted, bench.modulus)
-        fits[0] = fits[0] if own is None else own
+        fits[0] = fits[0] if own is None else own[None]
         found = [_gap(name, unit, rows, v, fits, C, chosen.effects) for name, unit, rows in shrinkage.curves_of(unseen)]
         sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
         told = shrinkage.summarise(found, sizes, "those with role validate", seed)
@@ -108,10 +110,10 @@ def left_out(
     seed: int,
     anew: bool = True,
 ) -> shrinkage.Shrinkage:
-    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
-    or known.
+    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen
+    again without it (`anew`), or known.
 
-    Without any force nothing tells an open modulus: an experiment that has all of them is not left out.
+    Without any force nothing shows an open modulus: an experiment that has all of them is not left out.
     """
     first = _fitted_rows(library)
     found, sizes = [], []
@@ -130,7 +132,7 @@ def left_out(
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
     beside = " where forces remain beside it" if len(found) < len(curves) else ""
-    causes = ", the cause chosen anew without it," if chosen.effects and anew else ""
+    causes = ", the cause chosen again without it," if chosen.effects and anew else ""
     how = f"each left out in turn{beside}{causes} as there are no validate curves"
     return shrinkage.summarise(found, sizes, how, seed)
 
@@ -152,13 +154,15 @@ def _fits(
     cause: Sequence[Effect],
     seed: int,
 ) -> list[np.ndarray]:
-    """Predictions (n,) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
+    """Predictions (k, n) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
     cause; without one that is the second once more."""
     rng = np.random.default_rng(seed)
-    before, again = (shrinkage.predicted(library, (), fit(bench, (), r, y, rng), bench.modulus) for r in (first, rows))
-    if not cause:
-        return [before, again, again]
-    return [before, again, shrinkage.predicted(library, cause, fit(bench, cause, rows, y, rng), bench.modulus)]
+
+    def draws(effects: Sequence[Effect], some: np.ndarray) -> np.ndarray:
+        return shrinkage.predictive_draws(library, effects, fit(bench, effects, some, y, rng), bench.modulus)
+
+    before, again = draws((), first), draws((), rows)
+    return [before, again, draws(cause, rows) if cause else again]
 
 
 def _gap(
@@ -170,13 +174,16 @@ def _gap(
     C: np.ndarray,
     cause: Sequence[Effect],
 ) -> shrinkage.Gap:
-    C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
+    C, value = C[np.ix_(rows, rows)], y[rows]
+    means = [f[:, rows].mean(axis=0) for f in fits]
+    δ = means[2] - means[0]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
-    before, again, with_cause = (shrinkage.gap(y[rows], f[rows], C) for f in fits)
-    a, b, c = (float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
-    return shrinkage.Gap(
-        name, unit, before, again, with_cause, (a, b, c), noise_of_change, tuple(e.name for e in cause)
-    )
+    before, again, with_cause = (chi2_of(value, f, C) / len(rows) for f in means)
+    a, b, c = (float(np.sqrt(np.mean((value - f) ** 2))) for f in means)
+    spread = [np.cov(f[:, rows].T).reshape(C.shape) if len(f) > 1 else None for f in fits]
+    p_values = tuple(predictive_test(value, f, C, s).p_value for f, s in zip(means, spread, strict=True))
+    effects = tuple(e.name for e in cause)
+    return shrinkage.Gap(name, unit, before, again, with_cause, (a, b, c), noise_of_change, effects, p_values)
 
 
 def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
@@ -232,7 +239,7 @@ def fit(
     draws: int = 300,
 ) -> Posterior:
     """The base model with effects as some rows of the data y (n,) have it."""
-    white = whitening(bench.covariance(effects, attribution.SCATTER[-1]), rows)
+    white = whitening(bench.covariance(effects, bench.settings.priors.scatter[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
     return posterior(h, white(y), draws, rng)
 
@@ -248,7 +255,9 @@ def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen:
     taught = _taught(bench, y, rest, evidence.effects)
 
     def score(h: Hypothesis, loose: bool) -> float:
-        return _log_evidence(bench, h, rest, y, loose) + attribution.log_prior(h, evidence.effects)
+        return _log_evidence(bench, h, rest, y, loose) + attribution.log_prior(
+            h, evidence.effects, bench.settings.priors
+        )
 
     rough = {e: score(Hypothesis((e,)), False) for e in taught}
     leading = sorted(taught, key=lambda e: -rough[e])
@@ -264,9 +273,9 @@ def _covariance(unseen: Library, bench: Shared, evidence: Evidence, y: np.ndarra
     rng = np.random.default_rng(0)
     h = evidence.best((), y)
     f = shrinkage.predicted(unseen, (), posterior(h, h.white(y), 2000, rng), bench.modulus)
-    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
+    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f), bench.settings.model_error)
 
 
 def _levels(bench: Shared, unseen: Library) -> dict[str, noise.NoiseLevel]:
     """Levels of the seen data, and for channels they lack those of the held-out files."""
-    return {**noise.levels(unseen.plan), **bench.levels}
+    return {**noise.levels(unseen.plan, usual=bench.settings.noise), **bench.levels}

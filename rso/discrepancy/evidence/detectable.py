@@ -31,7 +31,7 @@ class Detectable:
     """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, which it grows with.
 
     `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than CONFUSED of it:
-    both at the smallest clear size, since what is large enough is told apart from much, or where none is clear at the
+    both at the smallest clear size, since what is large enough is separated from much, or where none is clear at the
     one that is seen most often."""
 
     effect: Effect
@@ -119,10 +119,10 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
 
 
 def _alarms(evidence: Evidence, null: np.ndarray) -> float:
-    """Share of data sets without a gap (B, n) in which the verdict finds one: FALSE_ALARM, or less where the largest of
-    them make a gap no more probable than none."""
+    """Share of data sets without a gap (B, n) in which the verdict finds one: the false alarms allowed, or less where
+    the largest of them make a gap no more probable than none."""
     T = np.array([c.statistic for c in attribution.comparisons(evidence, null)])
-    return float(np.mean(T > attribution.critical(T)))
+    return float(np.mean(T > attribution.critical(T, evidence.bench.settings.rules.false_alarm)))
 
 
 def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:

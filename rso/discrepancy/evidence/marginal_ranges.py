@@ -4,9 +4,9 @@
 
 Bayesian model averaging (Hoeting et al., Statist. Sci. 14 (1999) 382, eq. 1) over the hypotheses h of the contest, and
 under each over subsets z of all other effects, of sizes s, that leave the prediction Δ beside it.  Before the data an
-effect that another does not stand for is there with probability PRESENT, of a size that its catalogue calls plausible;
-what is known of one from a calibration takes the place of both.  The model itself may be off in all tests alike, as one
-program is from another (:func:`noise.other_code`), which no re-fit of the modulus sees.
+effect that another does not stand for is there with probability `present` or `seldom`, of a size that its catalogue
+calls plausible; what is known of one from a calibration takes the place of both.  The model itself may be off in all
+tests alike, as one program is from another (:func:`noise.other_code`), which no re-fit of the modulus sees.
 """
 
 from __future__ import annotations
@@ -34,8 +34,6 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 
-PRESENT = 0.5  # before any data, that what the measurement chain may be off by is there: as likely as not
-SELDOM = 0.04  # the same of an effect of the body, the indenter or the support
 SIZES = 64  # draws of an effect that is added to what is said
 USUAL = {"gain": 0.02, "depth_scale": 0.005}  # of what no indentation shows, and calibrations know: its uncertainty
 DRAWS = 2000
@@ -158,7 +156,11 @@ def _with_code(evidence: Evidence, g: Hypothesis, y: np.ndarray, rows: np.ndarra
     h = evidence.best(g.effects, y, g.unexplained, loose=bool(g.effects))
     L = h.white.L
     force = L @ mean_prediction(h, h.white(y))
-    return ready(h.tiles, whitening(L @ L.T + noise.other_code(bench.library.plan, force), rows), bench.modulus)
+    return ready(
+        h.tiles,
+        whitening(L @ L.T + noise.other_code(bench.library.plan, force, bench.settings.model_error), rows),
+        bench.modulus,
+    )
 
 
 def _unseen(
@@ -166,9 +168,9 @@ def _unseen(
 ) -> list[Unseen]:
     """Every effect that moves a mean and is none of those that are said, beside these in the middle of `post`.
 
-    Without it the data are fitted anew for each of SIZES draws of its size; a new modulus makes another size of it.
+    Without it the data are refitted for each of SIZES draws of its size; a new modulus makes another size of it.
     """
-    library, μ = evidence.bench.library, evidence.bench.modulus
+    library, μ, priors = evidence.bench.library, evidence.bench.modulus, evidence.bench.settings.priors
     at, m = np.mean(post.at, axis=0), float(np.mean(post.modulus))
     A0, c0 = predict(library, said.effects, at[None], μ)
     own = float(log_evidence(h, h.white(y)[None])[0])
@@ -181,7 +183,8 @@ def _unseen(
         size = _drawn(e, SIZES, rng) if sd is None else _calibrated(e, SIZES, sd)
         A, c = predict(library, (*said.effects, e), np.hstack([np.tile(at, (SIZES, 1)), size]), μ)
         adds = m * (A - A0) + c - c0
-        prior = 1.0 if sd is not None else (PRESENT if e.measured else SELDOM) / max(places.count(e.source), 1)
+        there = priors.present if e.measured else priors.seldom
+        prior = 1.0 if sd is not None else there / max(places.count(e.source), 1)
         found.append(Unseen(e, adds, log_evidence(h, h.white(y - adds)) - own, prior))
     return found
 
@@ -197,8 +200,8 @@ def _averaged(
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Draws (count,) of the parameters under a hypothesis, and which of the unseen effects (count, k) each holds.
 
-    Subsets are proposed from what the data say of each effect by itself and drawn anew by what they say of all together
-    (sampling–importance resampling, Rubin 1988).
+    Subsets are proposed from what the data say of each effect by itself and drawn again by what they say of all
+    together (sampling–importance resampling, Rubin 1988).
     """
     taken, own = {e.source for e in g.effects}, {e.name for e in g.effects}
     m = EACH * count + FEWEST

@@ -9,25 +9,29 @@ import numpy as np
 
 from rso.discrepancy.evidence.gaussian_mixture import Tiles
 from rso.discrepancy.evidence.hypotheses import blocks
+from rso.discrepancy.evidence.settings import SETTINGS, EffectTolerance
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import Pass, nearest
 from rso.discrepancy.library.tables import Library
 
-SHARE = 0.1  # by which an effect may be stronger or weaker in a part of the data
-LATERAL = 0.25  # the same in Fx and Fy: two meshes differ so in friction beside the top
-WAY = 0.2  # of the size of another support: how far a body slides or rolls in it before it is held
-LOOP = 0.25  # of the widest loop that friction can make: whether it creeps before it slides no coefficient says
 
-
-def with_tolerance(library: Library, effects: Sequence[Effect], own: Tiles, base: Tiles, modulus: float) -> Tiles:
+def with_tolerance(
+    library: Library,
+    effects: Sequence[Effect],
+    own: Tiles,
+    base: Tiles,
+    modulus: float,
+    tolerance: EffectTolerance = SETTINGS.tolerance,
+) -> Tiles:
     """Tiles whose effect may be somewhat stronger or weaker in each part of the data, and its loop another.
 
     y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, share²) for every place, branch, and Fz or lateral forces apart: the
     interpolation between the library's nodes, another code or mesh, another formula of the same effect.  Another
     support is weaker in proportion, F_g → F_g (F_g / base_g)^ζ: where it holds nothing it does so too; and of several
-    places each may have another size,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, WAY²).  What rubs may in addition
-    come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, LOOP²),  ℓ its :func:`loops`.
+    places each may have another size,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, way²).  What rubs may in addition
+    come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, loop²),  ℓ its :func:`loops`.  What flows may be
+    quicker or slower at each place:  y_p → y_p + ζ_p ∂y_p/∂ ln k,  ζ_p ~ N(0, rate²).
     """
     assert own.basis is not None  # tiles are compressed
     d = len(library.base.axes)
@@ -46,16 +50,20 @@ def with_tolerance(library: Library, effects: Sequence[Effect], own: Tiles, base
         key = (place, c == "Fz", branch)
         groups[key] = groups.get(key, np.zeros(len(of_block), bool)) | of_block
     more = change[:, None] * np.array(list(groups.values()))
-    sd = [SHARE if normal else LATERAL for _, normal, _ in groups]
+    sd = [tolerance.share if normal else tolerance.lateral for _, normal, _ in groups]
     places = sorted({place for place, _, _ in groups if place >= 0})
     for direction in _sizes_of_supports(effects, own, d) if len(places) > 1 else []:
         masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
         more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
-        sd += [WAY] * len(places)
+        sd += [tolerance.way] * len(places)
+    for direction in _rates(effects, own, d):
+        masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
+        more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
+        sd += [tolerance.rate] * len(places)
     if any(e.name in library.rubbing for e in effects):
         loop = loops(library, effects, own, modulus) @ own.basis
         if np.any(loop):
-            more, sd = np.concatenate([more, loop[:, None]], axis=1), [*sd, LOOP]
+            more, sd = np.concatenate([more, loop[:, None]], axis=1), [*sd, tolerance.loop]
     return replace(
         own,
         D=np.concatenate([own.D, more], axis=1),
@@ -84,8 +92,19 @@ def _sizes_of_supports(effects: Sequence[Effect], own: Tiles, d: int) -> list[np
     return found
 
 
+def _rates(effects: Sequence[Effect], own: Tiles, d: int) -> list[np.ndarray]:
+    """∂y/∂ ln k (T, r) of every rate of what flows."""
+    found = []
+    first = d + np.cumsum([0, *(len(e.knobs) for e in effects)])
+    for e, begins in zip(effects, first[:-1], strict=True):
+        for j, knob in enumerate(e.knobs):
+            if e.flows and j and knob.power_of_time < 0 and (at := int(begins) + j) in own.axes:
+                found.append(own.D[:, own.axes.index(at)])
+    return found
+
+
 def loops(library: Library, effects: Sequence[Effect], own: Tiles, modulus: float) -> np.ndarray:
-    """ℓ (T, n): force on the way back less that on the way there, of the tile with the widest loop at the same κ."""
+    """ℓ (T, n): force in unloading less that on the way there, of the tile with the widest loop at the same κ."""
     places = []
     for here in library.places:
         there = [nearest(here.passes, Pass(None, p.earlier)) for p in here.passes]

@@ -19,29 +19,17 @@ from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
 from rso.discrepancy.detectors.autocorrelation import autocorrelation_length
 from rso.discrepancy.detectors.sensor import count_of, hidden, of_bins
+from rso.discrepancy.evidence.settings import SETTINGS, ModelError, UsualNoise
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test, TestPlan
 from rso.inference.error_model import correlated_along
 
-GAIN = 0.01  # of a test, where nothing is known
-CONTACT = 0.01  # mm, contact point of a test, of a plan of the usual depth
-UNKNOWN = 0.01  # of the largest force: a reading, where nothing is stated and too few readings tell
 UNLIKE = 2.5  # times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
 FEW = 8  # third differences that tell no noise
 OVERLAP = 2.31  # third differences of white noise for each that is independent, 1 + 2 (0.75² + 0.3² + 0.05²)
 SCARCE = 0.1  # chance that the noise is larger than taken from the readings
 LOUDER = 1.5  # times the usual noise: that of another sensor or range
-WORLD = 0.005  # of the force: another code, another mesher
-DEEP = 0.015  # more of it where meshes distort and codes part company: at the deepest travel, or where the backend says
-STEEP = 8  # power of the travel with which it grows
-WORLD_LENGTH = 0.35  # of the deepest travel
-CODE = 0.01  # of the force: one program beside another in all tests alike, as a re-fit of the modulus takes it
-CODE_LENGTH = 1.0  # of the deepest travel
-GRAIN = 0.001  # of the force: elements that come into contact one by one
-GRAIN_LENGTH = 0.06  # of the deepest travel
-LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
-MARK = 0.05  # mm, where nothing is known of a profile, of such a plan
 ALIKE = 0.3  # mm, of such a plan: tests at a place with no other history than this are repeats
 
 
@@ -70,7 +58,7 @@ class NoiseLevel:
         return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
-def levels(plan: TestPlan, binding: bool = False) -> dict[str, NoiseLevel]:
+def levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETTINGS.noise) -> dict[str, NoiseLevel]:
     """Noise by channel of all tests together; 'uz' is that of profiles.
 
     Where what is stated is `binding`, gain and contact by which repeats differ far more are not noise.
@@ -98,7 +86,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, NoiseLevel]:
             upwards = math.sqrt(ν / chi2_ppf(SCARCE, ν))
             estimated, each = upwards * estimated, [upwards * v for v in each]
         largest = max(float(np.max(np.abs(t.values[v]))) for t in tests for v in t.channels)
-        least = 1e-4 * largest if stated or estimated else UNKNOWN * largest
+        least = 1e-4 * largest if stated or estimated else usual.reading * largest
         least = max(least, count_of(seen, c) / math.sqrt(12.0))
         # what is said to be correlated is not white
         white = max(0.0 if correlation else stated, estimated, least)
@@ -114,8 +102,8 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, NoiseLevel]:
         depth = max(e.noise.depth for e in seen)
         gain = max(e.noise.stated.gain for e in seen)
         off = max(e.noise.stated.contact for e in seen)
-        contact = max(plan.scale * CONTACT, 2 * depth, off)
-        known = NoiseLevel(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
+        contact = max(plan.scale * usual.contact, 2 * depth, off)
+        known = NoiseLevel(white, correlated, reach, gain, contact, depth, source, loud, (gain or usual.gain, contact))
         *shown, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
@@ -124,11 +112,16 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, NoiseLevel]:
             for v, e, said in zip(shown, known.expected, (gain, depth or off), strict=True)
         )
         out[c] = replace(
-            known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact), shown=(shown[0], shown[1])
+            known,
+            gain=max(known.gain, gain) or usual.gain,
+            contact=max(known.contact, contact),
+            shown=(shown[0], shown[1]),
         )
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
-        out["uz"] = NoiseLevel(stated or plan.scale * MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
+        out["uz"] = NoiseLevel(
+            stated or plan.scale * usual.mark, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed"
+        )
     return out
 
 
@@ -137,7 +130,7 @@ def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], f
 
     The last number is that of independent ones.  Experiments share their noise but for those whose own is clearly
     another (by half and more, one in a thousand, and in the middle of its readings too, which a few jumps do not
-    change); 0 where too few readings tell.
+    change); 0 where too few readings show.
     """
     if sum(map(len, own)) <= FEW:
         return [0.0] * len(own), 0.0, 0.0
@@ -273,9 +266,15 @@ def _bins(tests: Sequence[Test]) -> tuple[float, float]:
     return (float(np.median(widths)), float(np.median(counts))) if len(widths) else (1.0, 1.0)
 
 
-def covariance(library: Library, level: Mapping[str, NoiseLevel], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def covariance(
+    library: Library,
+    level: Mapping[str, NoiseLevel],
+    force: np.ndarray,
+    slope: np.ndarray,
+    error: ModelError = SETTINGS.model_error,
+) -> np.ndarray:
     """C (n, n) of the data vector for a prediction `force` (n,) N (or mm) and its slope (n,) N/mm."""
-    return scatter(library.plan, level, force, slope) + _world(library, force)
+    return scatter(library.plan, level, force, slope) + _of_model(library, force, error)
 
 
 def scatter(plan: TestPlan, level: Mapping[str, NoiseLevel], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -306,41 +305,41 @@ def of_tests(plan: TestPlan, level: Mapping[str, NoiseLevel], force: np.ndarray,
     return C + np.outer(common, common)
 
 
-def _world(library: Library, force: np.ndarray) -> np.ndarray:
+def _of_model(library: Library, force: np.ndarray, error: ModelError) -> np.ndarray:
     """What the model may be wrong by (n, n): its stated numerical error, and another code."""
     plan = library.plan
     n = plan.n
-    world, grain = np.zeros(n), np.zeros(n)
+    code, grain = np.zeros(n), np.zeros(n)
     u, place, channel = np.zeros(n), np.full(n, -1), np.zeros(n, int)
     for item, c, at in plan.rows():
         if isinstance(item, SurfaceProfile):
-            world[at] = 0.01 * np.max(np.abs(force[at]))
+            code[at] = 0.01 * np.max(np.abs(force[at]))
             u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
             continue
         u[at], place[at], channel[at] = item.depth, item.place, FORCES.index(c)
         z = slice(at.start - item.n * item.channels.index(c), None)
         Fz = force[z.start + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         stated = _stated(library, item, c)
-        size = np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz))
-        world[at], grain[at] = np.hypot(WORLD, stated) * size, GRAIN * size
+        size = np.hypot(np.abs(force[at]), (c != "Fz") * error.lateral * np.abs(Fz))
+        code[at], grain[at] = np.hypot(error.code, stated) * size, error.grain * size
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
-    along, near = (gaussian(u, v * deepest) for v in (WORLD_LENGTH, GRAIN_LENGTH))
+    along, near = (gaussian(u, v * deepest) for v in (error.length, error.grain_length))
     meshes = capability(library.base.backend, DistortionDepth)
     distorted = max([deepest, *(meshes.deep(dict(p.settings)) for p in plan.places if meshes)])
-    growing = DEEP * (u / distorted) ** STEEP * np.where(place < 100, force, 0.0)
-    K = same * (np.outer(world, world) * along + np.outer(grain, grain) * near)
+    growing = error.deep * (u / distorted) ** error.steep * np.where(place < 100, force, 0.0)
+    K = same * (np.outer(code, code) * along + np.outer(grain, grain) * near)
     return K + np.outer(growing, growing) * (channel[:, None] == channel)
 
 
-def other_code(plan: TestPlan, force: np.ndarray) -> np.ndarray:
-    """What a model may be off by in all tests alike (n, n), as another program is: CODE of its prediction (n,)."""
+def other_code(plan: TestPlan, force: np.ndarray, error: ModelError = SETTINGS.model_error) -> np.ndarray:
+    """What a model may be off by in all tests alike (n, n), as another program is, from its prediction (n,)."""
     u, channel, size = np.zeros(plan.n), np.full(plan.n, -1), np.zeros(plan.n)
     for item, c, at in plan.rows():
         if not isinstance(item, SurfaceProfile):
-            u[at], channel[at], size[at] = item.depth, FORCES.index(c), CODE * force[at]
+            u[at], channel[at], size[at] = item.depth, FORCES.index(c), error.common * force[at]
     deepest = max(p.deepest for p in plan.places)
-    return correlated_along(u, size, CODE_LENGTH * deepest, gaussian) * (channel[:, None] == channel)
+    return correlated_along(u, size, error.common_length * deepest, gaussian) * (channel[:, None] == channel)
 
 
 def readings(plan: TestPlan, level: Mapping[str, NoiseLevel], slope: np.ndarray) -> np.ndarray:
@@ -367,7 +366,13 @@ def _rows_of(rows: list[tuple[Test | SurfaceProfile, str, slice]], test: Test) -
     return slice(mine[0].start, mine[-1].stop)
 
 
-def unexplained(library: Library, force: np.ndarray, amplitude: float, length: float) -> np.ndarray:
+def unexplained(
+    library: Library,
+    force: np.ndarray,
+    amplitude: float,
+    length: float,
+    lateral: float = SETTINGS.model_error.lateral,
+) -> np.ndarray:
     """K (n, n) of a gap of relative `amplitude` that changes over `length`, a share of the deepest travel: shared by a
     place, by a branch and by a test in equal parts."""
     plan, n = library.plan, library.plan.n
@@ -380,7 +385,7 @@ def unexplained(library: Library, force: np.ndarray, amplitude: float, length: f
             continue
         z = at.start - item.n * item.channels.index(c)
         Fz = force[z + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
-        size[at] = np.maximum(np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz)), 0.02 * np.abs(Fz).max())
+        size[at] = np.maximum(np.hypot(np.abs(force[at]), (c != "Fz") * lateral * np.abs(Fz)), 0.02 * np.abs(Fz).max())
         u[at], place[at], channel[at], branch[at] = item.depth, item.place, FORCES.index(c), item.branch
         rest[at] = np.log1p(item.since * item.speed / max(item.peak, 1e-9))  # in the time that loading took
         test[at] = [id(t) for t in plan.tests].index(id(item))

@@ -3,7 +3,8 @@
     G(M) = mean over curves of (y − f_M)ᵀ C⁻¹ (y − f_M) / n,      floor: its expectation where M is true, 1
 
 and the same as a root mean square in newtons.  C is the noise of the curve, with its gain and contact point, and what
-the parameters' own uncertainty adds is left in G: a model that does not know predicts badly.
+the parameters' own uncertainty adds is left in G: a model that does not know predicts badly.  Whether a curve is missed
+is asked with that uncertainty (:mod:`rso.inference.predictive_test`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ class Gap:
     """G and root mean square (N; mm for a profile) of one held-out curve under three models.
 
     `change_sd` is what noise makes of before − with_cause: 2 √(δᵀ C⁻¹ δ) / n for predictions that differ by δ.  `cause`
-    are the effects of the last model, chosen without this curve.
+    are the effects of the last model, chosen without this curve.  `p_values` are those of the posterior predictive
+    check under each model.
     """
 
     curve: str
@@ -39,6 +41,7 @@ class Gap:
     rms: tuple[float, float, float]
     change_sd: float = 0.0
     cause: tuple[str, ...] = ()
+    p_values: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,15 +78,15 @@ def curves_of(library: Library) -> list[tuple[str, str, np.ndarray]]:
 
 def predicted(library: Library, effects: Sequence[Effect], post: Posterior, modulus: float) -> np.ndarray:
     """Mean prediction (n,) of the whole data vector of a library's plan from posterior draws."""
+    mean: np.ndarray = predictive_draws(library, effects, post, modulus).mean(axis=0)
+    return mean
+
+
+def predictive_draws(library: Library, effects: Sequence[Effect], post: Posterior, modulus: float) -> np.ndarray:
+    """Predictions (k, n) of the whole data vector of a library's plan by at most `DRAWS` posterior draws."""
     draws = np.linspace(0, len(post.modulus) - 1, min(DRAWS, len(post.modulus))).astype(int)
     A, c = predict(library, effects, post.at[draws], modulus)
-    return np.mean(post.modulus[draws, None] * A + c, axis=0)
-
-
-def gap(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> float:
-    """G of one curve: rᵀ C⁻¹ r / n."""
-    r = y - f
-    return float(r @ np.linalg.solve(C, r)) / len(y)
+    return post.modulus[draws, None] * A + c
 
 
 def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) -> Shrinkage:

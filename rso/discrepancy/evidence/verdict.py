@@ -11,12 +11,9 @@ from scipy.special import logsumexp
 from rso.discrepancy.evidence.attribution import Comparison
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import ResidualScore
+from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
 from rso.discrepancy.library.effects import Effect
 
-SURE = 0.95  # probability of one cause above which it is named alone
-COVER = 0.95  # of the probability that a named set holds
-WORTH_NAMING = 0.05  # probability below which a second effect of a pair is not named
-MOST = 5  # effects in a named set
 BEATEN = 2  # causes not named whose fits are kept
 
 
@@ -32,11 +29,11 @@ class Judgement:
 UNEXPLAINED = Judgement("unexplained", (), Hypothesis((), True))
 
 
-def judge(contest: Comparison, gap: bool) -> Judgement:
+def judge(contest: Comparison, gap: bool, rules: VerdictRules = SETTINGS.rules) -> Judgement:
     """What a contest says; `gap` is the decision of the null's statistic.
 
-    Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold SURE of the
-    probability given a gap; otherwise causes are named until their hypotheses hold COVER of what has a cause.
+    Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold `sure` of the
+    probability given a gap; otherwise causes are named until their hypotheses hold `cover` of what has a cause.
     A pair is never more than a part, and what cell and specimen can both do is said of neither.
     """
     if not gap:
@@ -67,16 +64,16 @@ def judge(contest: Comparison, gap: bool) -> Judgement:
     named: list[str] = []
     reached = 0.0
     for key in order:
-        if key == best or all(marginal[v] > WORTH_NAMING for v in key):
+        if key == best or all(marginal[v] > rules.worth_naming for v in key):
             named += [v for v in key if v not in named]
         reached += sets[key] / (1.0 - nothing)
-        if reached >= COVER or len(named) >= MOST:
+        if reached >= rules.cover or len(named) >= rules.most:
             break
     names = tuple(form[v][1].name for v in sorted(named, key=lambda v: -marginal[v]))
     # two effects together mimic much that is in no catalogue: they are named, not taken for the whole truth
     if partly[best] > 0.5 * sets[best] or len(best) > 1:
         return Judgement("partly", names, chosen)
-    if min(marginal[v] for v in best) < SURE:
+    if min(marginal[v] for v in best) < rules.sure:
         return Judgement("ambiguous", names, chosen)
     own = tuple(e.name for e in chosen.effects)
     if any(e.like_a_modulus or e.like_a_body or e.like_a_spot for e in chosen.effects):

@@ -5,13 +5,13 @@ function R(t) = 1 − g + g exp(−t/τ),
 
     F(t) = ∫₀^{t₁} R(t − s) F_e'(u(s)) u'(s) ds,
 
-t₁ = t on the way there (Lee & Radok, J. Appl. Mech. 27 (1960) 438), and on the way back the instant at which the
+t₁ = t on the way there (Lee & Radok, J. Appl. Mech. 27 (1960) 438), and in unloading the instant at which the
 contact was as large as it is now,
 
     ∫_{t₁}^{t} R(t − s) u'(s) ds = 0    (Ting, J. Appl. Mech. 33 (1966) 845, eq. 22).
 
 Exact for a linear half-space of constant Poisson's ratio.  A finite body of a rubber that relaxes in shear alone is off
-by 1 to 2 % of the force on the way there, 10 % on the way back, where the change itself is all of the force; what is
+by 1 to 2 % of the force on the way there, 10 % in unloading, where the change itself is all of the force; what is
 off varies slowly with g and τ, while the travel at which contact is lost does not.
 """
 
@@ -97,9 +97,9 @@ def _held(a: np.ndarray, F: np.ndarray, τ: float) -> np.ndarray:
 
 
 def _as_large(t: np.ndarray, top: float, way: Pass, g: float, τ: float) -> np.ndarray:
-    """Travels t₁ (n,) on the way there at which contact was as large as at times t on the way back: 0 where it is lost.
+    """Travels t₁ (n,) on the way there at which contact was as large as at times t in unloading: 0 where it is lost.
 
-    With S(t) = ∫₀^t R, the rest from `top` to t_r and the pace w of the way back the condition is
+    With S(t) = ∫₀^t R, the rest from `top` to t_r and the pace w of the unloading the condition is
 
         S(t − t₁) = S(t − top) + w S(t − t_r).
     """

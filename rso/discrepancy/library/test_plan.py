@@ -1,7 +1,7 @@
 """What was measured, as tests in bins: the part of a data set that does not depend on the values measured.
 
 A test is one recorded curve (a repeat).  Readings are averaged in bins along each branch; a place is where the indenter
-was pressed, with everything the backend was told about it.
+was pressed, with all settings of the backend.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
 DWELL = 0.05  # of the time of loading: a shorter rest before the way back is none
 LEGS = 7  # of a way back, whose median tells its speed
 EVEN = 0.15  # by which the speed of the way back may differ from that of the way there and count as the same
+NOT_USED = "are not used"
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
@@ -68,8 +69,8 @@ class Test:
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
     the depth that has the mean force of the readings of a bin, when it was there (from the first reading on),
-    and their number; `since` (n,) s is the time since the indenter came to rest, 0 while it moves.  Before the way back
-    it rests for `rest` s, and goes `pace` times as fast as on the way there.
+    and their number; `since` (n,) s is the time since the indenter came to rest, 0 while it moves.  Before the
+    unloading it rests for `rest` s, and goes `pace` times as fast as on the way there.
     """
 
     experiment: int
@@ -100,7 +101,7 @@ class Test:
 
     @property
     def returns(self) -> bool:
-        """Whether the way back was recorded."""
+        """Whether the unloading was recorded."""
         return bool(np.any(self.branch == UNLOADING))
 
     @property
@@ -227,7 +228,7 @@ def rounded(travel: float, scale: float, digits: int) -> float:
 def make_plan(experiments: Sequence[Experiment], scale: float | None = None) -> TestPlan:
     """Tests in bins, places with what must be computed there; lengths of `scale`, or of the plan's own.
 
-    ValueError if no force curve is left.  The way back after a long hold is left out with a note, as it depends on all
+    ValueError if no force curve is left.  The unloading after a long hold is left out with a note, as it depends on all
     that relaxed before, and so is a hold without times or elsewhere than at the deepest point.
     """
     sites: dict[str, _Site] = {}
@@ -257,7 +258,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
     site = _site(e.settings, sites)
     for r in e.measurement.repeats:
         r, without = _usable(r)
-        notes += [f"{e.name}: {words} are not used" for words in without]
+        notes += [f"{e.name}: {words} {NOT_USED}" for words in without]
         if not len(r.depth):
             continue
         if r.depth.max() <= 0.0:
@@ -311,16 +312,19 @@ def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) 
 def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     """A repeat without what no model here follows, and words for what is missing.
 
-    That is a hold without times or elsewhere than between loading and unloading, the way back after one without times,
-    and a way back that is hardly one.
+    That is a hold without times or elsewhere than between loading and unloading, the unloading after one without times,
+    and an unloading that is hardly one.
     """
     depth, back = r.depth, r.segment == "unloading"
     begun: list[str] = []
     if isinstance(r.creep, HeldForce):
-        begun.append(f"{len(r.creep.depth)} readings of creep at a held force, which rso run compares")
+        begun.append(
+            f"{len(r.creep.depth)} readings of creep at a held force (forces at travels are diagnosed; rso run and rso "
+            "ladder compare the creep)"
+        )
     if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
         r = kept(r, ~back)
-        begun.append(f"{np.sum(back)} readings of a way back that has hardly begun")
+        begun.append(f"{np.sum(back)} readings of an unloading that has hardly begun")
     back, held = (np.nonzero(r.segment == s)[0] for s in ("unloading", "hold"))
     if not len(held):
         return r, begun
@@ -331,7 +335,7 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
         without.append(f"{len(lost)} readings of a hold {'elsewhere' if timed else 'without times'}")
     if len(resting) and len(back) and not timed:
         lost = np.concatenate([lost, back])
-        without.append(f"{len(back)} readings of the way back after a hold")
+        without.append(f"{len(back)} readings of the unloading after a hold")
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
 
 
@@ -349,7 +353,7 @@ def _rest(r: Repeat, speed: float) -> float:
 
 
 def _pace(r: Repeat, speed: float) -> float:
-    """Speed of the way back over that of the way there, 1 where it is nearly so or not known.
+    """Speed of the unloading over that of the way there, 1 where it is nearly so or not known.
 
     The median of `LEGS` equal parts of the travel in its midst: a pause is in one of them.
     """

@@ -14,10 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Case, NotFinite, Parameter, Programme, Response, SimulationFailed, digest, plain, run_key
+from rso.contract import (
+    Case,
+    NotFinite,
+    Parameter,
+    Programme,
+    Response,
+    SimulationFailed,
+    digest,
+    plain,
+    run_key,
+    worded,
+)
 from rso.core import disk
 from rso.core.units import in_base
-from rso.evaluation.decks.readers import DeckOutput, NotFound, at_passages, read_output
+from rso.evaluation.decks.readers import DeckOutput, NotFound, at_passages, free_curve, read_output
 from rso.evaluation.decks.templates import DELIMITERS, Template, read_template
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
@@ -70,7 +81,7 @@ class DeckBackend:
     output has a value at every asked passage.  Anything else is a crash: RuntimeError with what the program said.
 
     `fingerprint` is the hash of templates, files, command, readers and the pattern: where one of them changes runs are
-    made anew.  What files the program reads elsewhere is not seen.
+    remade.  What files the program reads elsewhere is not seen.
     """
 
     deck: Deck
@@ -92,7 +103,11 @@ class DeckBackend:
     @property
     def channels(self) -> Mapping[str, str]:
         """Those of its outputs, time and travel."""
-        return {**ALWAYS, **{o.channel: o.unit for o in self.deck.outputs}}
+        return {**ALWAYS, **{o.channel: o.unit for o in self.deck.outputs if not o.over}}
+
+    def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
+        """Outputs over an abscissa of their own."""
+        return {o.channel: (o.unit, o.over, o.over_unit) for o in self.deck.outputs if o.over}
 
     def check(self, case: Case) -> None:
         """ValueError for a setting that no placeholder uses, or for a deck that cannot be filled over the ranges.
@@ -107,6 +122,8 @@ class DeckBackend:
                 raise ValueError(f"{name} = {settings[name]!r}: no placeholder of {at} uses this setting")
         if lost := sorted(n for n in used if n in self.deck.settings and n not in settings):
             raise ValueError(f"{lost[0]}: a placeholder of the templates uses this setting, which has no value here")
+        if case.programme.still and (lost := sorted(used & {*OWN_WORDS})):
+            raise ValueError(f"{lost[0]}: a placeholder of the templates uses this, and nothing is moved in this study")
         for values in _ends_and_middle(self.deck):
             self.filled(values, case)
 
@@ -115,7 +132,7 @@ class DeckBackend:
         used = {name for t in self.templates for name in t.names}
         settings = {k: v for k, v in case.settings.items() if any(n in used for n in _flat({k: v}))}
         programme = case.programme
-        if not used & TIMED and all(o.at != "time" for o in self.deck.outputs):
+        if not programme.still and not used & TIMED and all(o.at != "time" for o in self.deck.outputs):
             programme = Programme.ramp(programme.asked_mm)
         return self._checked(values), dataclasses.replace(case, settings=settings, programme=programme)
 
@@ -133,9 +150,11 @@ class DeckBackend:
         Raises ValueError naming file, line and placeholder for what cannot be filled in.
         """
         programme = case.programme
-        t, u = np.array(programme.time_s), np.array(programme.travel_mm)
-        own = {"depth": float(u.max()), "duration": float(t[-1]), "speed": float(abs(np.diff(u) / np.diff(t))[0])}
-        given = {**_flat(case.settings), **own, **self._checked(values)}
+        t, u = (np.zeros(1),) * 2 if programme.still else (np.array(programme.time_s), np.array(programme.travel_mm))
+        own = {"depth": 0.0, "duration": 0.0, "speed": 0.0}
+        if not programme.still:
+            own = {"depth": float(u.max()), "duration": float(t[-1]), "speed": float(abs(np.diff(u) / np.diff(t))[0])}
+        given = {**_flat(case.settings), **own, **worded(self.parameters, self._checked(values))}
         units = {p.name: p.unit for p in self.parameters} | _units_of(case.settings) | UNITS_OF_WORDS
         rows = {"asked": _rows(*programme.passages()), "corner": _rows(t, u)}
         return {template.name: list(template.written(given, units, rows)) for template in self.templates}
@@ -211,17 +230,21 @@ class DeckBackend:
     def _response(self, folder: Path, programme: Programme, partial: bool) -> Response:
         """Channels at the asked passages, of a `partial` answer as far as all of them go; NotFound for less."""
         time, travel = programme.passages()
-        values, errors = {}, {}
+        values, errors, curves = {}, {}, {}
         for output in self.deck.outputs:
             found = read_output(output, folder, Path(self.base))
+            if output.over:
+                curves[output.channel] = free_curve(output, found)
+                continue
             values[output.channel], errors[output.channel] = at_passages(output, found, programme)
-        n = min(len(v) for v in values.values())
+        n = min([len(time), *(len(v) for v in values.values())])
         if n < len(time) and not (partial and n):
             short = next(o for o in self.deck.outputs if len(values[o.channel]) == n)
             words = f"has {short.channel} at {n} of {len(time)} asked travels, the deepest at {travel[-1]:.6g} mm"
             raise NotFound(f"{short.file}: {words}")
         channels = {"time": time[:n], "travel": travel[:n], **{k: v[:n] for k, v in values.items()}}
-        return Response(channels, self.channels, {k: e[:n] for k, e in errors.items() if np.any(e[:n] > 0)})
+        stated = {k: e[:n] for k, e in errors.items() if np.any(e[:n] > 0)}
+        return Response(channels, self.channels, stated, curves=curves)
 
 
 UNITS_OF_WORDS = {"depth": "mm", "duration": "s", "speed": "mm/s", "time": "s", "travel": "mm"}
@@ -342,4 +365,5 @@ def _ends_and_middle(deck: Deck) -> Iterator[dict[str, float]]:
     """Values at which it is tried whether a deck can be filled: between the ends of all ranges, and at these."""
     for share in (0.5, 0.0, 1.0):
         pairs = zip(deck.parameters, deck.ranges, strict=True)
-        yield {p.name: low + share * (high - low) for p, (low, high) in pairs}
+        each = ((p, low + share * (high - low)) for p, (low, high) in pairs)
+        yield {p.name: float(round(v)) if p.whole or p.choices else v for p, v in each}

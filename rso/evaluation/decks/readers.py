@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from rso.contract import Programme
+from rso.contract import FreeCurve, NotFinite, Programme
 from rso.core import disk
 
 SAME = 1e-6  # of a whole: times and travels this near are one
@@ -31,7 +30,8 @@ class DeckOutput:
 
     A value in the file times `factor` is one in the unit of the channel.  `at` says whether values come one for each
     asked travel (order), at the ends of steps (step: time k is the k-th asked travel), or with their times (s) or
-    travels (mm), which a column `at_column` holds or the reader knows, times `at_factor`.
+    travels (mm), which a column `at_column` holds or the reader knows, times `at_factor`.  With `over` it is a curve
+    over an abscissa of that name, in `over_unit`, which these say.
     """
 
     channel: str
@@ -46,6 +46,8 @@ class DeckOutput:
     at: str = "order"
     at_column: str | int | None = None
     at_factor: float = 1.0
+    over: str = ""
+    over_unit: str = "1"
 
 
 class NotFound(ValueError):
@@ -96,6 +98,20 @@ def at_passages(output: DeckOutput, found: Found, programme: Programme) -> tuple
     return _interpolated(output, at, values, time if output.at == "time" else travel)
 
 
+def free_curve(output: DeckOutput, found: Found) -> FreeCurve:
+    """A curve over its own abscissa, of rows in any order; NotFound where the file does not say the abscissa."""
+    at, values = found
+    if at is None:
+        raise NotFound(f"{output.file}: {output.channel} over {output.over!r} needs at_column: what says the abscissa")
+    order = np.argsort(at, kind="stable")
+    try:
+        return FreeCurve(at[order], values[order], output.unit, output.over, output.over_unit)
+    except ValueError as error:
+        if isinstance(error, NotFinite):
+            raise
+        raise NotFound(f"{output.file}: {output.channel}: {error}") from error
+
+
 def _in_order(output: DeckOutput, at: np.ndarray | None, values: np.ndarray, n: int) -> np.ndarray:
     """Values by their place in the file, or by the number of the step that ends there."""
     if output.at == "order":
@@ -135,12 +151,14 @@ def _interpolated(
     line = np.interp(clipped, x, y)
     if len(x) < 3:
         return line, np.zeros(len(line)) if len(x) < 2 else np.abs(line - _nearest(x, y, clipped))
+    from scipy.interpolate import PchipInterpolator  # 0.3 s of start-up that only a deck needs
+
     smooth = PchipInterpolator(x, y)(clipped)
     return smooth, np.abs(smooth - line)
 
 
 def _nearest(x: np.ndarray, y: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """The value of the nearest row: two rows tell nothing of what is between them."""
+    """The value of the nearest row: two rows show nothing of what is between them."""
     return y[np.argmin(np.abs(wanted[:, None] - x), axis=1)]
 
 

@@ -64,7 +64,7 @@ def _summary(results: Results) -> list[str]:
         made = len({tuple(sorted(p.items())) for p in points})
         if design.get("kind") != "none" and similarity.get("applied") and made:
             say = "points were run" if made > 1 else "point was run"
-            said.append(f"In place of its points, {made} other {say}, over what similarity leaves of the parameters.")
+            said.append(f"Force scales exactly with the moduli, so {made} other {say} instead of its points.")
         if similarity.get("story"):
             said.append(clean(similarity["story"]).removesuffix(".") + ".")
         if design.get("kind") != "none" and similarity.get("applied") and known(similarity.get("runs_saved")):
@@ -104,8 +104,8 @@ def _trouble(results: Results, troubled: list[Mapping[str, Any]]) -> Table:
         column("in words", words([clean(r.get("reason")) or DASH for r in troubled]), number=False),
     ]
     note = (
-        "Failed: the model itself has no answer there. Crashed: anything else, tried again next time. "
-        "Neither gives the response surface a number."
+        "Failed: the model itself has no answer there. Crashed: anything else, tried again next time. Neither "
+        "enters the response surface."
     )
     return table("Runs without an answer", columns, note)
 

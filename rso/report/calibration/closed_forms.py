@@ -98,7 +98,7 @@ def _sentence(row: Mapping[str, Any]) -> str:
         size = _percent(abs(off)).lstrip("+")
         said = f"{name}: at {_length(deepest)}, {clean(first['name'])} is {size} {where} the simulated force"
     if known(first.get("modulus")):
-        said += f"; from these readings it would have told {_times(first['modulus'])} the modulus"
+        said += f"; from these readings it would give {_times(first['modulus'])} the modulus"
     band = f"within {100 * ENOUGH:.0f}{NBSP}% of the simulation"
     best = max(row["formulas"], key=lambda f: _near(row, f))  # the first, that is the simplest, of equals
     near = _near(row, best)
@@ -135,8 +135,8 @@ def _table(results: Results, row: Mapping[str, Any]) -> Block:
     ]
     unit = experiment(results, row["experiment"]).get("unit", "N")
     note = (
-        f"Columns by depth: force ({clean(unit)}) over the simulated one, less 1. Modulus: what the formula would have "
-        "told from these readings over that of the best candidate, at the same Poisson ratio."
+        f"Columns by depth: force ({clean(unit)}) over the simulated one, less 1. Modulus: that of the formula over "
+        "that of the best candidate, at the same Poisson ratio."
     )
     return table(f"Formulas for {clean(row['experiment'])}", columns, note)
 

@@ -31,10 +31,14 @@ def derived_sentences(results: Results) -> list[str]:
     fixed = [q for q in rows if q.get("known") is True]
     said = []
     if fixed:
-        each = [f"{clean(q['description'])} {clean(q['letter'])} = {_value(q)} ({_span(q)})" for q in fixed[:1]]
+        each = [
+            f"{clean(q['description'])} {clean(q['letter'])} = {derived_value(q)} ({derived_span(q)})"
+            for q in fixed[:1]
+        ]
         said.append(f"The data fix the {each[0]}{_level(results)}.")
     said += [
-        f"They leave the {clean(q['description'])} {clean(q['letter'])} between {_span(q).replace(' to ', ' and ')}."
+        f"They leave the {clean(q['description'])} {clean(q['letter'])} between "
+        f"{derived_span(q).replace(' to ', ' and ')}."
         for q in rows[:TILES]
         if q.get("known") is not True
     ]
@@ -50,8 +54,8 @@ def derived_table(results: Results) -> Table | None:
     columns = [
         column("", words([clean(q["letter"]) for q in rows]), number=False),
         column("", words([clean(q["description"]) for q in rows]), number=False),
-        column("most likely", words([_value(q) for q in rows])),
-        column("profile", words([_span(q) for q in rows]), level),
+        column("most likely", words([derived_value(q) for q in rows])),
+        column("profile", words([derived_span(q) for q in rows]), level),
         column("ends by a range", words([_ends(q) for q in rows]), number=False),
     ]
     note = "Each has a profile interval of its own: the parameters may go wherever the data let them."
@@ -59,8 +63,8 @@ def derived_table(results: Results) -> Table | None:
 
 
 def _fact(results: Results, q: Mapping[str, Any]) -> Fact:
-    note = f"{clean(q['description'])}; {_level(results).strip(', ') or 'interval'}: {_span(q)}"
-    value = _value(q) if q.get("known") is True else _span(q)
+    note = f"{clean(q['description'])}; {_level(results).strip(', ') or 'interval'}: {derived_span(q)}"
+    value = derived_value(q) if q.get("known") is True else derived_span(q)
     return Fact(clean(q["letter"]), value, note, "good" if q.get("known") is True else "warn")
 
 
@@ -69,7 +73,8 @@ def _unit(q: Mapping[str, Any]) -> Unit:
     return shown("" if q["unit"] == "1" else clean(q["unit"]), max(abs(low), abs(high)))
 
 
-def _value(q: Mapping[str, Any]) -> str:
+def derived_value(q: Mapping[str, Any]) -> str:
+    """The most likely value, as exactly as it is known."""
     unit, (low, high) = _unit(q), q["interval"]
     half = 0.5 * (high - low) * unit.factor
     value = q["value"] * unit.factor
@@ -77,7 +82,7 @@ def _value(q: Mapping[str, Any]) -> str:
     return f"{text}{unit.after}"
 
 
-def _span(q: Mapping[str, Any]) -> str:
+def derived_span(q: Mapping[str, Any]) -> str:
     """Both ends to two digits of their half-width: a Poisson's ratio of 0.26 to 0.46 is not one of 0.3 to 0.5."""
     unit, (low, high) = _unit(q), q["interval"]
     a, b = low * unit.factor, high * unit.factor

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from rso.report.calibration import deformed, errors, turning
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
@@ -17,8 +19,27 @@ from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_
 from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
+from rso.report.calibration.predictive_check import prediction_of
 from rso.report.calibration.verdict import how, interval_rows, likely
-from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
+from rso.report.canvas import (
+    ACCENT,
+    GREY,
+    HALO,
+    INK,
+    LIGHT,
+    NARROW,
+    PALE,
+    PAPER,
+    WARM,
+    WIDTH,
+    Look,
+    canvas,
+    grouped_as,
+    short,
+    style,
+    svg,
+    tag,
+)
 from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.reading import (
     CandidateView,
@@ -26,6 +47,7 @@ from rso.report.reading import (
     Results,
     at_rest,
     candidates,
+    compared_models,
     curve_unit,
     drawn_at,
     experiments,
@@ -39,50 +61,56 @@ from rso.report.reading import (
 )
 from rso.report.sketch import NAME, sketch_figure
 
+BESIDE = 4.4  # inch: the sketch beside the section
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
+
+
+Drawing = Callable[[Results, int, str], str]
+
+
+def _validation(results: Results, k: int, name: str) -> str:
+    e = experiments(results, "validate")[k]
+    return profile_figure(results, e, name) if is_profile(e) else validation(results, e, name)
+
+
+FIGURES: Mapping[str, Drawing] = {  # what stands before the hyphen of a name → results, number behind it, name → SVG
+    NAME: lambda results, k, name: sketch_figure(results, BESIDE if deformed.body(results) else WIDTH),
+    deformed.NAME: lambda results, k, name: deformed.deformed_figure(results, name),
+    deformed.CURVE: lambda results, k, name: deformed.pressed_figure(results, name),
+    turning.BODY: lambda results, k, name: turning.body_figure(results, name),
+    turning.SURFACE: lambda results, k, name: turning.relief_figure(results, name),
+    errors.PAIRS: lambda results, k, name: errors.pairs_figure(results, name),
+    errors.RESIDUALS: lambda results, k, name: errors.residuals_figure(results, name),
+    errors.BUDGET: lambda results, k, name: errors.budget_figure(results, name),
+    "formulas": closed_form_figure,
+    "determined": lambda results, k, name: determined(results, name),
+    "profile": lambda results, k, name: profiles(results, name),
+    "descent": lambda results, k, name: gauss_newton_figure(results, name),
+    "verification": lambda results, k, name: verification(results, name),
+    "curve": lambda results, k, name: curves(results, fitted_curves(results)[k], name),
+    "validation": _validation,
+    "surface": lambda results, k, name: surfaces(results, name),
+    "sensitivity": lambda results, k, name: sensitivity(results, name),
+    "along": along_figure,
+    "shapes": lambda results, k, name: shapes_figure(results, name),
+    "morris": lambda results, k, name: morris_figure(results, name),
+    "front": lambda results, k, name: fronts(results, listed(results, "searches")[k], name),
+}
 
 
 def draw(results: Results, name: str) -> str:
     """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
     kind, _, index = name.partition("-")
-    k = int(index or 0)
+    if kind not in FIGURES:
+        raise ValueError(f"no figure {name!r}")
     with style():
-        if kind == NAME:
-            return sketch_figure(results)
-        if kind == "formulas":
-            return closed_form_figure(results, k, name)
-        if kind == "determined":
-            return determined(results, name)
-        if kind == "profile":
-            return profiles(results, name)
-        if kind == "descent":
-            return gauss_newton_figure(results, name)
-        if kind == "verification":
-            return verification(results, name)
-        if kind == "curve":
-            return curves(results, fitted_curves(results)[k], name)
-        if kind == "validation":
-            e = experiments(results, "validate")[k]
-            return profile_figure(results, e, name) if is_profile(e) else validation(results, e, name)
-        if kind == "surface":
-            return surfaces(results, name)
-        if kind == "sensitivity":
-            return sensitivity(results, name)
-        if kind == "along":
-            return along_figure(results, k, name)
-        if kind == "shapes":
-            return shapes_figure(results, name)
-        if kind == "morris":
-            return morris_figure(results, name)
-        if kind == "front":
-            return fronts(results, listed(results, "searches")[k], name)
-    raise ValueError(f"no figure {name!r}")
+        return FIGURES[kind](results, int(index or 0), name)
 
 
 def determined(results: Results, name: str) -> str:
     """One line per parameter: the range searched, what the data allow, the most likely value."""
     rows = interval_rows(results)
-    figure = canvas(0.2 + 0.62 * len(rows))
+    figure = canvas(0.2 + 0.55 * len(rows), NARROW)
     axes = figure.subplots()
     for k, (p, d) in enumerate(rows):
         y = -k
@@ -96,7 +124,7 @@ def determined(results: Results, name: str) -> str:
         axes.text(-0.12, y, p.letter, ha="right", va="center", fontsize=11)
         for x, end, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
             axes.text(x, y, shortest(float(f"{end * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
-        axes.text(1.1, y, p.unit.label, ha="left", va="center", color=GREY)
+        axes.text(1.16, y, p.unit.label, ha="left", va="center", color=GREY)
         _scale(axes, y, p)
         word = "determined" if good else how(results, p).removeprefix("is ")
         axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
@@ -106,7 +134,7 @@ def determined(results: Results, name: str) -> str:
         best = likely(results, p)
         if known(best):
             axes.plot([p.share(p.low, best)], [y], "o", ms=6, mfc=PAPER, mec=INK, mew=1.2)
-    axes.set(xlim=(-0.17, 1.17), ylim=(-len(rows) + 0.45, 0.62))
+    axes.set(xlim=(-0.17, 1.28), ylim=(-len(rows) + 0.45, 0.62))
     axes.axis("off")
     return svg(figure, name)
 
@@ -120,7 +148,7 @@ def _scale(axes: Axes, y: float, p: ParameterView) -> None:
     for v in (k * 10.0**n / p.unit.factor for n in decades for k in (1, 2, 5)):
         if p.low < v < p.high:
             axes.plot([p.share(p.low, v)] * 2, [y - 0.07, y + 0.07], color=GREY, lw=0.6, zorder=1)
-    axes.text(1.1, y - 0.2, "log scale", ha="left", va="top", color=GREY, fontsize=7)
+    axes.text(1.16, y - 0.2, "log scale", ha="left", va="top", color=GREY, fontsize=7)
 
 
 def verification(results: Results, name: str) -> str:
@@ -180,8 +208,9 @@ def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
     unit, whole = curve_unit(results, e["name"]), e.get("measured") or {}
     m = on_the_way(whole)
     u, y = (np.array(v) for v in points(m.get("depth"), m.get("value")))
-    simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in candidates(results) if c.curve(e["name"])[0]]
-    holds = [(c, c.hold(e["name"])) for c in candidates(results) if c.hold(e["name"])]
+    models = compared_models(results)
+    simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in models if c.curve(e["name"])[0]]
+    holds = [(c, c.hold(e["name"])) for c in models if c.hold(e["name"])]
     rest = Resting.of(whole, [(c, *points(h.get("since"), h.get("value")), h.get("error") or ()) for c, h in holds])
     if not len(u) and rest is not None:
         return _creep(name, e, unit, rest)
@@ -221,7 +250,7 @@ def _curves(
     hold: Resting | None = None,
 ) -> str:
     simulated = sorted(simulated, key=lambda row: row[0].best)
-    figure = canvas(4.6 if simulated else 3.0)
+    figure = canvas(3.8 if simulated else 2.6, NARROW if hold is None else WIDTH)
     rows, columns = 2 if simulated else 1, 1 if hold is None else 2
     heights, widths = [2.6, 1][:rows], [1.35, 1][:columns]
     grid = figure.subplots(
@@ -229,9 +258,10 @@ def _curves(
     )
     axes, rest = grid[0, 0], grid[1, 0] if simulated else None
     axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
-    axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
+    dots: Look = {"marker": "o", "ls": ""} if len(u) <= 60 else {"ls": "-"}
+    axes.plot(u, y * unit.factor, ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK, label="measured", **dots)
     for c, x, f in simulated:
-        axes.plot(x, f * unit.factor, **(BEST if c.best else OTHER))
+        axes.plot(x, f * unit.factor, label=_series_name(c), **(BEST if c.best else OTHER))
     band = " ± σ" if sigma.any() else ""
     k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
     tag(axes, u[k], y[k] * unit.factor, f"measured{band}", offset=(-12, 9), ha="right")
@@ -256,6 +286,11 @@ def _curves(
     return svg(figure, name)
 
 
+def _series_name(c: CandidateView) -> str:
+    """The name of a curve for whoever points at it; all but the fitted model are shown or hidden together."""
+    return c.label if c.best else f"{c.label}{grouped_as('other candidates')}"
+
+
 def _residuals(
     axes: Axes,
     e: Mapping[str, Any],
@@ -273,7 +308,7 @@ def _residuals(
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
-        axes.plot(x, r * unit.factor, **(BEST if c.best else OTHER))
+        axes.plot(x, r * unit.factor, label=_series_name(c), **(BEST if c.best else OTHER))
         if c.best:
             d, error = c.error(e["name"])
             if d:
@@ -307,21 +342,34 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
         return _creep(name, e, unit, rest)
     if len(u) > 1:
         return _curves(name, e, unit, u, y, _sigma(m, u), found, rest)
-    return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), [(c, float(f[-1])) for c, _, f in found])
+    rows_of_dots = [(c, float(f[-1])) for c, _, f in found]
+    if (likely_one := _most_likely(results, e)) is not None:
+        rows_of_dots = [likely_one, *((replace(c, best=False), f) for c, f in rows_of_dots)]
+    return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), rows_of_dots)
+
+
+def _most_likely(results: Results, e: Mapping[str, Any]) -> tuple[CandidateView, float] | None:
+    """What the most likely values predict of a test of one reading; None where nothing does."""
+    v = prediction_of(results, e) or {}
+    mine = [c for c in v.get("channels") or () if c.get("channel") == e.get("channel")]
+    if not mine or not known((mine[0].get("predicted") or [None])[-1]):
+        return None
+    return CandidateView("", "most likely", 0, True, {}), float(mine[0]["predicted"][-1])
 
 
 def _dots(
     name: str, e: Mapping[str, Any], unit: Unit, y: float, sigma: float, rows: list[tuple[CandidateView, float]]
 ) -> str:
     rows = rows[:_ROWS]
-    figure = canvas(0.85 + 0.19 * len(rows))
+    figure = canvas(0.85 + 0.19 * len(rows), NARROW)
     axes = figure.subplots()
     for k, alpha in ((2, 0.35), (1, 0.6)):
         axes.axvspan((y - k * sigma) * unit.factor, (y + k * sigma) * unit.factor, color=LIGHT, lw=0, alpha=alpha)
     axes.axvline(y * unit.factor, color=INK, lw=1)
     for k, (c, f) in enumerate(rows):
         axes.plot([y * unit.factor, f * unit.factor], [-k, -k], color=PALE, lw=1.2, zorder=0)
-        axes.plot([f * unit.factor], [-k], "o", ms=5 if c.best else 4, color=ACCENT if c.best else GREY)
+        size, colour = (5.0, ACCENT) if c.best else (4.0, GREY)
+        axes.plot([f * unit.factor], [-k], "o", label=c.label, ms=size, color=colour)
         text = f"{percent(abs(f - y) / abs(y))} too {'high' if f > y else 'low'}" if y and f != y else ""
         axes.annotate(
             text,

@@ -17,7 +17,7 @@ _REGIONS = 3
 _VERDICTS = {
     "no_gap": ("none", "The model reproduces the measurements within their noise."),
     "explained": ("explained", "The model misses something, and the diagnosis has found its cause: {0}."),
-    "ambiguous": ("several causes", "The model misses something, and these data cannot tell its causes apart: {0}."),
+    "ambiguous": ("several causes", "The model misses something, and these data cannot separate the causes: {0}."),
     "partly": ("partly explained", "The model misses something; {0} is part of it, not all."),
     "unexplained": ("unexplained", "The model misses something, and nothing in the catalogue explains it."),
     "measurement": ("the measurement", "Not the model but the measurement is off: {0}."),
@@ -62,7 +62,7 @@ def gap_sections(results: Results) -> tuple[Section, ...]:
         blocks.append(Text(regions))
     if causes:
         blocks.append(_causes(causes))
-    blocks.append(Text("How this was found, how sure it is and what would settle it:", "note", "diagnosis.html"))
+    blocks.append(Text("How this was found, how sure it is and which test would decide:", "note", "diagnosis.html"))
     return (Section("gap", "Where the model is off", tuple(blocks)),)
 
 

@@ -24,9 +24,9 @@ def gauss_newton_section(results: Results) -> Section:
     data = results.get("descent") or {}
     whose = "differences between runs" if data.get("derivatives") == "differences" else "the backend's derivatives"
     lead = (
-        f"No response surface was built: each point is the least misfit on what all runs so far and {whose} say, "
-        "near the best of them; then the full model is run there. It ends when a run agrees with its prediction and no "
-        "further step would gain anything."
+        "No response surface was built. Each iterate minimises the misfit predicted from all runs so far and "
+        f"{whose}, near the best run; the full model is then run there. The iteration ends when a run agrees with "
+        "its prediction and no step would gain more."
     )
     blocks: list[Block] = [Text(lead)]
     if any(len(d.get("iterates") or ()) > 1 for d in every):

@@ -8,11 +8,11 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from rso.inference.intervals import pieces
 from rso.report.calibration.derived import derived_table
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, WARM, canvas, parameter_axis, svg
+from rso.report.calibration.errors import error_blocks
+from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
 from rso.report.layout.digits import (
     DASH,
     aligned,
@@ -20,11 +20,9 @@ from rso.report.layout.digits import (
     channel_text,
     clean,
     known,
-    largest,
     percent,
     sentence,
     shortest,
-    shown,
     significant,
 )
 from rso.report.layout.document import Block, Cell, Mark, Picture, Section, Table, Text, column, missing, table, words
@@ -46,16 +44,23 @@ def identification_section(results: Results) -> Section:
         return Section("identification", title, (missing("Likelihood and intervals", "verify"),))
     rows = identified(results)
     blocks: list[Block] = [Text(_fit(data))]
-    if profiled(results):
-        blocks.append(Picture("profile", _caption(data)))
     blocks.append(_intervals(results, data, rows))
     if (quantities := derived_table(results)) is not None:
         blocks.append(quantities)
     for p, d in rows:
         if d.get("reason"):
             blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))
-    blocks += [t for t in (_directions(results, data), _gains(results, data), _values(results, data)) if t is not None]
+    blocks += error_blocks(results)
+    blocks += [t for t in (_directions(results, data), _values(results, data)) if t is not None]
     return Section("identification", title, tuple(blocks))
+
+
+def open_blocks(results: Results) -> tuple[Block, ...]:
+    """The profiles of the misfit, and what one more test would add."""
+    data = results.get("identification") or {}
+    blocks: list[Block] = [Picture("profile", _caption(data))] if profiled(results) else []
+    gains = _gains(results, data)
+    return (*blocks, *((gains,) if gains is not None else ()))
 
 
 def identified(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
@@ -117,11 +122,10 @@ def _fit(data: Mapping[str, Any]) -> str:
     m = data.get("mcmc") or {}
     if known(m.get("draws")):
         said.append(
-            f"Posterior on a grid: {m['draws']} draws, "
-            f"as good as {significant(m.get('independent'), 3)} independent ones."
+            f"Posterior on a grid: {m['draws']} draws, effective sample size {significant(m.get('independent'), 3)}."
             if m.get("method") == "cells"
-            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, as good as "
-            f"{significant(m.get('independent'), 3)} independent ones"
+            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, effective "
+            f"sample size {significant(m.get('independent'), 3)}"
             f"{'' if m.get('converged', True) else '; it has not converged, its intervals are not given'}."
         )
     return " ".join(said)
@@ -134,8 +138,8 @@ def _unsaid(story: str, x: object) -> bool:
 def _caption(data: Mapping[str, Any]) -> str:
     level = percent(number(data.get("level")))
     return (
-        "Above: how much worse the best fit becomes when one parameter is held and the others follow; what lies below "
-        f"the line is the {level} interval. Below: the change of the curve where it shows most; band: ±σ of the data."
+        "How much worse the best fit becomes when one parameter is held and the others follow. "
+        f"What lies below the dashed line is the {level} interval."
     )
 
 
@@ -237,38 +241,21 @@ def _values(results: Results, data: Mapping[str, Any]) -> Table | None:
 
 
 def profiles(results: Results, name: str) -> str:
-    """Profile of the misfit and change of the curve along each parameter."""
+    """Profile of the misfit along each parameter."""
     found = profiled(results)
-    figure = canvas(3.6)
-    grid = figure.subplots(2, len(found), squeeze=False, sharex="col", height_ratios=[1.4, 1])
+    figure = canvas(1.9, NARROW if len(found) < 3 else WIDTH)
+    grid = figure.subplots(1, len(found), squeeze=False, sharey="row")
     level = number((results.get("identification") or {}).get("level")) or 0.9
     limit = NormalDist().inv_cdf(0.5 * (1 + min(level, 0.9999))) ** 2
     for k, (p, profile) in enumerate(found):
         x, rise = (np.array(v) for v in points(profile.get("values"), profile.get("rise")))
-        upper, lower = grid[0, k], grid[1, k]
-        upper.plot(x * p.unit.factor, rise, color=ACCENT)
-        upper.axhline(limit, color=WARM, lw=0.8, ls="--")
-        upper.set_ylim(0, min(max(4 * limit, 1.0), max(1.2 * float(rise.max()), 1.5 * limit)))
-        _change(lower, p, profile)
-        parameter_axis(lower, "x", p)
+        axes = grid[0, k]
+        axes.plot(x * p.unit.factor, rise, color=ACCENT, label="χ² − least χ²")
+        axes.axhline(limit, color=WARM, lw=0.8, ls="--")
+        axes.set_ylim(0, max(4 * limit, 1.0))
+        parameter_axis(axes, "x", p)
         if not k:
-            upper.set_ylabel("χ² − least χ²")
+            axes.set_ylabel("χ² − least χ²")
             where = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
-            upper.annotate(percent(level), (0, limit), xytext=(3, 2), color=WARM, fontsize=8, **where)
+            axes.annotate(percent(level), (0, limit), xytext=(3, 2), color=WARM, fontsize=8, **where)
     return svg(figure, name)
-
-
-def _change(axes: Axes, p: ParameterView, profile: Mapping[str, Any]) -> None:
-    x, y = (np.array(v) for v in points(profile.get("values"), profile.get("change")))
-    u, s = (np.array(v) for v in points(profile.get("values"), profile.get("sigma")))
-    unit = shown("N", largest([*map(float, s)]) or largest([*map(float, y)]))
-    axes.axhline(0, color=GREY, lw=0.6)
-    if len(u):
-        axes.fill_between(u * p.unit.factor, -s * unit.factor, s * unit.factor, color=LIGHT, lw=0, alpha=0.75)
-    if len(x):
-        axes.plot(x * p.unit.factor, y * unit.factor, color=INK)
-        # Far away the change is many times the noise; what matters is where the two are alike.
-        high = 4 * float(np.median(s)) if len(s) else float(np.abs(y).max())
-        if high > 0:
-            axes.set_ylim(-high * unit.factor, high * unit.factor)
-    axes.set_ylabel(f"change{unit.bracket}")

@@ -41,8 +41,8 @@ def extrapolation(names: list[str], total: int) -> str:
     verb, its = ("lies", "its prediction is") if len(names) == 1 else ("lie", "their predictions are")
     which = "All candidates" if len(names) == total > 1 else f"{what} {', '.join(names)}"
     return (
-        f"{which} {verb} outside the convex hull of the runs that the surrogates learnt from: {its} an extrapolation, "
-        "and only the rerun tells what happens there."
+        f"{which} {verb} outside the convex hull of the training runs: {its} an extrapolation, and only the rerun "
+        "is reliable there."
     ).replace("predictions are an extrapolation", "predictions are extrapolations")
 
 
@@ -277,7 +277,7 @@ def _morris_table(results: Results) -> Table:
 
 
 def over(results: Results) -> str:
-    """The ranges that sensitivities are about, in a sentence; empty where nothing tells."""
+    """The ranges that sensitivities are about, in a sentence; empty where nothing shows."""
     data = results.get("sensitivity") or {}
     ranges, whose = (
         data.get("ranges") or {},

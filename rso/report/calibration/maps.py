@@ -71,7 +71,7 @@ def surfaces(results: Results, name: str) -> str:
             _surface(axes, results, s, x, y, output)
         elif x is not None:
             _line(axes, results, s, x, output)
-    return svg(figure, name)
+    return svg(figure, name, plate=True)
 
 
 def _targets(results: Results, output: str) -> list[Mapping[str, Any]]:

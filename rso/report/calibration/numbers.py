@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,19 @@ from rso.report.calibration.closed_forms import closed_form_sections
 from rso.report.calibration.displacements import is_profile, profile_blocks
 from rso.report.calibration.gap import gap_sections
 from rso.report.calibration.gauss_newton import gauss_newton_section, gauss_newton_starts
-from rso.report.calibration.identification import identification_section
+from rso.report.calibration.identification import identification_section, open_blocks
 from rso.report.calibration.influence import extrapolation
-from rso.report.calibration.predictions import off, predictions
+from rso.report.calibration.predictions import off, prediction_sentences, predictions
 from rso.report.calibration.range_extension import range_blocks
 from rso.report.calibration.responses import front_section, sensitivity_section, surface_section
-from rso.report.calibration.verdict import verdict
+from rso.report.calibration.turning import turning_sections
+from rso.report.calibration.verdict import (
+    determined_blocks,
+    fit_sentences,
+    found_sentences,
+    known_sentences,
+    verdict,
+)
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import (
     DASH,
@@ -54,10 +62,12 @@ from rso.report.reading import (
     at_rest,
     best_candidate,
     candidates,
+    compared_models,
     curve_unit,
     drawn_at,
     experiments,
     fitted_curves,
+    fitted_model,
     lettered,
     listed,
     number,
@@ -70,6 +80,7 @@ from rso.report.reading import (
 )
 
 NOTES = 500  # characters of what a file says of itself beside its curve
+SHORT = 3  # rows of a table that the main page has room for
 NEAR = 0.01  # per cent between a prediction and its simulation that nobody needs to know better
 _METRICS = (("NRMSE", "nrmse", ""), ("MRE", "mre", ""), ("MAPE", "mape", "%"), ("RRMSE", "rrmse", ""))
 
@@ -92,30 +103,13 @@ def report(results: Results) -> Report:
         clean(study.get("title")) or "Untitled study",
         (f"Parameters identified from {fitted}" if fitted else "") + (f", chosen with {chosen} too" if chosen else ""),
         byline(results),
-        (
-            verdict(results),
-            curve_section(results),
-            identification_section(results),
-            *gap_sections(results),
-            *closed_form_sections(results),
-            candidate_section(results),
-            *_how_found(results),
-            runs(results),
-            provenance(results),
-        ),
+        tuple(section for make in SECTIONS for section in make(results)),
     )
 
 
-def _how_found(results: Results) -> tuple[Section, ...]:
-    """Response surfaces and what was done on them, or the descent that needed none."""
-    if gauss_newton_starts(results):
-        return (gauss_newton_section(results),)
-    return surface_section(results), sensitivity_section(results), front_section(results)
-
-
 def candidate_section(results: Results) -> Section:
-    """Section 4: every candidate against the run that recomputed it, one table per search."""
-    blocks: list[Block] = []
+    """Every candidate against the run that recomputed it, one table per search."""
+    blocks: list[Block] = [Text(t) for t in found_sentences(results)]
     if any(known(o.get("recomputed")) for c in candidates(results) for o in c.data.get("outputs") or ()):
         blocks.append(Picture("verification", _verification_caption(results)))
     for s in listed(results, "searches"):
@@ -125,7 +119,9 @@ def candidate_section(results: Results) -> Section:
         if s is listed(results, "searches")[0]:
             blocks += range_blocks(results)
     title = "Candidates against their own simulations"
-    return Section("candidates", title, tuple(blocks) or (missing("Candidates", "search"),))
+    return Section(
+        "candidates", title, tuple(blocks) if candidates(results) else (*blocks, missing("Candidates", "search"))
+    )
 
 
 def _verification_caption(results: Results) -> str:
@@ -227,8 +223,8 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[CandidateV
 
 
 def curve_section(results: Results) -> Section:
-    """Section 2: measured and simulated curves with error metrics, then the tests that were not used."""
-    blocks: list[Block] = []
+    """Measured and simulated curves with error metrics."""
+    blocks: list[Block] = [Text(t) for t in fit_sentences(results)]
     for k, e in enumerate(fitted_curves(results)):
         if points((e.get("measured") or {}).get("depth"), (e.get("measured") or {}).get("value"))[0]:
             blocks.append(Picture(f"curve-{k}", curve_caption(results, e)))
@@ -237,16 +233,30 @@ def curve_section(results: Results) -> Section:
         rows = metric_rows(results, e["name"])
         if rows:
             blocks.append(_metric_table(results, e, rows))
-    if not blocks:
+    if not any(isinstance(b, Picture) for b in blocks):
         blocks.append(Text("No experiment has been read.", "missing"))
     elif not any(isinstance(b, Table) for b in blocks):
         blocks.append(missing("Recomputed curves and their errors", "verify"))
-    return Section("curves", "Measured and simulated", (*blocks, *_validation_blocks(results)))
+    return Section("curves", "Measured and simulated", tuple(blocks))
+
+
+def prediction_section(results: Results) -> Section:
+    """Whether tests are predicted that were not used."""
+    said = [Text(t) for t in prediction_sentences(results)]
+    return Section("prediction", "Does it predict?", (*said, *_validation_blocks(results)))
+
+
+def open_section(results: Results) -> Section:
+    """What the data leave open, and what would decide it."""
+    said = [Text(t) for t in known_sentences(results)]
+    return Section(
+        "open", "What is known, and what is not", (*said, *determined_blocks(results), *open_blocks(results))
+    )
 
 
 def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     """What the curves show: how far the best candidate is from the measurement, and where most."""
-    whole, unit, best = e.get("measured") or {}, curve_unit(results, e["name"]), best_candidate(results)
+    whole, unit, best = e.get("measured") or {}, curve_unit(results, e["name"]), fitted_model(results)
     name, m = clean(e["name"]), on_the_way(whole)
     u, y = points(m.get("depth"), m.get("value"))
     x, f = best.curve(e["name"]) if best else ((), ())
@@ -265,6 +275,8 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     text += _hold_caption(whole, best.hold(e["name"]), e["unit"])
     if points(m.get("depth"), m.get("sigma"))[0]:
         text += " Grey band: ±σ of the measurement, whose errors may go up and down together over some depth."
+    if not best.search:
+        text += " The most likely curve may run beside the readings: an error that moves all of them counts once."
     if any(best.error(e["name"])[1]):
         text += " Blue band of the residual: estimated numerical error of the simulation."
     return text
@@ -286,7 +298,7 @@ def _hold_caption(measured: Mapping[str, Any], hold: Mapping[str, Any], unit: st
 def metric_rows(results: Results, name: str) -> list[tuple[str, Mark, Mapping[str, Any]]]:
     """(model, kind, metrics) for every candidate, the baseline and the mean over the runs."""
     rows: list[tuple[str, Mark, Mapping[str, Any]]] = [
-        (c.label, "strong" if c.best else "", c.metrics(name)) for c in candidates(results) if c.metrics(name)
+        (c.label, "strong" if c.best else "", c.metrics(name)) for c in compared_models(results) if c.metrics(name)
     ]
     for key, label in (("baseline", "mean of the measured curve"), ("mean_over_runs", "mean over all design runs")):
         if (results.get(key) or {}).get(name):
@@ -311,7 +323,7 @@ def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, 
         if known(used.get("n"))
         else ""
     )
-    return table(f"Errors against {clean(e['name'])}", columns, note)
+    return table(f"Errors against {clean(e['name'])}", columns, note, folded=len(rows) > SHORT)
 
 
 def _validation_blocks(results: Results) -> list[Block]:
@@ -321,7 +333,7 @@ def _validation_blocks(results: Results) -> list[Block]:
     rows = listed(results, "validation")
     if not rows:
         return [missing("Predictions of the validation experiments", "validate")]
-    blocks: list[Block] = [Text("Tests that were not used", "heading")]
+    blocks: list[Block] = []
     for k, e in enumerate(planned):
         mine = validations(results, e)
         if not mine:
@@ -371,4 +383,37 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     many = any(len(v.get("depth") or ()) > 1 for v in rows)
     last_one = "at the end of the hold" if any((v.get("since") or [0.0])[-1] for v in rows) else "at the last depth"
     note = (f"Values are those {last_one}. " if many else "") + " ".join(reasons)
-    return table(f"Unused test {clean(e['name'])}", columns, note)
+    return table(f"Unused test {clean(e['name'])}", columns, note, folded=len(rows) > SHORT)
+
+
+def _how_found(results: Results) -> tuple[Section, ...]:
+    """Response surfaces and what was done on them, or the descent that needed none."""
+    if gauss_newton_starts(results):
+        return (gauss_newton_section(results),)
+    return surface_section(results), sensitivity_section(results), front_section(results)
+
+
+def _one(make: Callable[[Results], Section]) -> Callable[[Results], tuple[Section, ...]]:
+    return lambda results: (make(results),)
+
+
+def _behind(make: Callable[[Results], Sequence[Section]]) -> Callable[[Results], tuple[Section, ...]]:
+    """The same sections as a part of the appendix."""
+    return lambda results: tuple(replace(s, appendix=True) for s in make(results))
+
+
+# The order of the page: the answer, how well it fits and predicts, what is open; how it was found stands behind.
+SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
+    _one(verdict),
+    _one(curve_section),
+    _one(prediction_section),
+    _one(open_section),
+    turning_sections,
+    gap_sections,
+    _behind(_one(identification_section)),
+    _behind(closed_form_sections),
+    _behind(_one(candidate_section)),
+    _behind(_how_found),
+    _behind(_one(runs)),
+    _behind(_one(provenance)),
+)

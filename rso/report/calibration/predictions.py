@@ -86,7 +86,7 @@ def answer(found: Sequence[Prediction]) -> Answer:
     """Whether a test is predicted by the candidates, all of which hit the targets.
 
     They are far apart where the targets leave a direction open: a measurement among their predictions is predicted as
-    far as the fit can tell, and one that only some of them meet tells them apart.
+    far as the fit can show, and one that only some of them meet separates them.
     """
     met = [p.met for p in found]
     if not met or None in met:

@@ -112,7 +112,7 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
     columns.insert(3, column("errors in", words([u.label for u in sized]), number=False))
     held = [(s.get("held_out") or {}).get("n") for s in scores]
     new = ", ".join(f"{n}" for n in sorted({n for n in held if known(n)}))
-    note = f"Held out: {new} runs that the surrogates had not seen when these scored them; then they learn them."
+    note = f"Held out: {new} runs used only to test the surrogates, then added to the training set."
     return table("Errors of the surrogates", columns, note if new else "")
 
 
@@ -167,8 +167,8 @@ def _definition(results: Results, data: Mapping[str, Any]) -> str:
     around = f" ({point})" if point else ""
     return (
         f"Local: the output at the two ends of a parameter’s range with the others held{around}; the elasticity is "
-        "d ln y / d ln θ there. Sobol: the share of the output’s variance over the whole box that a parameter causes "
-        "alone (first order) and together with the others (total), with 90 % intervals that hold the surrogate’s error."
+        "d ln y / d ln θ there. Sobol: share of the output’s variance over the ranges due to a parameter alone "
+        "(first order) and with all others (total). The 90 % intervals include the surrogate’s error."
     )
 
 
@@ -215,7 +215,9 @@ def front_section(results: Results) -> Section:
     blocks: list[Block] = []
     for k, s in enumerate(listed(results, "searches")):
         if len(front(s)[0]) and (parameters(results, free=True) or len(s.get("targets") or ()) > 1):
-            blocks.append(Picture(f"front-{k}", _front_caption(results, s)))
+            caption = _front_caption(results, s)
+            alone = len(s.get("targets") or ()) < 2 and len(front(s)[0]) == 1  # a picture of one dot tells nothing
+            blocks.append(Text(caption) if alone else Picture(f"front-{k}", caption))
     title = "Compromises between the targets"
     return Section("front", title, tuple(blocks) or (missing("Pareto fronts", "search"),))
 
@@ -231,7 +233,8 @@ def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
             if x:
                 spans.append(f"{p.letter} {between(min(x), max(x), p.unit)}")
         where = "met best at" if len(values) == 1 else f"met at {len(values)} points:"
-        return f"{what}one target, {where} {', '.join(spans)} (dot). Diamonds: candidates."
+        marks = "" if len(values) == 1 else " (dots). Diamonds: candidates"
+        return f"{what}one target, {where} {', '.join(spans)}{marks}."
     unit = targets[0].get("unit", "")
     worst = float(objectives.max(axis=1).min())
     return (

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from rso.inference.verdict import REFUTED
-from rso.report.calibration.derived import derived_facts, derived_sentences
+from rso.report.calibration.deformed import deformed_blocks
+from rso.report.calibration.derived import (
+    TILES,
+    derived_facts,
+    derived_rows,
+    derived_sentences,
+    derived_span,
+    derived_value,
+)
 from rso.report.calibration.gap import gap_fact, gap_sentences
 from rso.report.calibration.identification import allowed, identified, spans
-from rso.report.calibration.predictions import prediction_fact, prediction_sentences
+from rso.report.calibration.predictions import prediction_fact
 from rso.report.calibration.predictive_check import missed, missed_channel, prediction_of
 from rso.report.layout.digits import (
     Unit,
@@ -20,10 +29,9 @@ from rso.report.layout.digits import (
     quantity,
     rounded,
     shortest,
-    significant,
     unit_text,
 )
-from rso.report.layout.document import Block, Fact, Facts, Picture, Section, Text
+from rso.report.layout.document import Answers, Block, Fact, Facts, Mark, Picture, Section, Text
 from rso.report.notes import data_remarks
 from rso.report.reading import (
     STAGES,
@@ -35,6 +43,7 @@ from rso.report.reading import (
     candidates,
     experiment,
     finished,
+    fitted_model,
     lettered,
     listed,
     number,
@@ -45,18 +54,92 @@ from rso.report.sketch import sketch_blocks
 
 
 def verdict(results: Results) -> Section:
-    """The answers, the most important first."""
-    blocks: list[Block] = []
-    facts = _facts(results)
-    if facts:
+    """The first screen: one sentence, what is known, what is not, whether a prediction held, and a picture of it."""
+    blocks: list[Block] = [Text(t, "missing") for t in unfinished(results)]
+    if lead := plain_answer(results):
+        blocks.append(Text(lead, "lead"))
+    if lines := answers(results):
+        blocks.append(Answers(lines))
+    blocks += [*deformed_blocks(results), *_beside(results)]
+    if facts := _facts(results):
         blocks.append(Facts(facts))
-    blocks += [Text(t, "missing") for t in unfinished(results)]
-    said = [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
-    blocks += [*said[:1], *sketch_blocks(results), *data_remarks(results), *said[1:]]
+    blocks += data_remarks(results)
     blocks += [Text(lettered(results, w), "warning") for w in results.get("warnings") or ()]
-    if interval_rows(results):
-        blocks.append(Picture("determined", _determined_caption(results)))
-    return Section("verdict", "Verdict", tuple(blocks))
+    return Section("verdict", "Answer", tuple(blocks))
+
+
+def _beside(results: Results) -> tuple[Picture, ...]:
+    """The sketch, in a row with the other pictures where there are any."""
+    share = 2 if deformed_blocks(results) else 0
+    return tuple(replace(p, share=share) for p in sketch_blocks(results))
+
+
+def plain_answer(results: Results) -> str:
+    """The answer in one sentence: the quantity that people think in, else the first parameter that is determined."""
+    level = number((results.get("identification") or {}).get("level"))
+    sure = f", with {percent(level)} confidence between" if level is not None else ", between"
+    for q in derived_rows(results):
+        if q.get("known") is True:
+            name = clean(q["description"])
+            return f"The {name} is {derived_value(q)}{sure} {derived_span(q).replace(' to ', ' and ')}."
+    for p, d in interval_rows(results):
+        x, span = likely(results, p), spans(results, p, d["interval"]).replace(" to ", " and ")
+        if d.get("determined") is True and x is not None:
+            return f"{p.letter} is {_value(p, x, d['interval'], p.unit)}{sure} {span}."
+    letters = [p.letter for p, _ in interval_rows(results)]
+    return (
+        f"These data determine {'no value of' if len(letters) == 1 else 'none of'} {_and(letters)}." if letters else ""
+    )
+
+
+def answers(results: Results) -> tuple[Fact, ...]:
+    """What is known, what is not, whether a test that was not used is predicted."""
+    rows, derived = interval_rows(results), derived_rows(results)
+    fixed = [
+        f"{clean(q['letter'])} = {derived_value(q)} ({derived_span(q)})" for q in derived if q.get("known") is True
+    ]
+    loose = [f"{clean(q['letter'])} ({derived_span(q)})" for q in derived[:TILES] if q.get("known") is not True]
+    for p, d in rows:
+        x, span = likely(results, p), spans(results, p, d["interval"])
+        if d.get("determined") is True and x is not None:
+            fixed.append(f"{p.letter} = {_value(p, x, d['interval'], p.unit)} ({span})")
+        elif d.get("determined") is not True:
+            loose.insert(0, f"{p.letter} ({span})")
+    found: list[Fact] = []
+    if (times := _refuted(results)) is not None:
+        by = shortest(float(f"{times:.2g}"))
+        found.append(Fact("Fit", f"the model misses the data by {by} times their errors", "", "bad"))
+    if fixed:
+        found.append(Fact("Known", "; ".join(fixed), "", "good"))
+    if loose:
+        found.append(Fact("Not known", "; ".join(loose), "", "warn"))
+    for f in prediction_fact(results):
+        mark: Mark = "good" if f.mark == "good" else "bad" if f.value.startswith("not ") else "warn"
+        found.append(Fact("Prediction", f"{f.value}: {f.note}", "", mark))
+    if rows and not any(f.label == "Prediction" for f in found):
+        found.append(Fact("Prediction", "no test was kept to check one", "", "warn"))
+    return tuple(found)
+
+
+def determined_blocks(results: Results) -> tuple[Block, ...]:
+    """The bar of each parameter."""
+    return (Picture("determined", _determined_caption(results)),) if interval_rows(results) else ()
+
+
+def known_sentences(results: Results) -> list[str]:
+    """What is known of the material, what is not, and why not."""
+    said = [" ".join([*_material(results), *derived_sentences(results)]), " ".join(_reason(results))]
+    return [t for t in (*said, *gap_sentences(results)) if t]
+
+
+def fit_sentences(results: Results) -> list[str]:
+    """How well the fitted model reproduces what it was fitted to."""
+    return [t for t in (" ".join(_fit(results)),) if t]
+
+
+def found_sentences(results: Results) -> list[str]:
+    """What was recomputed, and what all of it cost."""
+    return [t for t in (" ".join(_verification(results)), _cost(results)) if t]
 
 
 def unfinished(results: Results) -> list[str]:
@@ -68,20 +151,6 @@ def unfinished(results: Results) -> list[str]:
         return [f"This study has not finished any stage that this report knows (stage: {clean(stage) or 'none'})."]
     later = ", ".join(STAGES[STAGES.index(stage) + 1 :])
     return [f"This study is not complete. The last finished stage is “{stage}”; still to come: {later}."]
-
-
-def sentences(results: Results) -> list[str]:
-    """One paragraph per question; questions without an answer yet are left out."""
-    paragraphs = [
-        " ".join([*_material(results), *derived_sentences(results)]),
-        " ".join(prediction_sentences(results)),
-        *gap_sentences(results),
-        " ".join(_reason(results)),
-        " ".join(_verification(results)),
-        " ".join(_fit(results)),
-        _cost(results),
-    ]
-    return [p for p in paragraphs if p]
 
 
 NOT = "is not determined"
@@ -185,9 +254,8 @@ def _valley(results: Results, name: str, p: ParameterView) -> str:
     if len(values) < 2 or spread is None:
         return ""
     return (
-        f"The candidates of search {name} show it: {p.letter} goes from {p.show(min(values), 3)} to "
-        f"{p.show(max(values), 3)}, a factor of {significant(max(values) / min(values), 2)}, and yet their recomputed "
-        f"target values differ by at most {percent(spread)}."
+        f"Between the candidates of search {name}, {p.letter} goes from {p.show(min(values), 3)} to "
+        f"{p.show(max(values), 3)}. Their recomputed targets still differ by at most {percent(spread)}."
     )
 
 
@@ -242,19 +310,17 @@ def _none_is_best(results: Results) -> list[str]:
 
 
 def _fit(results: Results) -> list[str]:
-    best, said = best_candidate(results), []
+    best, said = fitted_model(results), []
     if best is None:
         return _none_is_best(results) if finished(results, "verify") else []
     for name in best.data.get("metrics") or {}:
         m, base = best.metrics(name), (results.get("baseline") or {}).get(name) or {}
         rmse, flat = quantity(m.get("rmse"), experiment(results, name).get("unit", ""), 3), about_zero(base)
         score = f"RMSE of {rmse}" if flat else f"NRMSE of {percent(number(m.get('nrmse')))} (RMSE {rmse})"
-        text = f"The best candidate, {best.label}, reproduces the measured curve {clean(name)} with an {score}"
+        whose = f"The best candidate, {best.label}," if best.search else "The fitted model, the most likely one,"
+        text = f"{whose} reproduces the measured curve {clean(name)} with an {score}"
         if not flat and known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
-            text += (
-                f"; the model that only predicts the mean of the curve has {percent(base['nrmse'])}, "
-                f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
-            )
+            text += f". For scale: a flat line at the mean force has {percent(base['nrmse'])}"
         e = experiment(results, name)
         v = prediction_of(results, e) if e.get("role") == "select" else None
         if v is not None and v.get("verdict") == "no" and (name == e["experiment"] or missed_channel(e, v)):
@@ -278,7 +344,7 @@ def _cost(results: Results) -> str:
 
 
 def _facts(results: Results) -> tuple[Fact, ...]:
-    facts, best = [], best_candidate(results)
+    facts, best = [], fitted_model(results)
     sure = _level(results).removeprefix(" with ").replace(" confidence", " interval")
     for p, d in interval_rows(results)[:3]:
         span = spans(results, p, d["interval"])
@@ -297,7 +363,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
-            note = f"NRMSE of the best candidate; {percent(base)} for the mean of the curve"
+            whose = "best candidate" if best.search else "fitted model"
+            note = f"NRMSE of the {whose}; {percent(base)} for the mean of the curve"
             facts.append(Fact("Fit", percent(number(best.metrics(name).get("nrmse"))), note))
     facts += [*prediction_fact(results), *gap_fact(results)]
     if finished(results, "verify") and candidates(results):

@@ -101,10 +101,10 @@ def _noise(found: Found) -> Table | None:
 
 def _rerun(rounds: Sequence[Mapping[str, Any]]) -> str:
     if not any(r.get("runs") for r in rounds):
-        return "No effect was simulated anew at its found size."
+        return "No effect was simulated again at its estimated size."
     said = []
     for n, r in enumerate(rounds):
-        head = "Simulated anew at the size found: " if n == 0 else "Again, at the size found then: "
+        head = "Simulated again at the estimated size: " if n == 0 else "Again, at the size found then: "
         runs = f"{r['runs']} run{'s' * (r['runs'] != 1)}"
         text = f"{head}{', '.join(r['effects'])} ({runs}, {r.get('failed') or 0} failed)."
         if known(r.get("rms")):

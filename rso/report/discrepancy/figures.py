@@ -182,7 +182,7 @@ _CALLED = {"before": "without cause", "if_nothing_else": "nothing else", "after"
 
 
 def parameters(found: Found) -> Figure:
-    """Each parameter by what it hangs on: median and 90 % interval."""
+    """Each parameter by what it depends on: median and 90 % interval."""
     rows = parameter_bands(found)[:4]
     shown = [w for w in ("before", "if_nothing_else", "after") if w in said_when(found)]
     whens = [(w, GREY if w == shown[0] else ACCENT) for w in shown]

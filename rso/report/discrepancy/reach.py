@@ -1,4 +1,4 @@
-"""How far a diagnosis reaches: its self-check, what its test plan can see, and which test would tell more."""
+"""How far a diagnosis reaches: its self-check, what its test plan can see, and which test would show more."""
 
 from __future__ import annotations
 
@@ -109,12 +109,12 @@ def next_test(found: Found) -> Section:
     title, rows = "Next test", list(core(found).get("next_test") or ())
     if not rows:
         open_ = core(found).get("verdict") in ("partly", "unexplained")
-        why = "What is left looks like nothing in the catalogue" if open_ else "Nothing is left to tell apart"
+        why = "What is left looks like nothing in the catalogue" if open_ else "No rival causes are left to separate"
         return Section("next", title, (Text(f"{why}, so no further test is proposed."),))
     every, rows = rows, [t for t in rows if (number(t.get("chance")) or 0.0) >= TELLS]
     if not rows:
-        told = f"None of {len(every)} that were weighed would settle it (chance below 1 %): "
-        return Section("next", title, (Text(f"{told}it takes repeats, less noise or other channels."),))
+        told = f"None of {len(every)} proposed tests would separate the causes (chance below 1 %): "
+        return Section("next", title, (Text(f"{told}repeats, less noise or other channels are needed."),))
     distance = [number(t.get("distance")) for t in rows]
     chance = [number(t.get("chance")) for t in rows]
     promise = [
@@ -128,8 +128,8 @@ def next_test(found: Found) -> Section:
         column("resolves", words([f"{t.get('resolves', DASH)} of {t.get('pairs', DASH)} pairs" for t in rows])),
         column("", tuple(promise), number=False),
     ]
-    note = "Settles it: probability that one cause has 95 % afterwards; what presses is done three times. "
+    note = "Decides: probability that one cause has 95 % afterwards; indentations are repeated three times. "
     note += "D: distance in standard deviations of what the pair predicts for the test, after a re-fit; 4 is enough."
     if len(rows) < len(every):
-        note += f" Weighed and left out, for they settle nothing (chance below 1 %): {len(every) - len(rows)}."
-    return Section("next", title, (table("Tests that would settle it", columns, note),))
+        note += f" Left out because they decide nothing (chance below 1 %): {len(every) - len(rows)}."
+    return Section("next", title, (table("Tests that would separate the causes", columns, note),))

@@ -87,7 +87,7 @@ def verdict_of(found: Found) -> str:
 
 
 def told(found: Found) -> str:
-    """What a reader is told: the verdict's key, or `UNDECIDED` where no gap is one on the border."""
+    """What a reader sees: the verdict's key, or `UNDECIDED` where no gap is one on the border."""
     return UNDECIDED if undecided(core(found)) else verdict_of(found)
 
 

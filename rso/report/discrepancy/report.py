@@ -62,7 +62,7 @@ FEW = 0.9  # probability of all named causes below which it is said that others 
 _VERDICTS = {
     "no_gap": ("No gap", "The model reproduces these measurements within their noise."),
     "explained": ("Explained", "The model misses something, and this explains it: {0}."),
-    "ambiguous": ("Ambiguous", "The model misses something, and these data cannot tell its causes apart: {0}."),
+    "ambiguous": ("Ambiguous", "The model misses something, and these data cannot separate the causes: {0}."),
     "partly": ("Partly explained", "The model misses something, and {0} is part of it, not all."),
     "unexplained": ("Unexplained", "The model misses something, and nothing in the catalogue explains it."),
     "measurement": ("The measurement", "Not the model but the measurement is off: {0}."),
@@ -131,7 +131,7 @@ def _in_letters(found: Found, text: str) -> str:
 
 
 def _other(d: Mapping[str, Any]) -> str:
-    """What a single cause cannot be told apart from."""
+    """What a single cause cannot be separated from."""
     if any(c.get("like_a_modulus") for c in d.get("causes") or ()):
         return "a specimen that is stiffer in one test than in another"
     if any(c.get("like_a_body") for c in d.get("causes") or ()):
@@ -168,7 +168,7 @@ def _facts(found: Found) -> list[Fact]:
     mark: Mark = "good" if told(found) in ("no_gap", "explained", "measurement") else "warn"
     facts = [
         Fact("Verdict", _VERDICTS.get(told(found), (clean(v) or DASH, ""))[0], _policy(d), mark),
-        Fact("p, if there were no gap", p_text(g.get("p_value")), "rare below 0.05"),
+        Fact("p-value of “no gap”", p_text(g.get("p_value")), "rare below 0.05"),
         Fact(
             "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
         ),
@@ -259,7 +259,7 @@ def _residual_caption(found: Found) -> str:
     if cause and verdict_of(found) == "unexplained":
         text += f" Blue: the best of the catalogue ({brief(found, cause)}), which did not hold."
     if any(p.profile for p in panels(found)[:PANELS]):
-        text += " Of a profile the marks stand side by side at each depth."
+        text += " Profiles: one dot per surface mark at each depth."
     return text
 
 
@@ -374,7 +374,7 @@ def _sensitivity(found: Found) -> Table | None:
         column("doubled", words([chance((data.get("doubled") or {}).get(n)) for n in names])),
     ]
     note = "Probability when the plausible sizes span half or twice the range; –: not among the first five."
-    return table("Does it hang on the prior?", columns, note)
+    return table("Sensitivity to the prior", columns, note)
 
 
 def _held_out(found: Found) -> Table | None:
@@ -393,8 +393,8 @@ def _held_out(found: Found) -> Table | None:
         last = Cell(cells[-1].text, cells[-1].pad, "strong")
         columns.append(column(brief(found, n), (*cells[:-1], last)))
     note = (
-        "Each experiment is predicted from all the others. The number is the log predictive density over that of the "
-        "base model: above 0 the effect predicts it better than the base model does, below 0 worse; +3 is 20 to 1."
+        "Each experiment is predicted from all the others. The number is the log predictive density relative to "
+        "the base model. Above 0 the effect predicts better than the base model; +3 is 20 to 1."
     )
     return table("Does it predict what it was not fitted to?", columns, note)
 

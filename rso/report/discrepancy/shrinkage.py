@@ -16,7 +16,7 @@ from rso.report.reading import listed, number, pair
 
 def how_much(found: Found) -> Section:
     """Section 4: the gap on held-out curves before, after a re-fit, with the cause."""
-    title, s = "How much closes", core(found).get("shrinkage") or {}
+    title, s = "How much of the gap is explained", core(found).get("shrinkage") or {}
     if not all(known(s.get(k)) for k in ("before", "refit_only", "with_cause")):
         return Section("how-much", title, (Text("One curve only: nothing is left to test a cause on.", "missing"),))
     how = clean(s.get("how"))
@@ -49,7 +49,7 @@ def how_much(found: Found) -> Section:
 
 
 def _part(found: Found) -> str:
-    """What held-out curves took no part in: without those left out in turn the cause is chosen anew."""
+    """What held-out curves took no part in: without those left out in turn the cause is chosen again."""
     curves = list((core(found).get("shrinkage") or {}).get("curves") or ())
     anew = chosen(found) and all("cause" in c for c in curves)
     if anew or "validate" in {e.get("role") for e in listed(found, "experiments")}:

@@ -8,20 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeGuard
 
+from rso.core import symbols
 from rso.core.units import LADDERS, people
 from rso.report.layout.document import Cell
 
 DASH = "–"
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
-_GREEK = dict(
-    zip(
-        "alpha beta gamma delta epsilon eta theta kappa lambda mu nu rho sigma tau phi".split(),
-        "αβγδεηθκλμνρστφ",
-        strict=True,
-    )
-)
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
@@ -50,26 +42,17 @@ def clean(text: object) -> str:
 
 def symbol(name: str) -> str:
     """The literature's letter of a parameter: mu → μ, D1 → D₁, C10 → C₁₀; any other name as it is."""
-    match = re.fullmatch(r"([A-Za-z]+?)_?(\d{0,2})", name)
-    if match is None:
-        return clean(name)
-    letter, index = match.groups()
-    if letter in _GREEK:
-        return _GREEK[letter] + index.translate(_SUBSCRIPT)
-    return letter + index.translate(_SUBSCRIPT) if len(letter) == 1 else clean(name)
+    return symbols.symbol(clean(name))
 
 
 def unit_text(unit: str) -> str:
     """A unit as it is printed: 1/MPa → MPa⁻¹, mm^2 → mm², 1 → nothing."""
-    if unit in ("1", "-", ""):
-        return ""
-    match = re.fullmatch(r"1/([A-Za-zµ]+)", unit)
-    return f"{match.group(1)}⁻¹" if match else raised(clean(unit))
+    return symbols.unit_text(clean(unit))
 
 
 def raised(text: str) -> str:
     """Text with its powers as superscripts: mm^2 → mm²."""
-    return re.sub(r"(?<=[A-Za-zµ])\^(-?\d+)", lambda m: m.group(1).translate(_SUPERSCRIPT), text)
+    return symbols.raised(text)
 
 
 def channel_text(name: object) -> str:
@@ -128,7 +111,7 @@ def significant(x: float | None, digits: int = 4) -> str:
     if -5 < exponent < 6:
         return fixed(x, digits - 1 - exponent)
     mantissa = f"{x:.{digits - 1}e}".split("e")[0].replace("-", "−")
-    return f"{mantissa}{NBSP}×{NBSP}10{str(exponent).translate(_SUPERSCRIPT)}"
+    return f"{mantissa}{NBSP}×{NBSP}10{symbols.superscript(exponent)}"
 
 
 def shortest(x: object) -> str:

@@ -40,10 +40,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure by name, with a caption that states its finding."""
+    """A figure by name, with a caption that states its finding; those with a `share` of the width stand in a row."""
 
     name: str
     caption: str
+    share: int = 0
     kind: Literal["picture"] = "picture"
 
 
@@ -75,16 +76,25 @@ class Facts:
     kind: Literal["facts"] = "facts"
 
 
-Block = Table | Picture | Text | Facts
+@dataclass(frozen=True)
+class Answers:
+    """The lines of the first screen: what is known, what is not, whether a prediction held."""
+
+    facts: tuple[Fact, ...]
+    kind: Literal["answers"] = "answers"
+
+
+Block = Table | Picture | Text | Facts | Answers
 
 
 @dataclass(frozen=True)
 class Section:
-    """A numbered section."""
+    """A numbered section; those of the `appendix` stand behind all others, closed where a page can do that."""
 
     id: str
     title: str
     blocks: tuple[Block, ...]
+    appendix: bool = False
 
 
 @dataclass(frozen=True)

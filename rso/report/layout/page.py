@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import itertools
 import json
+import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jinja2
-import typst
+import matplotlib
 from markupsafe import Markup
 
 from rso.core import disk
-from rso.report.layout.document import Picture, Report
+from rso.report.layout.document import Block, Picture, Report, Text
 
 _HERE = Path(__file__).parent
 PAGES = {"report": "Identification", "diagnosis": "Diagnosis", "ladder": "Ladder of models", "next": "Next experiment"}
+GROWN, WIDEST = 1.8, 900  # px a point that a figure is drawn with; px
+NARROW = 420.0  # points: figures no wider than this shrink on a phone, others scroll
+FEW = 3  # warnings that stand open
+COLOURS = {  # of figures, by the variable of the page's theme
+    "#23272b": "ink",
+    "#7b8085": "grey",
+    "#c9ccca": "light",
+    "#eceeed": "faint",
+    "#ffffff": "paper",
+    "#0b5a7d": "accent",
+    "#b4481e": "hot",
+    "#f3e3d7": "sand",
+    "#dfe4e7": "steel",
+}
 _LINKS = '<p class="pages">'
 
 
@@ -26,13 +43,13 @@ def pictures(document: Report) -> list[str]:
 
 
 def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, html: bool, pdf: bool) -> list[Path]:
-    """Write `stem`.html and `stem`.pdf into `folder`, which is made; list of files."""
+    """Write `stem`.html and, where typst is installed, `stem`.pdf into `folder`, which is made; list of files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if html:
         written.append(disk.replace(folder / f"{stem}.html", html_page(document, figures)))
         _link(folder)
-    if pdf:
+    if pdf and has_pdf():
         written.append(disk.replace(folder / f"{stem}.pdf", pdf_page(document, figures)))
     return written
 
@@ -51,13 +68,62 @@ def _link(folder: Path) -> None:
             disk.replace(path, after)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Figure:
+    """A figure as the page takes it: markup, how it is framed, how wide (px) it gets, whether a phone scrolls it."""
+
+    svg: Markup
+    look: str
+    most: int
+    wide: bool
+
+
 def html_page(document: Report, figures: Mapping[str, str]) -> str:
     """One self-contained file; every text is escaped, only our own figures are markup."""
     loader = jinja2.FileSystemLoader(_HERE)
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
+    environment.filters["grouped"] = grouped
+    captions = {b.name: b.caption for s in document.sections for b in s.blocks if isinstance(b, Picture)}
     template = environment.get_template("page.html.j2")
-    return template.render(report=document, figures={k: Markup(v) for k, v in figures.items()})
+    return template.render(
+        report=document,
+        figures={k: _figure(k, v, captions.get(k, "")) for k, v in figures.items()},
+        style=Markup((_HERE / "page.css").read_text("utf-8")),
+        script=Markup((_HERE / "page.js").read_text("utf-8")),
+    )
+
+
+def grouped(blocks: Sequence[Block]) -> list[tuple[str, list[Block]]]:
+    """Blocks as they stand: pictures with a share of the width in a row, many warnings behind one line."""
+
+    def kind(b: Block) -> str:
+        if isinstance(b, Picture) and b.share:
+            return "row"
+        return "warnings" if isinstance(b, Text) and b.role == "warning" else ""
+
+    groups = [(k, list(some)) for k, some in itertools.groupby(blocks, kind)]
+    return [("" if k == "warnings" and len(some) < FEW else k, some) for k, some in groups]
+
+
+def _figure(name: str, svg: str, caption: str) -> _Figure:
+    """An image with a name for whoever cannot see it, in the colours of the page's theme."""
+    for colour, variable in COLOURS.items():
+        svg = svg.replace(colour, f"var(--{variable})")
+    svg = svg.replace("'DejaVu Sans'", "var(--sans)")
+    svg = svg.replace('font-family="DejaVu Sans"', 'style="font-family:var(--sans)"')
+    label = Markup.escape(caption or name.replace("-", " "))
+    head = f'<svg role="img" aria-label="{label}" data-name="{Markup.escape(name)}"'
+    look = "plate" if "data-plate" in svg[:2000] else ""
+    found = re.search(r'\bwidth="([\d.]+)(pt)?"', svg[:3000])
+    points = float(found[1]) * (1.0 if found[2] else 0.75) if found else 0.0
+    most = round(min(points * GROWN, WIDEST))
+    return _Figure(Markup(svg.replace("<svg", head, 1)), look, most, points > NARROW)
+
+
+def has_pdf() -> bool:
+    """Whether PDF files can be written: typst is installed (the extra `pdf`)."""
+    return importlib.util.find_spec("typst") is not None
 
 
 def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
@@ -70,4 +136,7 @@ def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
         (folder / "report.json").write_text(data, encoding="utf-8")
         source = folder / "page.typ"
         source.write_bytes((_HERE / "page.typ").read_bytes())
-        return typst.compile(str(source), root=str(folder), format="pdf", ignore_system_fonts=True)
+        import typst
+
+        fonts = [str(Path(matplotlib.get_data_path()) / "fonts" / "ttf")]  # what figures are set in
+        return typst.compile(str(source), root=str(folder), format="pdf", ignore_system_fonts=True, font_paths=fonts)

@@ -66,7 +66,7 @@ def report(found: Found) -> Report:
     """The whole document, in the order in which a reader asks."""
     title = clean((found.get("study") or {}).get("title")) or "Untitled study"
     parts = (decision(found), curves(found), thresholds(found), parameters(found), how(found))
-    return Report(title, "Ladder: the simplest model that these data cannot tell from the truth", byline(found), parts)
+    return Report(title, "Ladder: the simplest model consistent with the data", byline(found), parts)
 
 
 def decision(found: Found) -> Section:
@@ -207,11 +207,11 @@ def thresholds(found: Found) -> Section:
     if not rows:
         return Section("threshold", "How good is good enough", (Text("Nothing was fitted.", "missing"),))
     text = (
-        "A threshold for an error norm need not be chosen. Simulated data sets, made of a level's own curve and the "
-        "noise of this measurement (scatter of the repeats, stated errors, numerical error), are fitted like the real "
-        "one, and their χ² and NRMSE show what a perfect model leaves. χ² over all readings dilutes one smooth wave, "
-        "NRMSE overlooks what is wrong at small forces: so both are asked, as one test. Their limits lie where a "
-        f"perfect model is beyond any of them in {_alarm(found)} of all data sets; a smaller error means nothing."
+        "A threshold for an error norm need not be chosen. Data sets are simulated from a level's own curve with "
+        "the noise of this measurement: scatter of repeats, stated and numerical errors. They are fitted like the "
+        "real one; their χ² and NRMSE show what a perfect model leaves. χ² is insensitive to one smooth deviation, "
+        "NRMSE to small forces; both are tested jointly. A perfect model exceeds any of the limits in "
+        f"{_alarm(found)} of all data sets; a smaller error means nothing."
     )
     columns = [
         column("Level", words([title(v) for v, _ in rows]), number=False),
@@ -256,7 +256,7 @@ def parameters(found: Found) -> Section:
         column("", tuple(_determined(p.get("verdict")) for _, p in rows), number=False),
     ]
     note = "Profile likelihood. Only what a level adds must be determined; moduli that it adds are shares of μ."
-    caption = "90 % interval of every parameter by level, and its value if the data tell one; pale: the range searched."
+    caption = "90 % interval of every parameter by level, and its value if it is determined; pale: the range searched."
     picture = Picture("intervals", caption)
     return Section("parameters", "Parameters by level", (picture, table("What the data say", columns, note)))
 
@@ -292,9 +292,9 @@ def how(found: Found) -> Section:
     blocks: list[Block] = [Text(clean(found.get("rule")))]
     blocks.append(
         Text(
-            "Evidence: the likelihood averaged over the ranges of the parameters, so that a parameter that is not "
-            "needed costs. Misfit and evidence count what repeats and the experimenter say about noise, gain and "
-            "depth, the estimated numerical error of the simulation, and what the emulator of a level does not know."
+            "Evidence: the likelihood averaged over the ranges of the parameters, so that a superfluous parameter "
+            "costs. Misfit and evidence include the noise, gain and depth errors from repeats and statements. They "
+            "also include the numerical error of the simulation and the error of the emulator."
         )
     )
     start = found.get("start") or {}

@@ -1,4 +1,4 @@
-"""The report of what further experiments would tell: the answer, every experiment and pair, what has been done."""
+"""The report of what further experiments would show: the answer, every experiment and pair, what has been done."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def report(found: Found) -> Report:
     """The whole document."""
     heading = clean((found.get("study") or {}).get("title")) or "Untitled study"
     parts = (answer(found), two(found), exists(found), how(found))
-    return Report(heading, f"Next: which experiment would tell most of {_focus(found)}", byline(found), parts)
+    return Report(heading, f"Which experiment would constrain {_focus(found)} best?", byline(found), parts)
 
 
 def _focus(found: Found) -> str:
@@ -78,7 +78,7 @@ def rows_of(found: Found, size: int) -> list[Mapping[str, Any]]:
 
 
 def size_at(found: Found, row: Mapping[str, Any], which: str = "expected") -> list[float]:
-    """sd of ln θ of the weakest parameter, truth by truth; `expected`: of made-up data where there are some."""
+    """sd of ln θ of the weakest parameter, truth by truth; `expected`: of simulated data where there are some."""
     out = []
     for at in row.get("at") or ():
         values = at.get(which) or at.get("fisher") or {}
@@ -97,9 +97,8 @@ def answer(found: Found) -> Section:
     blocks.append(
         Picture(
             "sizes",
-            f"Expected uncertainty of {_focus(found)} after each experiment, for different true "
-            "values. Full: from made-up data; ring: Fisher information; left of the line it would be "
-            "determined.",
+            f"Expected uncertainty of {_focus(found)} after each experiment, for different true values. Filled: "
+            "simulated data; ring: Fisher information; left of the line it would be determined.",
         )
     )
     blocks.append(_table(found, "Each experiment", rows, titles))
@@ -124,7 +123,10 @@ def _table(found: Found, title: str, rows: Sequence[Mapping[str, Any]], titles: 
             cells.append(Cell(factor(sd), mark="good" if sd <= enough else ""))
         heading = f"if {_focus(found)} = {significant(truth, 3)}" if k == 0 else significant(truth, 3)
         columns.append(column(heading, tuple(cells), unit.strip()))
-    note = "One standard deviation, with what has been done, from made-up data; a factor either way, or per cent. "
+    note = (
+        "One standard deviation after all tests so far and the added one, from simulated data; a factor either "
+        "way, or per cent. "
+    )
     note += "Marked with a dot: a 90 % interval would be a value, within a factor of 1.75 either way."
     return table(title, columns, note)
 
@@ -146,7 +148,7 @@ def two(found: Found) -> Section:
 
 
 def alone(found: Found) -> list[Table]:
-    """What each experiment would tell by itself, and what of the other parameters."""
+    """What each experiment would show by itself, and what of the other parameters."""
     rows = [r for r in rows_of(found, 1) if not r["added"][0].endswith("once more")]
     truths, unit, out = _truths(found), _unit(found).strip(), []
     asked = [("alone", found["focus"], f"{_focus(found)} from one experiment alone")]
@@ -196,13 +198,13 @@ def how(found: Found) -> Section:
         for t in listed(found, "truths")
     ]
     text = (
-        "Each experiment is simulated over the whole range and learnt with its derivatives. At every truth, data of "
-        f"all experiments are made up {found.get('draws')} times with the stated errors, the numerical error of the "
-        "simulation and what the emulator does not know, and inferred together with what has been done; the spread of "
-        "the posterior is averaged. Fisher information gives the same at no cost where the problem is linear. The gain "
-        "of the sensor and the numerical error are taken anew for every experiment, and the model as right: what it "
-        "does not have (an unknown support, another law) is in no number here. Where an interval ends at an end of the "
-        "range that is searched, it is the range that is known."
+        "Each experiment is simulated over the whole range and emulated with its derivatives. At every assumed "
+        f"true value, data of all experiments are simulated {found.get('draws')} times with stated, numerical and "
+        "emulator errors. They are inferred together with the tests done so far, and the spread of the posterior "
+        "is averaged. Fisher information gives the same at no cost where the problem is linear. Sensor gain and "
+        "numerical error are drawn for every experiment. The model is assumed to be right: an unknown support or "
+        "another law is in no number here. An interval that ends at an end of the searched range is limited by "
+        "that range, not by the data."
     )
     rows = listed(found, "experiments")
     columns = [

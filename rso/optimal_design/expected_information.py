@@ -1,4 +1,4 @@
-"""What an experiment that nobody has done yet would tell: by its Fisher information, and by data made up for it.
+"""What an experiment that nobody has done yet would show: by its Fisher information, and by data made up for it.
 
     F = Σ Jᵀ C⁻¹ J  over what exists and what is added,   sd(ln θ) = √diag (F + 12 I)⁻¹ in ln θ
 
@@ -53,9 +53,9 @@ class PossibleExperiment:
 
 @dataclass(frozen=True)
 class ExpectedInformation:
-    """What a set of experiments tells at one truth: sd of ln θ by name.
+    """What a set of experiments shows at one truth: sd of ln θ by name.
 
-    `alone` without what exists, `fisher` with it, `expected` the same from made-up data (root mean square),
+    `alone` without what exists, `fisher` with it, `expected` the same from simulated data (root mean square),
     `coverage` the share of those whose 90 % interval of the weakest parameter holds the truth (None: not asked, or the
     truth is an end of the box).
     """

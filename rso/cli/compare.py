@@ -1,0 +1,110 @@
+"""`rso compare A B`: two runs side by side, and what differs between the studies behind them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rso.cli import output
+from rso.cli.answer import between, condensed, shown
+from rso.core import disk
+from rso.core.symbols import symbol
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Print both answers and whether their intervals overlap; 2 where one has no results."""
+    found = []
+    for place in (options.first, options.second):
+        try:
+            found.append(disk.read_json(results_of(place)))
+        except (OSError, ValueError):
+            output.complain(f"{place}: has no results; run it first: rso run {place}")
+            return 2
+    one, other = map(condensed, found)
+    unlike = differences(*found)
+    if options.json:
+        apart = [name for name, a, b in _rows(one, other) if _apart(a, b)]
+        told = {"first": one, "second": other, "disjoint": apart, "differences": unlike}
+        print(json.dumps(told, indent=1, ensure_ascii=False))
+        return 0
+    output.say(f"A: {one['title']} ({options.first})")
+    output.say(f"B: {other['title']} ({options.second})")
+    print()
+    for name, a, b in _rows(one, other):
+        text = f"{symbol(name)}: A {_told(a)}; B {_told(b)}"
+        if a is None or b is None or not (a["interval"] and b["interval"]):
+            output.marked("open", f"{text}: one of them has no interval")
+        elif _apart(a, b):
+            output.marked("bad", f"{text}: the intervals do not overlap")
+        else:
+            output.marked("good", text)
+    print()
+    output.say("What differs:" if unlike else "Data, ranges and method are the same.")
+    output.lines([f"  {text}" for text in unlike])
+    return 0
+
+
+def results_of(place: Path) -> Path:
+    """results.json of a study file, of its folder, or of a folder of results."""
+    if place.is_file():
+        return place if place.suffix == ".json" else place.parent / "results" / "results.json"
+    inside = place / "results.json"
+    return inside if inside.is_file() else place / "results" / "results.json"
+
+
+def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Data, fitted experiments, ranges and method that are not the same, a sentence each."""
+    said = []
+    data = [_hashes(r) for r in (one, other)]
+    if data[0] != data[1]:
+        both = len(set(data[0]) & set(data[1]))
+        said.append(f"data: {len(data[0])} and {len(data[1])} files, {both} of them the same")
+    fitted = [sorted(e["name"] for e in r.get("experiments") or () if e.get("role") == "fit") for r in (one, other)]
+    if fitted[0] != fitted[1]:
+        said.append(f"fitted experiments: {', '.join(fitted[0])}; {', '.join(fitted[1])}")
+    method = ["Gauss–Newton" if r.get("descent") else "response surfaces" for r in (one, other)]
+    if method[0] != method[1]:
+        said.append(f"method: {method[0]}; {method[1]}")
+    ranges = [{p["name"]: p for p in r.get("parameters") or ()} for r in (one, other)]
+    for name in sorted(set(ranges[0]) | set(ranges[1])):
+        each = [_range(r.get(name)) for r in ranges]
+        if each[0] != each[1]:
+            said.append(f"{symbol(name)}: {each[0]}; {each[1]}")
+    return said
+
+
+def _range(p: Mapping[str, Any] | None) -> str:
+    if p is None:
+        return "absent"
+    if p.get("fixed") is not None:
+        return f"fixed at {shown(p['fixed'], (p['fixed'],) * 2, p['unit'])}"
+    return f"searched from {between((p['low'], p['high']), p['unit'])}"
+
+
+def _hashes(found: Mapping[str, Any]) -> list[str]:
+    return sorted(((found.get("provenance") or {}).get("data_sha256") or {}).values())
+
+
+def _rows(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    every = [{**r["parameters"], **r["derived"]} for r in (one, other)]
+    names = dict.fromkeys([*every[0], *every[1]])
+    return [(n, every[0].get(n), every[1].get(n)) for n in names]
+
+
+def _told(row: Mapping[str, Any] | None) -> str:
+    if row is None or row["value"] is None:
+        return "–"
+    if not row["interval"]:
+        return f"{shown(row['value'], (row['value'],) * 2, row['unit'])} ({row.get('verdict', 'no interval')})"
+    if row.get("verdict") == "determined" or row.get("known"):
+        return f"{shown(row['value'], row['interval'], row['unit'])} ({between(row['interval'], row['unit'])})"
+    return f"{between(row['interval'], row['unit'])}, not determined"
+
+
+def _apart(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> bool:
+    if a is None or b is None or not (a["interval"] and b["interval"]):
+        return False
+    return bool(max(a["interval"][0], b["interval"][0]) > min(a["interval"][1], b["interval"][1]))

@@ -1,0 +1,102 @@
+"""What people read on a terminal: lines wrapped at words, signs in colour, nothing that a stranger's text forges."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from rso.core.printable import one, raw
+
+Mark = Literal["good", "open", "bad"]
+MARKS: dict[Mark, tuple[str, str, str]] = {  # sign, the same in ASCII, colour
+    "good": ("✓", "+", "32"),
+    "open": ("?", "?", "33"),
+    "bad": ("✗", "x", "31"),
+}
+WIDEST = 100  # characters of a sentence
+
+
+def coloured(stream: Any) -> bool:
+    """Whether colours are wanted: on a terminal, unless NO_COLOR is set (no-color.org) or the terminal is dumb."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return not plain and bool(stream.isatty())
+
+
+def say(text: object) -> None:
+    """One line, whatever names are in it."""
+    print(one(str(text)))
+
+
+def complain(text: object) -> None:
+    """The same of an error."""
+    print(wrapped(f"rso: {text}", sys.stderr), file=sys.stderr)
+
+
+def lines(texts: Sequence[str]) -> None:
+    """Lines, in a terminal wrapped at words."""
+    print("\n".join(wrapped(text, sys.stdout) for text in texts))
+
+
+def sentences(texts: Sequence[str]) -> None:
+    """Sentences below a title, each wrapped at words."""
+    width = min(_columns(), WIDEST)
+    for text in texts:
+        print(textwrap.fill(text, width, initial_indent="  ", subsequent_indent="    ", break_long_words=False))
+
+
+def marked(mark: Mark, text: str) -> None:
+    """A line with its sign, coloured where that is wanted."""
+    sign, ascii_sign, colour = MARKS[mark]
+    try:
+        sign.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except (UnicodeEncodeError, LookupError):
+        sign = ascii_sign
+    body = wrapped(f"  {sign} {text}", sys.stdout)
+    if coloured(sys.stdout):
+        head, _, tail = body.partition(sign)
+        sys.stdout.flush()
+        raw(sys.stdout).write(f"{head}\x1b[{colour}m{sign}\x1b[0m{tail}\n")
+    else:
+        print(body)
+
+
+def bold(text: str) -> None:
+    """A title."""
+    if coloured(sys.stdout):
+        sys.stdout.flush()
+        raw(sys.stdout).write(f"\x1b[1m{one(text)}\x1b[0m\n")
+    else:
+        print(one(text))
+
+
+def wrapped(line: str, stream: Any) -> str:
+    """A line in the width of the terminal, what follows further in; as it is where nobody looks at it."""
+    if not stream.isatty():
+        return one(line)
+    within = " " * (len(line) - len(line.lstrip()))
+    return "\n".join(
+        textwrap.fill(
+            part.strip(),
+            max(_columns(), 40),
+            initial_indent=within,
+            subsequent_indent=within + "  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for part in one(line).split("\n")
+    )
+
+
+def ended(code: int, reason: str | None) -> int:
+    """The exit code; where it is not 0 the last line of a command says why."""
+    if code:
+        lines([f"exit code {code}: {reason}"])
+    return code
+
+
+def _columns() -> int:
+    return shutil.get_terminal_size().columns

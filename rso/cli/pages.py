@@ -1,0 +1,55 @@
+"""`rso open` and `rso plot`: the pages of a study in a browser, one figure as a file."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import webbrowser
+from pathlib import Path
+
+from rso.cli import output
+from rso.core import disk
+from rso.study.errors import choose
+
+PAGES = ("report", "diagnosis", "ladder", "next")
+
+
+def open_page(options: argparse.Namespace, folder: Path) -> int:
+    """Show a page of a study in the browser; 2 where it has not been written."""
+    there = [name for name in PAGES if (folder / f"{name}.html").is_file()]
+    name = options.page or next(iter(there), "report")
+    path = folder / f"{name}.html"
+    if not path.is_file():
+        command = {"report": "run", "diagnosis": "diagnose"}.get(name, name)
+        output.complain(f"{path}: is not there; write it first: rso {command} {shlex.quote(str(options.study))}")
+        return 2
+    output.say(path)
+    if not webbrowser.open(path.resolve().as_uri()):
+        output.say("  no browser was found: open this file in one")
+    return 0
+
+
+def plot(options: argparse.Namespace, folder: Path) -> int:
+    """Write a figure of the report as SVG, PDF or PNG; without a name list them; 2 for what is not there."""
+    from rso.report.picture_files import captions, written
+
+    try:
+        found = disk.read_json(folder / "results.json")
+    except (OSError, ValueError):
+        again = shlex.quote(str(options.study))
+        output.complain(f"{folder}: has no results; run the study first: rso run {again}")
+        return 2
+    known = captions(found)
+    if options.figure is None:
+        output.say("figures; rso plot STUDY FIGURE writes one:")
+        output.lines([f"  {name}: {text}" for name, text in known.items()])
+        return 0
+    if options.figure not in known:
+        output.complain(f"figure {options.figure!r} is unknown; {choose(options.figure, known)}")
+        return 2
+    try:
+        output.say(written(found, options.figure, options.to or Path(f"{options.figure}.svg")))
+    except ValueError as error:
+        output.complain(error)
+        return 2
+    return 0

@@ -1,0 +1,1 @@
+"""Studies without measurements: a design, response surfaces, sensitivities, the Pareto front, and its proof by runs."""

@@ -1,0 +1,51 @@
+"""Figures of a report as files of their own: SVG, PDF, PNG."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rso.core import disk
+from rso.report.calibration.figures import draw
+from rso.report.calibration.numbers import report
+from rso.report.layout.document import Picture
+from rso.report.layout.page import has_pdf
+
+SUFFIXES = (".svg", ".pdf", ".png")
+PPI = 300.0  # dots per inch of a PNG
+
+
+def captions(results: Mapping[str, Any]) -> dict[str, str]:
+    """Name → first sentence of the caption of every figure that the report of these results has."""
+    blocks = [b for s in report(results).sections for b in s.blocks if isinstance(b, Picture)]
+    return {b.name: re.split(r"(?<=\.) ", b.caption)[0] for b in blocks}
+
+
+def every(results: Mapping[str, Any]) -> dict[str, bytes | str]:
+    """File name → content of all figures: SVG and, where typst is installed, PDF."""
+    drawn = {name: draw(results, name) for name in captions(results)}
+    files: dict[str, bytes | str] = {f"{name}.svg": svg for name, svg in drawn.items()}
+    return files | ({f"{name}.pdf": converted(svg, ".pdf") for name, svg in drawn.items()} if has_pdf() else {})
+
+
+def written(results: Mapping[str, Any], name: str, file: Path) -> Path:
+    """Write a figure in the format of the file's ending; ValueError for another ending."""
+    if file.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{file}: a figure is written as {', '.join(SUFFIXES)}")
+    return disk.replace(file, converted(draw(results, name), file.suffix.lower()))
+
+
+def converted(svg: str, suffix: str) -> bytes | str:
+    """An SVG as it is, or as PDF or PNG, its size unchanged; ValueError where typst is not installed."""
+    if suffix == ".svg":
+        return svg
+    if not has_pdf():
+        raise ValueError(f"a figure as {suffix} needs typst: pip install 'rso[pdf]'; as .svg it needs nothing")
+    import typst
+
+    page = '#set page(width: auto, height: auto, margin: 0pt)\n#image(bytes(sys.inputs.svg), format: "svg")'
+    made = typst.compile(page.encode(), format="png" if suffix == ".png" else "pdf", ppi=PPI, sys_inputs={"svg": svg})
+    assert isinstance(made, bytes)
+    return made

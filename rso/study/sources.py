@@ -1,0 +1,27 @@
+"""Where the backend of a study comes from."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+
+from rso.evaluation import Source
+from rso.evaluation.decks import load_deck
+from rso.study.errors import Problem, study_error
+from rso.study.schema import Study
+
+
+def needs_data(study: Study) -> None:
+    """StudyError for a study that has objectives in place of measurements."""
+    if study.objectives is not None:
+        text = "a study with objectives has no measurements: rso check and rso run take it, from Python rso.pareto"
+        raise study_error(study.file, study.lines, [Problem(("objectives",), text)])
+
+
+def source_of(study: Study) -> Source:
+    """Where the backend of a study comes from; nothing of it is loaded."""
+    b, deck = study.backend, study.deck()
+    if deck is not None:
+        with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
+            deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
+    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
