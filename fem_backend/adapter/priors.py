@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Any
@@ -71,7 +72,12 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
 
 def usual(own: Settings) -> dict[str, float]:
     """Knob → its default where the declared one belongs to another size of body or indenter."""
-    declared = {f.name: f.default for f in fields(known())}
+    return dict(_usual(own, known()))
+
+
+@functools.lru_cache(maxsize=256)
+def _usual(own: Settings, knobs: type) -> dict[str, float]:
+    declared = {f.name: f.default for f in fields(knobs)}
     return {name: k * declared[name] for name, k in _factors(own).items() if declared[name]}
 
 

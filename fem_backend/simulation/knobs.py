@@ -219,6 +219,12 @@ def composed(parts: Iterable[type], name: str = "Knobs") -> type:
 
 def known() -> type:
     """The dataclass of all knobs with those of every member that is registered now."""
+    return _with(tuple(tuple(s.members.values()) for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)))
+
+
+@functools.lru_cache(maxsize=16)
+def _with(members: tuple[tuple[type, ...], ...]) -> type:
+    """The same as long as the registered `members` are: it is asked for tens of thousands of times."""
     additions = [addition.Knobs for addition in ADDITIONS]
     body = [*SPECIMENS.knobs(), *own_laws.knobs(), Common, *SUPPORTS.knobs(), *INDENTERS.knobs(), Pose]
     return _known((Elastic, *LAWS.knobs(), *additions, *body))

@@ -256,6 +256,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
             {
                 "test": t.test,
                 "chance": t.chance,
+                "information": t.information,
+                "price": t.price,
                 "separates": list(t.separates),
                 "distance": t.distance,
                 "resolves": t.resolves,

@@ -57,10 +57,12 @@ def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict
             there = replace(there, tests=tuple(afterwards(plan, there, t) for t in there.tests))
             if known(outline, there):
                 continue
-            jobs, without = planned(base, there, effects), len(planned(base, there, ()))
+            jobs = planned(base, there, effects)  # those of the base model first
         except ValueError:
             continue
-        under_all = max(len(jobs) - without, 0)
+        own = (None, base.relaxing.effect.name if base.relaxing else None)
+        without = sum(j.effect in own for j in jobs)
+        under_all = len(jobs) - without
         each = under_all / max(len(modelled), 1)
         found[candidate.words] = jobs, (without + min(2.0 * each, under_all)) / max(len(jobs), 1)
     return found

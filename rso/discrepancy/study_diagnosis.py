@@ -42,14 +42,14 @@ from rso.discrepancy.library.relaxation import relaxes
 from rso.discrepancy.library.simulations import BaseRelaxation
 from rso.discrepancy.library.test_plan import NOT_USED, SurfaceProfile, Test
 from rso.doe import Box
-from rso.evaluation import Event, Task, run_all
+from rso.evaluation import Evaluator, Task, Watch
 from rso.evaluation.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, sketches, stated_speed
 from rso.study.errors import Problem, choose, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
+from rso.study.sources import needs_data
 
-Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
 WIDTH = 79  # of lines that say much
 ROUNDS = 2  # of finalists computed anew
@@ -71,6 +71,7 @@ class Asked:
 
 def ask(study: Study) -> Asked:
     """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
+    needs_data(study)
     source = source_of(study)
     try:
         backend = source.load()
@@ -325,9 +326,7 @@ def run_diagnosis(
     """
     started, cpu = time.perf_counter(), time.process_time()
 
-    def run(tasks: Sequence[Task]) -> list[Any]:
-        return run_all(asked.base.backend, tasks, store, executor, watch=watch)
-
+    run = Evaluator(asked.base.backend, store, executor, watch).run
     for note in asked.plan.notes:
         if note.endswith(NOT_USED):
             say(note)

@@ -176,7 +176,7 @@ class ExperimentTable(StudyFileTable):
     channels: Channels = ()
     """Those compared with the model; by default Fz, or uz for a profile."""
     branch: Literal["loading", "unloading"] = "loading"
-    """Loading or unloading, which shows adhesion: down to the strongest pull, also above contact."""
+    """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
     settings: Settings = Field(default_factory=dict)
     """Settings of the backend for this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()

@@ -297,10 +297,11 @@ def jobs_of(
     values: Mapping[str, float],
     every: Sequence[Pass],
     finer: bool = False,
+    by_rate: bool | None = None,
 ) -> list[LibraryJob]:
     """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter.
 
-    Last come those of rests of what flows.
+    Last come those of rests of what flows.  `by_rate` is the answer of :func:`rated` where it is known already.
     """
     name, settings = (None, {}) if e is None else (e.name, e.settings)
     load = task_of(base, plan, k, values, None, settings, finer)
@@ -309,7 +310,7 @@ def jobs_of(
     if programme.travel_mm[-1] == max(programme.travel_mm):
         return [LibraryJob(k, name, n, None, load)]
     jobs = []
-    timely = (e is not None and any(timed(s) for s in e.shape)) or rated(base, plan)
+    timely = (e is not None and any(timed(s) for s in e.shape)) or (rated(base, plan) if by_rate is None else by_rate)
     for i, way in enumerate(every):
         way = way if timely else replace(way, rest=0.0, pace=1.0)
         task = task_of(base, plan, k, values, way, settings, finer)
