@@ -251,7 +251,7 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard guarded_process store",
+        "executor_loop fingerprints guard guarded_process joint store",
         "decks",
         "adapters",
         "pool",
