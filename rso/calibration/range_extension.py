@@ -15,10 +15,10 @@ from rso.calibration import stages
 from rso.calibration.plan import Plan, SearchPlan, ends_in
 from rso.calibration.range_ends import RangeEnd, Stated, limit, moved_to, ordinary, room, with_ends
 from rso.calibration.search_stage import Proposal, propose
-from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, sample, why
+from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, sample
 from rso.core.units import spaced
 from rso.emulation.emulator import Emulator, reduced_box
-from rso.evaluation.store import Done
+from rso.evaluation import Done, why
 from rso.study.resolve import Axis
 
 ROUNDS = 12  # at most; a range that grows by half its width each time is then a hundred times as wide
@@ -259,11 +259,11 @@ def _grown(
     new = [sample(plan, r.values, r.outcomes) for r in first if r.done]
     if count and not new:
         return grown, replace(fitted, added=(*fitted.added, *first)), first
-    emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.each)
+    emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.evaluator.each)
     scores = dict(fitted.held_out)
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
-        emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.each)
+        emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.evaluator.each)
     if new and stages.misses(plan, emulator, scores):
         points = stages.worst(grown.around_failures(design.similar).plan, emulator, min(len(new), room - len(first)))
         more = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))

@@ -256,7 +256,7 @@ def _without_pdf(wanted: bool) -> None:
     from rso.report.layout.page import has_pdf
 
     if wanted and not has_pdf():
-        output.say("  no PDF: it needs pip install 'rso[pdf]'")
+        output.say("  no PDF: it needs typst: pip install 'rso[pdf]'")
 
 
 def diagnose(options: argparse.Namespace, command: str) -> int:
@@ -333,8 +333,8 @@ def ladder(options: argparse.Namespace, command: str) -> int:
 
 def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
-    from rso.optimal_design.design_results import markdown, results, write
-    from rso.optimal_design.study_design import run_next
+    from rso.next_experiment.design_results import markdown, results, write
+    from rso.next_experiment.study_design import run_next
     from rso.study.loader import load
 
     study = load(options.study)
@@ -455,6 +455,8 @@ def status(options: argparse.Namespace, command: str) -> int:
     from rso.cli.status import report_status
     from rso.study.toml_text import tables_of, text_of
 
+    if _are_results(options.study):
+        return report_status(options, options.study, options.study, _store(options, options.study))
     file, text = text_of(options.study)
     tables_of(file, text)  # no study is no study, but its data and backend have no say in what has been done
     folder = _folder(options, file.parent)
@@ -481,16 +483,28 @@ def doctor(options: argparse.Namespace, command: str) -> int:
 
 def open_page(options: argparse.Namespace, command: str) -> int:
     from rso.cli.pages import open_page
-    from rso.study.toml_text import text_of
 
-    return open_page(options, _folder(options, text_of(options.study)[0].parent))
+    return open_page(options, _results_folder(options))
 
 
 def plot(options: argparse.Namespace, command: str) -> int:
     from rso.cli.pages import plot
+
+    return plot(options, _results_folder(options))
+
+
+def _are_results(place: Path) -> bool:
+    """Whether a folder holds results and no study, as one that a colleague has sent."""
+    return (place / "results.json").is_file() and not (place / "study.toml").exists()
+
+
+def _results_folder(options: argparse.Namespace) -> Path:
+    """Where the results of a study lie; a folder of results stands for itself."""
     from rso.study.toml_text import text_of
 
-    return plot(options, _folder(options, text_of(options.study)[0].parent))
+    if _are_results(options.study):
+        return Path(options.study).absolute()
+    return _folder(options, text_of(options.study)[0].parent)
 
 
 def first_steps(options: argparse.Namespace, command: str) -> int:
@@ -519,8 +533,8 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.results import SCHEMA, data_hashes
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
+    from rso.next_experiment import design_results
     from rso.objectives import results as pareto_results
-    from rso.optimal_design import design_results
     from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
     from rso.study.loader import load
 

@@ -41,7 +41,7 @@ class ParetoRun:
 
 @dataclass(eq=False)
 class StudyRuns:
-    """Makes runs through the store and remembers all of this study, in order."""
+    """Makes runs through the store and records all of this study, in order."""
 
     plan: ParetoPlan
     store: RunStore

@@ -127,7 +127,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             continue
         files = [folder / f for f in e.data]
         try:
-            measurement = read(files, columns.columns())
+            measurement = read(files, columns.columns(), e.preload)
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue

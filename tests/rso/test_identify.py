@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal, truncnorm
 
-from rso import inference
+from rso import inference, optimal_design
 from rso.contract import Response
 from rso.core.curves import metrics
 from rso.core.similarity import Group
@@ -360,11 +360,11 @@ def test_D1_is_determined_with_3_mN_and_not_with_60_mN():
     assert sum(k.verdict.word == "determined" for k in good) >= 7 and "is determined" in good[1].story
     bad = [inference.determine(ball(0.06, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
     assert sum(k.verdict.word == "not" for k in bad) >= 6 and all(k.verdict.word != "determined" for k in bad)
-    assert "Over the whole interval of D1, the other parameters fitted again, the force changes" in bad[0].reason
+    assert "Over the whole interval of D1 (the other parameters refitted) the force changes" in bad[0].reason
     assert "mN against 60 mN, at " in bad[0].reason
     assert all((k.verdict.noise_factor is None) == (k.value in (1.0, 168.0)) for k in bad)
     for k in bad:
-        said = "an end of the range, so how little noise" if k.verdict.noise_factor is None else "times smaller"
+        said = "an end of the range, so the noise" if k.verdict.noise_factor is None else "times less noise"
         assert said in k.reason and k.verdict.digits == 0
 
 
@@ -376,7 +376,7 @@ def test_with_the_noise_that_is_asked_for_the_value_is_determined():
         known = first.of("D1")
         f = known.verdict.noise_factor
         assert known.verdict.word != "determined"
-        assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times smaller" in known.reason
+        assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times less noise" in known.reason
         for times, found in words.items():
             noisy = soft_ball.data(*first.fit.theta, 0.012 * f * times, np.random.default_rng(100 + seed))
             again = inference.determine(Misfit(soft_ball.model(), (noisy,)), seed=0, mcmc=False)
@@ -481,7 +481,14 @@ def test_directions_are_those_of_a_product():
 def test_a_second_measurement_of_the_same_kind_halves_the_variance():
     m = ball(0.003)
     found = inference.determine(m, seed=0, mcmc=False)
-    again = found.gains[0]
+    again, more = optimal_design.gains_of_repeats(found)
+    # The same experiment, asked about as `rso next` asks.
+    C = m.data[0].covariance
+    done = optimal_design.PossibleExperiment("top", m.model, lambda x: C)
+    (asked,) = optimal_design.expected_information(m.model.box, found.fit.x, 1, [done], [[done]], seed=0, draws=0)
+    for name in ("mu", "D1"):
+        assert again.after[name] == pytest.approx(asked.fisher[name], rel=1e-3)
+    assert more.test.startswith("ten more readings at")
     for name in ("mu", "D1"):
         # The range counts as a weak prior: 1 % of the information here.
         assert again.after[name] / again.before[name] == pytest.approx(0.5**0.5, rel=0.02)
@@ -491,7 +498,7 @@ def test_the_best_depth_is_that_of_brute_force():
     m = ball(0.003)
     fit = inference.all_minima(m, seed=0)[0]
     J = m.model.jacobian(fit.x)
-    at, best = inference.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
+    at, best = optimal_design.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
     prior = 12 * np.eye(2)
     sd = [np.sqrt(np.linalg.inv(fit.fisher + prior + np.outer(j, j) / 0.003**2)[1, 1]) for j in J]
     assert at == int(np.argmin(sd)) and best.after["D1"] == pytest.approx(min(sd) * np.log(168), rel=1e-6)
