@@ -158,9 +158,9 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
-        "answer output text_sketch",
-        "checking progress status",
-        "compare doctor example objectives pages",
+        "output text_sketch",
+        "answer checking example progress status",
+        "compare doctor objectives pages",
         "commands",
         "arguments",
         "__init__",

@@ -106,6 +106,10 @@ class BackendTable(StudyFileTable):
         return self
 
 
+class NamedBackendTable(BackendTable):
+    """[backends]: a further backend, which answers for the experiments that name it."""
+
+
 class ParameterTable(StudyFileTable):
     """[parameters]: a range to search, or a value that fixes it."""
 
@@ -334,7 +338,7 @@ class Study(StudyFileTable):
 
     study: StudyTable
     backend: BackendTable
-    backends: dict[str, BackendTable] = Field(default_factory=dict)
+    backends: dict[str, NamedBackendTable] = Field(default_factory=dict)
     """Further backends by name, each for the experiments that name it; parameters of one name are one parameter."""
     parameters: dict[str, ParameterTable]
     experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)] = ()
