@@ -159,7 +159,8 @@ LAYERS = {
     ),
     "rso.cli": (
         "output text_sketch",
-        "answer checking example progress status",
+        "answer example",
+        "checking progress status",
         "compare doctor objectives pages",
         "commands",
         "arguments",

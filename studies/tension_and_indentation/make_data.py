@@ -5,15 +5,22 @@ from pathlib import Path
 import numpy as np
 
 import rso
+from fem_backend.closed_forms import nominal_compressible
 
 MU, C20, D1 = 0.012, 0.0006, 20.0  # MPa, MPa, 1/MPa
 HERE = Path(__file__).parent / "measured"
 
 
 def pull(u):
-    """Uniaxial force (N) at elongations u (mm): P = 2 (λ − λ⁻²)(μ/2 + 2 C₂₀ (I₁ − 3)), nearly incompressible."""
-    x = 1 + u / 20.0
-    return 24.0 * 2 * (x - x**-2) * (MU / 2 + 2 * C20 * (x**2 + 2 / x - 3))
+    """Uniaxial force (N) at elongations u (mm) with free sides, J by bisection (Holzapfel 2000, eq. 6.85 to 6.91).
+
+    P̄ = 2 (λ − λ⁻²)(μ/2 + 2 C₂₀ (I₁ − 3)) of the incompressible law at λ̄ = J^(-1/3) λ.
+    """
+
+    def incompressible(x):
+        return 2 * (x - x**-2) * (MU / 2 + 2 * C20 * (x**2 + 2 / x - 3))
+
+    return 24.0 * nominal_compressible(1 + u / 20.0, incompressible, D1)[0]
 
 
 def indentation(u):

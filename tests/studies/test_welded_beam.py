@@ -19,7 +19,7 @@ def study():
 
 def test_the_published_optimum_has_its_cost_and_stands_on_its_limits(study):
     run = study.plan.backend(**{n: v * INCH for n, v in zip(NAMES, BEST, strict=True)})
-    assert run["cost"] == pytest.approx(1.724852, rel=1e-6)
+    assert run["cost"] == pytest.approx(1.724852, rel=1e-5)  # of rounded values
     assert run["shear_stress"] == pytest.approx(13600 * PSI, rel=1e-4)
     assert run["bending_stress"] == pytest.approx(30000 * PSI, rel=1e-4)
     assert run["buckling_load"] == pytest.approx(6000 * POUND, rel=1e-4)
