@@ -305,7 +305,7 @@ LAYERS = {
     ),
     "rso.report.calibration": (
         "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels influence",
-        "identification maps range_extension",
+        "identification maps range_extension use",
         "predictive_check responses",
         "predictions",
         "verdict",

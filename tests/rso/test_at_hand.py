@@ -14,6 +14,7 @@ from rso.api.run_result import RunResult
 from rso.cli import doctor, main, output
 from rso.cli.answer import between, condensed, number, shown, verdict_lines
 from rso.cli.compare import differences
+from rso.report.calibration.use import use_section
 from rso.report.picture_files import every
 
 
@@ -245,3 +246,12 @@ def test_the_row_that_looks_like_a_header_is_named(tmp_path, capsys):
         main(["new", str(tmp_path / "test.csv"), "--slab", "5", "--ball", "2", "--out", str(tmp_path / "s.toml")]) == 2
     )
     assert "its header seems to be line 3: 'Weg Traverse', 'Kraft 1'" in capsys.readouterr().err
+
+
+def test_the_report_says_how_to_use_it():
+    """Commands have the study's file; nothing is offered before there is an answer."""
+    found = complete()
+    rows = {cell.text for s in use_section(found) for b in s.blocks for row in b.rows for cell in row}
+    file = found["study"]["file"]
+    assert {f"rso export {file} --cards", f"rso next {file}", found["provenance"]["command"]} <= rows
+    assert use_section({**found, "stage": "design"}) == ()
