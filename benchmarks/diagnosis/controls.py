@@ -26,6 +26,7 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test, TestPlan
 from rso.evaluation import Task
+from rso.optimal_design.separation import DECIDED
 
 NULLS = 400
 Filter = Callable[[Comparison], Comparison]
@@ -253,7 +254,7 @@ def with_values(plan: TestPlan, y: np.ndarray) -> TestPlan:
 def next_tests(
     evidence: Evidence, result: Scored, rows: Sequence[int], seed: int, run: Run | None = None
 ) -> dict[str, np.ndarray]:
-    """Whether the proposed test, a random one, or any, leaves the right cause alone with SETTLED of the probability.
+    """Whether the proposed test, a random one, or any, leaves the right cause alone with DECIDED of the probability.
 
     Tests: those that the tables can predict, or with `run` can be simulated, those that show one knob by itself, and,
     at random only, once more one of the plan.  A rival predicts a new test from its posterior; the truth answers with
@@ -288,10 +289,10 @@ def next_tests(
         prior = {n: p.get((known[n].source,), 0.0) for n in names}
         prior = {n: v / sum(prior.values()) for n, v in prior.items()}  # the truth is in the set
         pairs = [
-            next_test.ranked(w, next_test.distances(v, bench, posts, c.without), prior) for w, (c, v) in there.items()
+            next_test.weighed(w, next_test.distances(v, bench, posts, c.without), prior) for w, (c, v) in there.items()
         ]
-        pairs += [next_test.ranked(w, D, prior) for w, D in next_test.direct(library, bench, posts).items()]
-        best = max(pairs, key=next_test.merit)
+        pairs += [next_test.weighed(w, D, prior) for w, D in next_test.direct(library, bench, posts).items()]
+        best = max(pairs, key=lambda t: t.information)
         chances.append(best.chance)
         pick = rng.integers(len(pairs) + len(again))
 
@@ -318,9 +319,9 @@ def next_tests(
 
 
 def _settles(right: np.ndarray, P: np.ndarray, logs: np.ndarray) -> bool:
-    """Whether what is `right` (k,) has SETTLED of the probability, from P (k,) and the densities of a new test."""
+    """Whether what is `right` (k,) has DECIDED of the probability, from P (k,) and the densities of a new test."""
     s = np.log(P) + logs
-    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= next_test.SETTLED)
+    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= DECIDED)
 
 
 def _answer(

@@ -153,10 +153,10 @@ def _most_likely(
         now = evidence(plan, emulator, found)
         best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
         values = plan.values(_wide(plan, best.x[None])[0])
-        bench.begin(plan.tasks(values))  # before those, which may need artefacts
-        bench.begin(meanwhile)
+        bench.evaluator.begin(plan.tasks(values))  # before those, which may need artefacts
+        bench.evaluator.begin(meanwhile)
         (outcomes,) = bench.run([values])
-        bench.begin(meanwhile)  # whose artefacts may be there by now
+        bench.evaluator.begin(meanwhile)  # whose artefacts may be there by now
         runs.append(Run("identified", values, outcomes))
         if not runs[-1].done:
             continue
@@ -210,12 +210,12 @@ def _heard(
     """
     for again in (True, False):
         now = evidence(plan, emulator, found)
-        runs, new = finished(plan, emulator, bench.store, now.misfit, now.places)
+        runs, new = finished(plan, emulator, bench.evaluator.store, now.misfit, now.places)
         d = now.determined(plan, runs, mcmc=False)
         if not d.refuting or not again:
             break
         more = relearn(emulator, new, seed=plan.seed) if new else emulator
-        emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.each)
+        emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.evaluator.each)
     return emulator, now, d
 
 

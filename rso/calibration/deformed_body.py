@@ -44,13 +44,13 @@ def begin_deformed(bench: Runner, found: Mapping[str, Any], folder: Path) -> Fut
     if values is None or name is None or capability(plan.backend, DeformedBodies) is None:
         path.unlink(missing_ok=True)  # that of an earlier state of the study
         return None
-    (outcome,) = bench.run_tasks([t for t in plan.tasks(values) if t.case.name == name][:1])
+    (outcome,) = bench.evaluator.run([t for t in plan.tasks(values) if t.case.name == name][:1])
     if not isinstance(outcome, Done) or _known(path) == outcome.key:
         return None
     target: Backend | Source = plan.backend
-    if isinstance(bench.executor, WorkerPool) and bench.executor.source is not None:
-        target = bench.executor.source
-    return bench.executor.submit(draw_deformed, target, outcome.values, outcome.case, outcome.key, name)
+    if isinstance(bench.evaluator.executor, WorkerPool) and bench.evaluator.executor.source is not None:
+        target = bench.evaluator.executor.source
+    return bench.evaluator.executor.submit(draw_deformed, target, outcome.values, outcome.case, outcome.key, name)
 
 
 def write_deformed(future: Future[Any] | None, folder: Path) -> None:

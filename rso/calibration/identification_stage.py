@@ -39,6 +39,7 @@ from rso.inference import (
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED, Word, physical
+from rso.optimal_design.gains import Gain, gains_of_repeats, in_order, weakest
 
 NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
 METRICS = ("nrmse", "mre", "rrmse")
@@ -101,7 +102,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
             "derived": derived_quantities(plan, d, trusted(d, settled)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
-            "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
+            "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
             if d.draws is None
             else {
@@ -121,6 +122,20 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
     }
+
+
+def gain_rows(d: Determination, found: Sequence[Gain]) -> list[dict[str, Any]]:
+    """identification.gains: further tests in the order of what they show of the parameter that is known worst."""
+    return [
+        {
+            "test": g.test,
+            "before": dict(g.before),
+            "after": dict(g.after),
+            "information": w.information,
+            "price": w.price,
+        }
+        for g, w in in_order(found, weakest(d.known))
+    ]
 
 
 def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
@@ -181,7 +196,7 @@ def identification(
     try:
         settled = confirm_optimum(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
-        done = identify(plan, settled.emulator, found, bench.store)
+        done = identify(plan, settled.emulator, found, bench.evaluator.store)
         done = replace(done, determination=doubted(done.determination, settled))
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None

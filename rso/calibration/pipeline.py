@@ -33,12 +33,14 @@ from rso.calibration.gauss_newton import descent_results, iteration
 from rso.calibration.plan import Plan
 from rso.calibration.range_extension import ExtendedRanges
 from rso.calibration.search_stage import SearchResult
-from rso.calibration.stages import Runner, Watch
+from rso.calibration.stages import Runner
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people, spaced
 from rso.emulation import emulator as emulator_file
+from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import Done, RunStore
 from rso.inference import Determination
+from rso.optimal_design import gains_of_repeats
 
 Say = Callable[[str], None]
 ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
@@ -65,7 +67,7 @@ def run_study(
     """
     notes = _begin(plan, store, folder, command, jobs)
     notes.write("plan")
-    bench = Runner(plan, store, executor, watch)
+    bench = Runner(plan, Evaluator(plan.backend, store, executor, watch))
     if plan.study.search.method == "gauss_newton":
         return _directly(bench, notes, say, strict)
     ranges = _learn(bench, notes, say)
@@ -90,7 +92,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
     notes.write("search", **descent_results.of_design(plan, there), **descent_results.of_gauss_newton(plan, there))
     say("identification: what the curves determine")
     one = (plan.searches[0].name, 0, found["searches"][0]["candidates"][0]["values"])
-    bench.begin(search_stage.validation_tasks(plan, [one]))
+    bench.evaluator.begin(search_stage.validation_tasks(plan, [one]))
     known = None
     try:
         if not there.best.confirmed:
@@ -110,7 +112,7 @@ def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     """Design, surrogates, the ranges that the main search needs, sensitivities."""
     plan, found = bench.plan, notes.found
     say("design: training runs of the surrogates")
-    known = joined_runs.joined(plan, bench.store, notes.before)
+    known = joined_runs.joined(plan, bench.evaluator.store, notes.before)
     if known.story:
         say(f"store: {known.story}")
     notes.write("plan", joined={**dataclasses.asdict(known), "story": known.story})
@@ -210,7 +212,9 @@ def _validate(
         say("validation: held-out experiments")
     values = None if determination is None else predictive_check.most_likely(plan, determination, chosen)
     if values is not None:
-        bench.begin([held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)])
+        bench.evaluator.begin(
+            [held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)]
+        )
     checked = search_stage.validate(bench, chosen)
     found["runs"] += results.validation_runs(checked)
     foretold = []
@@ -218,7 +222,8 @@ def _validate(
         foretold = predictive_check.predictive_checks(bench, determination, values)
         found["runs"] += results.predictive_check_runs([r for v in foretold for r in v.runs])
         found["warnings"] += predictive_check.warnings(plan, foretold)
-        found["identification"]["gains"] += predictive_check.gains(plan, determination, foretold)
+        more = [*gains_of_repeats(determination), *predictive_check.gains(plan, determination, foretold)]
+        found["identification"]["gains"] = identification_stage.gain_rows(determination, more)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     found.update(formula_comparison.of_formulas(plan, found))

@@ -20,15 +20,16 @@ from scipy.linalg import block_diag
 from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan
 from rso.calibration.search_stage import Chosen
-from rso.calibration.stages import Run, Runner, why
+from rso.calibration.stages import Run, Runner
 from rso.contract import Response
 from rso.core.curves import Metrics, metrics
 from rso.doe import Box
-from rso.evaluation.store import Done
-from rso.inference import Determination, gain
+from rso.evaluation import Done, why
+from rso.inference import Determination
 from rso.inference.identifiability import WIDE
 from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.inference.predictive_test import UNLIKELY, PredictiveTest, open_by, predictive_test
+from rso.optimal_design.gains import Gain, gain
 
 BESIDE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
 DIGITS = 6  # of the most likely values when they are run
@@ -157,7 +158,7 @@ def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[
 def predictive_checks(bench: Runner, d: Determination, values: Values) -> list[PredictiveCheck]:
     """Every experiment that was not fitted by the `values` next to the most likely point."""
     names = held_out_experiments(bench.plan)
-    bench.begin([task(bench.plan, name, values) for name in names])
+    bench.evaluator.begin([task(bench.plan, name, values) for name in names])
     return [_checked(bench, d, name, values) for name in names]
 
 
@@ -165,7 +166,7 @@ def _checked(bench: Runner, d: Determination, name: str, values: Values) -> Pred
     plan, runs = bench.plan, list[Run]()
 
     def evaluate(points: Sequence[Values]) -> list[Response | str]:
-        outcomes = bench.run_tasks([task(plan, name, v) for v in points])
+        outcomes = bench.evaluator.run([task(plan, name, v) for v in points])
         purpose = "difference" if runs else "foretell"
         runs.extend(Run(purpose, v, (o,)) for v, o in zip(points, outcomes, strict=True))
         lost = "" if purpose == "difference" else "the run of the most likely point has no answer: "
@@ -190,8 +191,8 @@ def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     ]
 
 
-def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[dict[str, Any]]:
-    """What the force curves that were kept for the end would add if they were fitted too."""
+def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[Gain]:
+    """What the force curves that were kept for the end would add if they were fitted too; they cost no test."""
     box, rows = d.misfit.model.box, []
     for v in found:
         if (
@@ -203,9 +204,8 @@ def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> lis
         ):
             continue
         y = np.concatenate([c.kept.value for c in v.channels])
-        C = v.theirs * d.wider**2 + v.ours + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
-        g = gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C)
-        rows.append({"test": g.test, "before": dict(g.before), "after": dict(g.after)})
+        C = (v.theirs + v.ours) * d.used.scale**2 + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
+        rows.append(gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C, price=0))
     return rows
 
 

@@ -15,10 +15,10 @@ from rso.calibration import stages
 from rso.calibration.plan import Plan, SearchPlan, ends_in
 from rso.calibration.range_ends import RangeEnd, Stated, limit, moved_to, ordinary, room, with_ends
 from rso.calibration.search_stage import Proposal, propose
-from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, sample, why
+from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, sample
 from rso.core.units import spaced
 from rso.emulation.emulator import Emulator, reduced_box
-from rso.evaluation.store import Done
+from rso.evaluation import Done, why
 from rso.study.resolve import Axis
 
 ROUNDS = 12  # at most; a range that grows by half its width each time is then a hundred times as wide

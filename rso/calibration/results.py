@@ -20,7 +20,7 @@ from rso.calibration.plan import Plan, SearchPlan
 from rso.calibration.range_extension import RangeStep
 from rso.calibration.readings import compared, measured
 from rso.calibration.search_stage import SearchResult, Validation, baselines, curves_of, mean_over_design
-from rso.calibration.stages import Design, FittedSurrogates, Run, why
+from rso.calibration.stages import Design, FittedSurrogates, Run
 from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
@@ -28,8 +28,7 @@ from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
 from rso.emulation.feasibility import FeasibleRegion
-from rso.evaluation import Outcome
-from rso.evaluation.store import Done
+from rso.evaluation import Done, Outcome, why
 from rso.optimise.targets import Checked, Target
 from rso.study.cases import sketches
 from rso.study.schema import Study

@@ -74,7 +74,7 @@ def propose_all(bench: Runner, emulator: Emulator, first: Proposal | None = None
     for wanted in bench.plan.searches:
         first, found = None, first or propose(bench.plan, wanted, emulator)
         proposals.append(found)
-        bench.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
+        bench.evaluator.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
     bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
     return proposals
 
@@ -288,7 +288,7 @@ def validate(bench: Runner, those: Sequence[Chosen]) -> list[Validation]:
     """Predict every compared channel of the experiments kept for the end with the chosen candidates."""
     plan, tasks = bench.plan, validation_tasks(bench.plan, those)
     pairs = [(e, c) for e in plan.validation for c in those]
-    outcomes = bench.run_tasks(tasks) if tasks else []
+    outcomes = bench.evaluator.run(tasks) if tasks else []
     return [_validated(k, *c, o) for (e, c), o in zip(pairs, outcomes, strict=True) for k in held_out_readings(plan, e)]
 
 

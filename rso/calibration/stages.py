@@ -6,7 +6,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,15 +18,13 @@ from rso.doe import Box
 from rso.emulation import Scores, feasibility
 from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box, relearn
 from rso.emulation.feasibility import FeasibleRegion
-from rso.evaluation import Ahead, Event, Outcome, Task, WorkerDied, WorkerPool, begin, run_all
-from rso.evaluation.store import Crashed, Done, Failed, RunStore
+from rso.evaluation import Crashed, Done, Evaluator, Outcome, in_rows, why
 
 SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
 NOISE = 1e-4  # share of the largest output of its unit below which an output that nobody asked for is not learnt
 GROWN = 1.25  # times as many samples: kinds of surrogates may be chosen anew
 REASONS = 3  # reasons of failed runs that are told
 
-Watch = Callable[[Event], None]
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
@@ -37,38 +34,17 @@ class NothingToFit(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Runner:
-    """Where runs happen: the store, an executor and somebody who watches."""
+    """The points of a plan by its evaluator, and how those that were run have ended."""
 
     plan: Plan
-    store: RunStore
-    executor: Executor
-    watch: Watch | None = None
+    evaluator: Evaluator
     ended: list[tuple[Mapping[str, float], str]] = field(default_factory=list)
-    ahead: Ahead = field(default_factory=dict)
 
     def run(self, values: Sequence[Mapping[str, float]]) -> list[tuple[Outcome, ...]]:
         """Outcomes of each point, one per case, in order."""
-        tasks = [task for v in values for task in self.plan.tasks(v)]
-        outcomes = self.run_tasks(tasks)
-        n = len(self.plan.cases)
-        each = [tuple(outcomes[k * n : (k + 1) * n]) for k in range(len(values))]
+        each = in_rows(self.evaluator.run([task for v in values for task in self.plan.tasks(v)]), len(self.plan.cases))
         self.ended.extend((v, _worst_state(o)) for v, o in zip(values, each, strict=True))
         return each
-
-    def run_tasks(self, tasks: Sequence[Task]) -> list[Outcome]:
-        """Outcomes of any tasks."""
-        return run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch, ahead=self.ahead)
-
-    def each(self, fn: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        """fn of every item, by the workers of a pool where there is one; what they compute is the same to the bit."""
-        if not isinstance(self.executor, WorkerPool):
-            return [fn(i) for i in items]
-        pairs = [(self.executor.submit(fn, i), i) for i in items]
-        return [_result(future, fn, i) for future, i in pairs]
-
-    def begin(self, tasks: Sequence[Task]) -> None:
-        """Let the workers begin what will be wanted soon, while this process goes on."""
-        begin(self.plan.backend, tasks, self.store, self.executor, self.ahead)
 
     def around_failures(self, similar: bool) -> Runner:
         """The same bench, whose plan also asks that runs have an answer, as far as those that ended show where."""
@@ -89,14 +65,6 @@ class Runner:
         found = {tuple(sorted(v.items())): (v, state) for v, state in known}
         values, states = [v for v, _ in found.values()], [s == "done" for _, s in found.values()]
         return feasibility.learn(box, group, values, states, plan.seed)
-
-
-def _result(future: Future[Any], fn: Callable[[Any], Any], item: Any) -> Any:
-    """What a worker returns; one that died, or ran out of the time that a simulation has, is not needed for it."""
-    try:
-        return future.result()
-    except (WorkerDied, BrokenExecutor):
-        return fn(item)
 
 
 def _worst_state(outcomes: Sequence[Outcome]) -> str:
@@ -167,14 +135,6 @@ def sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome])
         errors[output.id] = output.error(outcome.response)
         gradients[output.id] = output.gradient(outcome.response)
     return Sample(dict(values), outputs, errors, gradients)
-
-
-def why(outcome: Outcome) -> tuple[str | None, str | None]:
-    """Cause class and first line of the reason of a run that is not done; ("crash", …) for a crash."""
-    if isinstance(outcome, Done):
-        return None, None
-    first = (outcome.reason.splitlines() or ["no reason given"])[0]
-    return (outcome.cause if isinstance(outcome, Failed) else "crash"), first
 
 
 # ------------------------------------------------------------------------------------------------------ design
@@ -294,7 +254,7 @@ def fit_surrogates(bench: Runner, design: Design) -> FittedSurrogates:
     learnt += design.samples(plan, "stored")
     outputs = [*plan.outputs, *_worth_learning(plan, learnt)]
     try:
-        emulator = learnt_anew(plan, group, outputs, learnt, new, bench.each)
+        emulator = learnt_anew(plan, group, outputs, learnt, new, bench.evaluator.each)
         emulator, scores, added = refine(bench, emulator, new, plan.study.verify.max_infill, "infill")
     except ValueError as error:
         reasons = [why(o)[1] or "" for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
@@ -331,7 +291,7 @@ def learn_more(bench: Runner, emulator: Emulator, new: Sequence[Sample]) -> Emul
     before, now = (int(math.log(max(len(e.samples), 1), GROWN)) for e in (emulator, more))
     if good or before == now:
         return more
-    return learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.each)
+    return learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.evaluator.each)
 
 
 def refine(

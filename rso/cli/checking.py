@@ -25,7 +25,7 @@ from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, axes_of, levels_of
-from rso.optimal_design import study_design
+from rso.next_experiment import study_design
 from rso.study import cases
 from rso.study.cases import contact_modulus
 from rso.study.errors import Problem, study_error

@@ -26,6 +26,11 @@ def check(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     folder = _folder(options, study.folder)
+    if study.objectives is not None:
+        from rso.cli.objectives import check_objectives
+
+        output.lines(check_objectives(study, folder, options.trust))
+        return 0
     output.lines(check(study, folder, options.trust, _store(options, folder), options.jobs))
     return 0
 
@@ -194,6 +199,10 @@ def run(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
+    if study.objectives is not None:
+        from rso.cli.objectives import run_objectives
+
+        return run_objectives(options, study, folder, _store(options, folder), command)
     if options.fresh and folder.exists():
         may_be_moved(folder, study.file, study.inputs())
     plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
@@ -324,8 +333,8 @@ def ladder(options: argparse.Namespace, command: str) -> int:
 
 def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
-    from rso.optimal_design.design_results import markdown, results, write
-    from rso.optimal_design.study_design import run_next
+    from rso.next_experiment.design_results import markdown, results, write
+    from rso.next_experiment.study_design import run_next
     from rso.study.loader import load
 
     study = load(options.study)
@@ -524,8 +533,9 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.results import SCHEMA, data_hashes
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
-    from rso.optimal_design import design_results
-    from rso.report import render, render_diagnosis, render_ladder, render_next
+    from rso.next_experiment import design_results
+    from rso.objectives import results as pareto_results
+    from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
     from rso.study.loader import load
 
     study = load(options.study)
@@ -536,6 +546,8 @@ def report(options: argparse.Namespace, command: str) -> int:
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
         (design_results.FILE, design_results.SCHEMA, render_next, "next"),
     ]
+    if study.objectives is not None:
+        shown = [("results.json", pareto_results.SCHEMA, render_pareto, "run")]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from rso.contract import digest
 from rso.core import disk
 from rso.discrepancy import Library, TestPlan
 from rso.discrepancy.study_diagnosis import Asked, ask, judge
-from rso.evaluation import Event, run_all
+from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import RunStore
 from rso.study.laboratory_folder import files_of, in_words, study_text, unread
 from rso.study.laboratory_nominal import FILE, read_nominal
@@ -40,7 +39,7 @@ def answer(
     *,
     seed: int,
     reruns: bool = False,
-    watch: Callable[[Event], None] | None = None,
+    watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Diagnose every case that has no answer yet; yields its name and the plain data, written to `out` as it comes.
@@ -66,7 +65,7 @@ def answer(
             asked = replace(asked, plan=_as_deep(asked.plan, deepest))
             library = _library(asked, libraries, store, executor, watch)
             backend = asked.base.backend
-            found = judge(asked, library, partial(run_all, backend, store=store, executor=executor) if reruns else None)
+            found = judge(asked, library, Evaluator(backend, store, executor).run if reruns else None)
             found["timings"] = {"judging_cpu": time.process_time() - began}
             found["taken"] = taken[case]
         except ValueError as error:
@@ -145,9 +144,7 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
     """A library of the same places, effects and base, made once; the tests of each case differ."""
     b, key = asked.base, _key(asked)
     if key not in known:
-        known[key] = discrepancy.build(
-            b, asked.plan, asked.effects, lambda tasks: run_all(b.backend, tasks, store, executor, watch=watch)
-        )
+        known[key] = discrepancy.build(b, asked.plan, asked.effects, Evaluator(b.backend, store, executor, watch).run)
     own = {e.name: e for e in asked.effects}  # what is plausible may hang on the forces
     return replace(known[key], plan=asked.plan, effects=tuple(own[e.name] for e in known[key].effects))
 

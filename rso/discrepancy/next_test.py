@@ -4,12 +4,9 @@
 
 y_k is the posterior mean of the new test under hypothesis k and Σ_k its covariance, so that what a re-fit could still
 move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 call D distinguishability).  Where k is
-true the log likelihood ratio against l is about N(D²/2, D²), so that the test decides the matter with probability
-
-    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
-
-Where the truth is none of the hypotheses that can be simulated nothing is decided: P need not sum to 1.  What every
-curve has for itself moves no mean, but widens Σ of the new curves.
+true the log likelihood ratio against l is about N(D²/2, D²): how likely the test is to decide the matter, and how much
+it shows, follow from D alone (:mod:`rso.optimal_design`).  What every curve has for itself moves no mean, but widens Σ
+of the new curves.
 """
 
 from __future__ import annotations
@@ -22,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Gauges, capability
-from rso.core.distributions import normal_cdf, normal_logpdf, normal_ppf
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.attribution import Shared, by_test
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
@@ -33,13 +29,13 @@ from rso.discrepancy.library.tables import Library, build
 from rso.discrepancy.library.test_plan import make_plan
 from rso.discrepancy.proposals import READINGS, CandidateTest, afterwards, candidates, known, moved
 from rso.evaluation import Task
+from rso.optimal_design import Worth, about_causes, ranked
+from rso.optimal_design.separation import as_likely, chance_to_decide
 
 DRAWS = 80
 SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
 FEW = 0.05  # of the draws of a time that may lie beyond the rates computed without a word
 READ_OFF = "its rate lies beyond those computed, of which the nearest stands for it"
-SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
-NEED = float(np.log(SETTLED / (1.0 - SETTLED)))
 
 _BLOCK = "press a rigid block and hold, and a shim of known thickness on it"
 _SENSOR = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
@@ -64,7 +60,8 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
 class NextTest:
     """A test, the `chance` that it decides what is open, the pair it separates worst and the distance D of that pair.
 
-    `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.
+    `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.  Tests are ordered by the
+    `information` (nats) that they are expected to give, and by their `price` in loadings (:mod:`rso.optimal_design`).
     """
 
     test: str
@@ -74,6 +71,8 @@ class NextTest:
     resolves: int
     pairs: int
     note: str = ""
+    information: float = 0.0
+    price: int = 1
 
 
 Survivors = Mapping[str, tuple[tuple[Effect, ...], Posterior]]
@@ -88,7 +87,7 @@ def next_tests(
     run: Callable[[Sequence[Task]], list[Any]] | None,
     scatter: Scatter | None = None,
 ) -> list[NextTest]:
-    """Candidate tests by the chance that they decide which of the survivors is true.
+    """Candidate tests by what they are expected to show of which of the survivors is true.
 
     `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
     at places and rates of the library are considered; where all survivors scatter only repeats help, and none is.
@@ -106,15 +105,11 @@ def next_tests(
             continue
         if there is not None:
             D = distances(there, bench, survivors, candidate.without, scatter or {})
-            test = ranked(candidate.words, D, probability)
+            loadings = sum(len(e.measurement.repeats) for e in candidate.experiments)
+            test = weighed(candidate.words, D, probability, loadings)
             found.append(replace(test, note=READ_OFF if _out_of_reach(there, survivors) else ""))
-    found += [ranked(words, D, probability) for words, D in direct(library, bench, survivors).items()]
-    return sorted(found, key=merit, reverse=True)
-
-
-def merit(test: NextTest) -> tuple[float, int, float]:
-    """What tests are ordered by: the chance, then the pairs resolved, then the distance of the worst pair."""
-    return round(test.chance, 3), test.resolves, test.distance
+    found += [weighed(words, D, probability) for words, D in direct(library, bench, survivors).items()]
+    return ranked(found, lambda t: Worth(t.information, t.price))
 
 
 def simulated(
@@ -149,33 +144,22 @@ def _out_of_reach(there: Library, survivors: Survivors) -> bool:
             for k in timely:  # those of the chain are followed at any rate
                 level = there.places[there.home(e)].effects[e.name].nodes.levels[k]
                 for speed in speeds:
-                    at = post.at[:, column + k] + np.log(speed)
+                    at = post.at[:, column + k] + e.knobs[k].power_of_time * np.log(speed)
                     if np.mean((at < level.min()) | (at > level.max())) > FEW:
                         return True
             column += len(e.knobs)
     return False
 
 
-def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
-    """A test by the distances D of the pairs and the probabilities of the survivors."""
+def weighed(
+    words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float], price: int = 1
+) -> NextTest:
+    """A test by the distances D of the pairs and the probabilities of the survivors, and its price in loadings."""
     worst = min(distance, key=lambda p: distance[p])
     settled = sum(bool(v >= SEPARATES) for v in distance.values())
-    return NextTest(words, _chance(distance, probability), worst, float(distance[worst]), settled, len(distance))
-
-
-def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
-    whole = max(sum(probability.values()), 1.0)  # the causes of a pair hold the same probability twice
-    P = {k: max(v / whole, 1e-9) for k, v in probability.items()}
-    chance = 0.0
-    for k in P:
-        rivals = [((l if k == m else m), D) for (l, m), D in distance.items() if k in (l, m)]
-        chance += P[k] * min(float(_settles(D, np.log(P[k] / P[l]))) for l, D in rivals)
-    return chance
-
-
-def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
-    """Probability that a test of distance D leaves the truth with `SETTLED`, from the logarithm of its odds before."""
-    return normal_cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
+    information = about_causes(distance, probability)
+    chance = chance_to_decide(distance, probability)
+    return NextTest(words, chance, worst, float(distance[worst]), settled, len(distance), "", information, price)
 
 
 def distances(
@@ -268,32 +252,13 @@ def direct(library: Library, bench: Shared, survivors: Survivors) -> dict[str, d
                 continue  # no bench shows what one test had
             words, resolution = known[e.size.name]
             off = sizes(bench, effects, post, e) - e.size.neutral
-            D = _as_likely(off, resolution)
+            D = as_likely(off, resolution)
             own = found.setdefault(words, dict.fromkeys(pairs, 0.0))
             for p in pairs:
                 other = p[0] if p[1] == name else p[1]
                 if name in p and e.name not in {x.name for x in survivors[other][0]}:
                     own[p] = max(own[p], D)
     return found
-
-
-def _as_likely(off: np.ndarray, resolution: float) -> float:
-    """D with the chance, at even odds, of a test that shows sizes `off` (m,) of one hypothesis, 0 of the other, itself.
-
-    Φ[D/2 − c/D] = ½ (⟨[ln p(x)/q(x) ≥ c]⟩ₚ + ⟨[ln q(x)/p(x) ≥ c]⟩_q), c = ln(s / (1 − s)), q = N(0, resolution²) and
-    p = N(mean, sd² + resolution²) of the sizes, solved for D; 0 where a size that is none is as likely.
-    """
-    spread = np.hypot(float(np.std(off)), resolution)
-    read = normal_ppf((np.arange(400) + 0.5) / 400)
-    mean = float(np.mean(off))
-
-    def odds(x: np.ndarray) -> np.ndarray:
-        """ln p/q at x."""
-        return normal_logpdf(x, mean, spread) - normal_logpdf(x, 0.0, resolution)
-
-    chance = 0.5 * np.mean(odds(mean + spread * read) >= NEED) + 0.5 * np.mean(-odds(resolution * read) >= NEED)
-    z = float(normal_ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
-    return z + float(np.sqrt(z**2 + 2.0 * NEED))
 
 
 def sizes(bench: Shared, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:

@@ -6,11 +6,10 @@ Public names are listed here; the files behind them are private to this room.
 from rso.evaluation.adapters import CommandBackend, Source, load_backend
 from rso.evaluation.cluster import ClusterExecutor, open_cluster
 from rso.evaluation.dispatch import Event, Finished, Planned, Preparing, Retried, Task, begin, run_all
+from rso.evaluation.evaluator import Evaluator, Outcome, Watch, in_rows, responses, why
 from rso.evaluation.executor_loop import Ahead
 from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
 from rso.evaluation.store import Crashed, Done, Failed
-
-Outcome = Done | Failed | Crashed
 
 __all__ = [
     "Ahead",
@@ -18,6 +17,7 @@ __all__ = [
     "CommandBackend",
     "Crashed",
     "Done",
+    "Evaluator",
     "Event",
     "Failed",
     "Finished",
@@ -30,8 +30,12 @@ __all__ = [
     "WorkerDied",
     "WorkerPool",
     "WorkersCannotStart",
+    "Watch",
     "begin",
+    "in_rows",
     "load_backend",
     "open_cluster",
+    "responses",
     "run_all",
+    "why",
 ]

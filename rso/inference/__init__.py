@@ -5,7 +5,6 @@ from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, min
 from rso.inference.derived import DerivedInterval, derived_interval
 from rso.inference.error_model import ModelErrors, correlated_along, covariance, with_model_errors
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
-from rso.inference.expected_information import ExpectedInformation, PossibleExperiment, expected_information, on_valley
 from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
 from rso.inference.identifiability import Determination, Known, Runs, compare_weightings, determine, lenient, p_value
 from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
@@ -23,7 +22,7 @@ from rso.inference.models import (
     spread_of,
 )
 from rso.inference.posterior_sampling import Draws, sample
-from rso.inference.sloppy_directions import Direction, Gain, best_depth, directions, expected_sd, gain
+from rso.inference.sloppy_directions import Direction, directions, expected_sd
 from rso.inference.tangents import EvaluatedPoint, TangentFrame, tangents
 from rso.inference.usual_errors import elsewhere, widened, with_usual
 from rso.inference.verdict import Verdict, judge
@@ -38,9 +37,7 @@ __all__ = [
     "Draws",
     "ErrorSurface",
     "EvaluatedPoint",
-    "ExpectedInformation",
     "Fit",
-    "Gain",
     "GaussNewtonFit",
     "Interval",
     "Iterate",
@@ -50,13 +47,11 @@ __all__ = [
     "Misfit",
     "Model",
     "ModelErrors",
-    "PossibleExperiment",
     "ProfileInterval",
     "Runs",
     "TangentFrame",
     "Verdict",
     "all_minima",
-    "best_depth",
     "common",
     "compare_weightings",
     "correlated_along",
@@ -70,11 +65,9 @@ __all__ = [
     "elsewhere",
     "emulated",
     "emulated_together",
-    "expected_information",
     "expected_sd",
     "fit_at",
     "fit_surface",
-    "gain",
     "gauss_newton",
     "has_gradients",
     "judge",
@@ -82,7 +75,6 @@ __all__ = [
     "lenient",
     "minimise",
     "on_runs",
-    "on_valley",
     "outputs_of",
     "p_value",
     "profile",

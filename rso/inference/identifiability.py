@@ -14,9 +14,9 @@ from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
 from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
 from rso.inference.least_squares import SAME, Fit, all_minima, fit_at
-from rso.inference.likelihood import WEIGHTINGS, Data, Misfit
+from rso.inference.likelihood import WEIGHTINGS, Misfit
 from rso.inference.posterior_sampling import Draws, agree, sample
-from rso.inference.sloppy_directions import Direction, Gain, best_depth, gain, per_log
+from rso.inference.sloppy_directions import Direction, per_log
 from rso.inference.verdict import REFUTED, WORDS, Verdict, Word, judge, quieter, sentences, size
 
 LEVEL = 0.9
@@ -69,7 +69,7 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Determination:
-    """Best fit and other minima of χ², goodness of fit, what is known of each parameter, directions, gains of tests.
+    """Best fit and other minima of χ², goodness of fit, what is known of each parameter, directions.
 
     `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
@@ -88,7 +88,6 @@ class Determination:
     known: tuple[Known, ...]
     directions: tuple[Direction, ...]
     draws: Draws | None
-    gains: tuple[Gain, ...]
     story: str
     wider: float = 1.0
     refuting: tuple[int, ...] = ()
@@ -97,6 +96,11 @@ class Determination:
     def warning(self) -> str:
         """The story where the errors had to be made larger or readings to be autocorrelated, else nothing."""
         return self.story if self.scale > 1 or any(d.memory for d in self.misfit.data) else ""
+
+    @property
+    def used(self) -> Misfit:
+        """The misfit with its errors as much wider as the intervals."""
+        return replace(self.misfit, scale=self.misfit.scale * self.wider)
 
     def of(self, name: str) -> Known:
         """What is known of a parameter; KeyError if there is none of this name."""
@@ -160,7 +164,6 @@ def determine(
         seen = profiles[k].with_runs(runs.X, rise)
         one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated)
         known.append(refuted(one, len(out)) if out else one)
-    gains = _gains(used, fit)
     return Determination(
         misfit,
         first,
@@ -171,7 +174,6 @@ def determine(
         tuple(known),
         along.directions(box, fit.x, fit.fisher),
         draws,
-        gains,
         _story(misfit, first, ν, p, scale),
         wider,
         tuple(sorted(refuting)),
@@ -346,31 +348,6 @@ def _apart(misfit: Misfit, fit: Fit, points: Sequence[np.ndarray]) -> np.ndarray
 def _along(profiles: Sequence[ProfileInterval]) -> np.ndarray:
     """Points (k, d) of all profiles at which the data allow the model."""
     return np.concatenate([p.path[p.rise <= FAR] for p in profiles])
-
-
-def _gains(misfit: Misfit, fit: Fit) -> tuple[Gain, ...]:
-    """What the same test once more, and more readings at its best depth, would add."""
-    box, data = misfit.model.box, misfit.data
-    J = misfit.model.jacobian(fit.x)
-    found, start = [], 0
-    for d in data:
-        rows = J[start : start + len(d.value)]
-        C = (misfit.scale * np.eye(len(rows))) @ _definite(d) * misfit.scale
-        found.append(gain(box, fit.x, fit.fisher, f"{d.name} once more, with errors of its own", rows, C))
-        start += len(d.value)
-    sigma = np.concatenate([d.sigma for d in data]) * misfit.scale
-    places = [place for d in data for place in d.places]
-    worst = int(np.argmax(spread(fit.fisher) / per_log(box, fit.x)))
-    if sigma.max() > 0:
-        at, _ = best_depth(box, fit.x, fit.fisher, worst, J, sigma)
-        label = f"ten more readings at {places[at]}"
-        rows = np.repeat(J[at : at + 1], 10, axis=0)
-        found.append(gain(box, fit.x, fit.fisher, label, rows, sigma[at] ** 2 * np.eye(10)))
-    return tuple(found)
-
-
-def _definite(d: Data) -> np.ndarray:
-    return d.covariance + (1e-6 * float(np.abs(d.value).max()) or 1e-12) ** 2 * np.eye(len(d.value))
 
 
 def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> str:

@@ -1,4 +1,4 @@
-"""Stiff and sloppy directions: which combinations of parameters a curve knows, and what another test would add."""
+"""Stiff and sloppy directions: which combinations of parameters a curve knows, and how well each alone."""
 
 from __future__ import annotations
 
@@ -67,40 +67,7 @@ def _error(sd: float) -> str:
     return f"±{100 * sd:.2g} %" if sd < 0.2 else f"a factor {math.exp(sd):.2g}" if sd < 20 else "no useful factor"
 
 
-@dataclass(frozen=True)
-class Gain:
-    """Standard deviation of ln θ by name that is expected before and after one more test."""
-
-    test: str
-    before: Mapping[str, float]
-    after: Mapping[str, float]
-
-
-def gain(box: Box, x: np.ndarray, fisher: np.ndarray, test: str, jacobian: np.ndarray, covariance: np.ndarray) -> Gain:
-    """What further points with ∂f/∂x (m, d) and errors (m, m) are expected to add: F′ = F + Jᵀ C⁻¹ J.
-
-    The box itself counts as a uniform prior (12 per parameter), so that nothing is worse known than by its range.
-    Assumption: linear in x between here and the edge of the interval.  Source: Lindley, Ann. Math. Stat. 27 (1956) 986,
-    for Gaussian errors.
-    """
-    more = jacobian.T @ np.linalg.solve(covariance, jacobian)
-    before, after = (expected_sd(box, x, f) for f in (fisher, fisher + more))
-    return Gain(test, before, after)
-
-
 def expected_sd(box: Box, x: np.ndarray, fisher: np.ndarray) -> dict[str, float]:
     """sd of ln θ by name for a Fisher information (d, d) in the unit cube at x (d,), the box counted as a prior."""
     sd = spread(fisher + UNIFORM * np.eye(box.d)) / per_log(box, x)
     return {n: float(v) for n, v in zip(box.names, sd, strict=True)}
-
-
-def best_depth(
-    box: Box, x: np.ndarray, fisher: np.ndarray, parameter: int, jacobian: np.ndarray, sigma: np.ndarray
-) -> tuple[int, Gain]:
-    """The measured point at which one more independent reading, of the same `sigma` (n,), shows most of a parameter."""
-    found = [
-        gain(box, x, fisher, "", jacobian[i : i + 1], np.array([[sigma[i] ** 2]])) for i in np.flatnonzero(sigma > 0)
-    ]
-    name = box.names[parameter]
-    best = min(range(len(found)), key=lambda i: found[i].after[name])
-    return int(np.flatnonzero(sigma > 0)[best]), found[best]

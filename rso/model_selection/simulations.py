@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,8 +12,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_outputs
 from rso.contract import Case, ClosedForm, Response, capability
 from rso.emulation.emulator import Sample, reduced_box
-from rso.evaluation import Crashed, Done, Event, Task, run_all
-from rso.evaluation.store import RunStore
+from rso.evaluation import Evaluator, responses
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import Axes
 
@@ -23,49 +20,29 @@ RUNS = {0: 1, 1: 8, 2: 16, 3: 30}  # of a level by the number of parameters that
 LEAST = 0.5  # of these, however many are known from the level below
 OTHER, SIMILAR = 1.25, 1e-6  # modulus of the run that proves similarity over the reference, and how well it must
 EACH = 12  # for every parameter beyond
-Watch = Callable[[Event], None]
 
 
 class LadderUnanswered(Exception):
     """A level cannot be fitted; the message says why."""
 
 
-@dataclass(frozen=True, eq=False)
-class LadderRunner:
-    """Where the runs of a ladder happen, and which there were: key → CPU seconds."""
-
-    plan: Plan
-    store: RunStore
-    executor: Executor
-    watch: Watch | None = None
-    cost: dict[str, float] = field(default_factory=dict)
-
-    def run(
-        self, level: ModelLevel, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]
-    ) -> list[tuple[Response, ...] | str]:
-        """By point, the response of every case, or the reason why one has none; NoAnswer for a level not modelled."""
-        here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
-        values = [axes.physical(p) for p in points]
-        if level.closed_form:
-            if any(c.programme.forced for c in here):
-                raise LadderUnanswered("its closed form follows travel alone, and creep at a held force is compared")
-            form = capability(self.plan.backend, ClosedForm)
-            if form is None:
-                raise LadderUnanswered("the backend has no closed_form, which this level needs")
-            return [tuple(form.closed_form(v, c) for c in here) for v in values]
-        tasks = [Task(v, c, frozenset()) for v in values for c in here]
-        try:
-            outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
-        except ValueError as error:  # nothing was run
-            raise LadderUnanswered(f"the backend does not model it: {error}") from error
-        self.cost.update({o.key: getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed)})
-        n = len(here)
-        return [_answer(outcomes[k * n : (k + 1) * n]) for k in range(len(points))]
-
-
-def _answer(outcomes: Sequence[Any]) -> tuple[Response, ...] | str:
-    bad = [o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done)]
-    return bad[0] if bad else tuple(o.response for o in outcomes)
+def simulate_level(
+    evaluator: Evaluator, level: ModelLevel, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]
+) -> list[tuple[Response, ...] | str]:
+    """By point, the response of every case, or why one has none; LadderUnanswered for a level that is not modelled."""
+    here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
+    values = [axes.physical(p) for p in points]
+    if level.closed_form:
+        if any(c.programme.forced for c in here):
+            raise LadderUnanswered("its closed form follows travel alone, and creep at a held force is compared")
+        form = capability(evaluator.backend, ClosedForm)
+        if form is None:
+            raise LadderUnanswered("the backend has no closed_form, which this level needs")
+        return [tuple(form.closed_form(v, c) for c in here) for v in values]
+    try:
+        return [responses(outcomes) for outcomes in evaluator.at(here, values)]
+    except ValueError as error:  # nothing was run
+        raise LadderUnanswered(f"the backend does not model it: {error}") from error
 
 
 def design(axes: Axes, runs: int | None, seed: int, inherited: int = 0) -> list[dict[str, float]]:
@@ -97,13 +74,13 @@ def sampled(plan: Plan, axes: Axes, values: Mapping[str, float], answer: tuple[R
     return Sample(dict(values), outputs, {}, gradients)
 
 
-def prove(bench: LadderRunner, level: ModelLevel, axes: Axes, known: Sample) -> None:
+def prove(plan: Plan, evaluator: Evaluator, level: ModelLevel, axes: Axes, known: Sample) -> None:
     """One run of a design again at another modulus: NoAnswer where similarity does not predict it."""
-    group, plan = axes.group, bench.plan
+    group = axes.group
     if group.reference is None:
         return
     other = {k: v * OTHER ** group.exponents.get(k, 0) for k, v in known.values.items()}
-    (answer,) = bench.run(level, axes, plan.cases, [other])
+    (answer,) = simulate_level(evaluator, level, axes, plan.cases, [other])
     if isinstance(answer, str):
         raise LadderUnanswered(f"the run that was to prove similarity has no answer: {answer}")
     found = sampled(plan, axes, other, answer).outputs

@@ -25,6 +25,7 @@ from rso.calibration.readings import (
 )
 from rso.contract import ClosedFormStart, Response, capability
 from rso.emulation.emulator import Emulator, Sample, learn, relearn
+from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import RunStore
 from rso.inference import (
     CurvePlace,
@@ -43,7 +44,7 @@ from rso.inference.verdict import REFUTED, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
 from rso.model_selection.candidate_models import Axes, axes_of, beside, levels_of
 from rso.model_selection.held_out import validate
-from rso.model_selection.simulations import LadderRunner, LadderUnanswered, Watch, design, prove, sampled
+from rso.model_selection.simulations import LadderUnanswered, design, prove, sampled, simulate_level
 from rso.study.schema import Study
 
 FEWEST = 4  # runs with an answer from which a level is learnt
@@ -117,7 +118,8 @@ def run_ladder(
     say: Callable[[str], None] = lambda _: None,
 ) -> LadderFit:
     """Run the ladder of a study; the curves for validation are used only after the selection."""
-    began, bench, table = time.perf_counter(), LadderRunner(plan, store, executor, watch), plan.study.ladder
+    began, evaluator = time.perf_counter(), Evaluator(plan.backend, store, executor, watch)
+    table = plan.study.ladder
     rungs, start = levels_of(plan), starting(plan)
     ranges = {k: (v[0], v[2]) for k, v in (start or {}).items()} if table.ranges == "start" else {}
     known: dict[str, FittedLevel] = {}
@@ -129,7 +131,7 @@ def run_ladder(
         whole = level if onto is None else put_on(level, onto)
         say(f"level {level.name}" + (f" on {onto.name}" if onto is not None else ""))
         try:
-            found = fit_level(bench, whole, ranges, known.get(whole.extends))
+            found = fit_level(plan, evaluator, whole, ranges, known.get(whole.extends))
         except LadderUnanswered as error:
             return Judged(level, str(error), onto=onto.name if onto else "")
         known[level.name] = found
@@ -139,8 +141,8 @@ def run_ladder(
     checked = {}
     for j in climb.judged:
         if not j.problem and plan.validation:
-            checked[j.level.name] = validate(bench, j)
-    return LadderFit(rungs, climb, start, checked, bench.cost, time.perf_counter() - began)
+            checked[j.level.name] = validate(plan, evaluator, j)
+    return LadderFit(rungs, climb, start, checked, evaluator.cost, time.perf_counter() - began)
 
 
 def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
@@ -177,17 +179,21 @@ def put_on(level: ModelLevel, onto: ModelLevel) -> ModelLevel:
 
 
 def fit_level(
-    bench: LadderRunner, level: ModelLevel, ranges: Mapping[str, tuple[float, float]], below: FittedLevel | None
+    plan: Plan,
+    evaluator: Evaluator,
+    level: ModelLevel,
+    ranges: Mapping[str, tuple[float, float]],
+    below: FittedLevel | None,
 ) -> FittedLevel:
     """Design, emulator, most likely point recomputed until it holds, what the curves determine; NoAnswer if it cannot.
 
     `below` is the level that this one is at neutral: its runs are learnt too.
     """
-    plan, seed = bench.plan, bench.plan.seed
-    axes, before = axes_of(plan, level, ranges), set(bench.cost)
+    seed = plan.seed
+    axes, before = axes_of(plan, level, ranges), set(evaluator.cost)
     inherited = neutral(plan, axes, level, below)
     points = design(axes, plan.study.ladder.runs, seed, len(inherited))
-    answers = bench.run(level, axes, plan.cases, points)
+    answers = simulate_level(evaluator, level, axes, plan.cases, points)
     samples = [sampled(plan, axes, p, a) for p, a in zip(points, answers, strict=True) if not isinstance(a, str)]
     last = next((a for a in answers if not isinstance(a, str)), None)
     if last is None or len(samples) < min(FEWEST, len(points)):
@@ -196,15 +202,15 @@ def fit_level(
             f"only {len(samples)} of {len(points)} simulations have an answer; the first without: {why}"
         )
     if not level.closed_form:
-        prove(bench, level, axes, samples[0])
+        prove(plan, evaluator, level, axes, samples[0])
     samples += inherited
     try:
-        emulator, last, gap, x, sure = confirm_level(bench, level, axes, learnt(plan, axes, samples), last)
+        emulator, last, gap, x, sure = confirm_level(plan, evaluator, level, axes, learnt(plan, axes, samples), last)
         misfit = likelihood(plan, emulator, last, "fit", x)
         d = determine(misfit, seed=seed, near=x[None], mcmc=False)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise LadderUnanswered(str(error)) from error
-    return _finished(bench, axes, emulator, d, last, gap, sure, before)
+    return _finished(plan, evaluator, axes, emulator, d, last, gap, sure, before)
 
 
 def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") -> Emulator:
@@ -218,7 +224,7 @@ def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") ->
 
 
 def confirm_level(
-    bench: LadderRunner, level: ModelLevel, axes: Axes, emulator: Emulator, last: tuple[Response, ...]
+    plan: Plan, evaluator: Evaluator, level: ModelLevel, axes: Axes, emulator: Emulator, last: tuple[Response, ...]
 ) -> tuple[Emulator, tuple[Response, ...], float, np.ndarray, bool]:
     """The most likely point recomputed and learnt until the difference is no matter.
 
@@ -226,7 +232,7 @@ def confirm_level(
     than half a unit of χ², whatever share that is of a small lateral force.  What still misses after half of the
     rounds is learnt as whole curves: a polynomial of few terms comes no nearer by one more run.
     """
-    plan, x = bench.plan, None
+    x = None
     for done in range(ROUNDS):
         misfit = likelihood(plan, emulator, last, "fit")
         fit = all_minima(misfit, seed=plan.seed, near=None if x is None else x[None])[0]
@@ -236,7 +242,7 @@ def confirm_level(
         theta = [float(f"{v:.{DIGITS}g}") for v in fit.theta]
         x = np.clip(axes.box.to_unit(np.array(theta)), 0.0, 1.0)
         values = dict(zip(axes.box.names, theta, strict=True))
-        (answer,) = bench.run(level, axes, plan.cases, [values])
+        (answer,) = simulate_level(evaluator, level, axes, plan.cases, [values])
         if isinstance(answer, str):
             raise LadderUnanswered(f"the most likely point has no answer: {answer}")
         last, (gap, off) = answer, _gap(plan, misfit, x, answer)
@@ -253,7 +259,8 @@ def confirm_level(
 
 
 def _finished(
-    bench: LadderRunner,
+    plan: Plan,
+    evaluator: Evaluator,
     axes: Axes,
     emulator: Emulator,
     d: Determination,
@@ -262,7 +269,7 @@ def _finished(
     sure: bool,
     before: set[str],
 ) -> FittedLevel:
-    plan, fit = bench.plan, d.fit
+    fit = d.fit
     pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
     places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
     errors = tuple(numerical(last[plan.case_of[p.experiment]], p, curve_data(plan, p).value) for p in places)
@@ -271,7 +278,7 @@ def _finished(
     flat = np.concatenate([m.model.predict(fit.x[None])[0] for m in misfits])
     predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
     simulated = model_selection.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
-    mine = set(bench.cost) - before
+    mine = set(evaluator.cost) - before
     return FittedLevel(
         axes,
         emulator,
@@ -285,7 +292,7 @@ def _finished(
         gap,
         sure,
         len(mine),
-        sum(bench.cost[k] for k in mine),
+        sum(evaluator.cost[k] for k in mine),
     )
 
 

@@ -33,6 +33,7 @@ from rso.study.fields import (
     Count,
     Duration,
     Files,
+    Force,
     Name,
     Names,
     Positive,
@@ -180,6 +181,9 @@ class ExperimentTable(StudyFileTable):
     """Settings of the backend for this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
     """What its readings are uncertain by."""
+    preload: Force | None = None
+    """Where its travel was set to 0 at a small force, that force, as "10 mN": contact is found before it, by the shape
+    of Fz, or in its approach; Fz may have been set to 0 there, too."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()

@@ -16,9 +16,6 @@ from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.next_test import (
     READ_OFF,
-    SETTLED,
-    _as_likely,
-    _chance,
     covariance,
     distances,
     forecast,
@@ -26,33 +23,37 @@ from rso.discrepancy.next_test import (
     simulated,
 )
 from rso.discrepancy.proposals import candidates, planned_tests
+from rso.optimal_design.ranking import Worth, ranked
+from rso.optimal_design.separation import DECIDED, as_likely, chance_to_decide
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
 def test_the_chance_is_that_of_gaussian_readings(D):
-    """Two hypotheses D standard deviations apart: draw from each, count how often it ends above SETTLED."""
+    """Two hypotheses D standard deviations apart: draw from each, count how often it ends above DECIDED."""
     P, rng = np.array([0.7, 0.3]), np.random.default_rng(1)
     mean, settled = np.array([0.0, D]), 0.0
     for k in (0, 1):
         x = mean[k] + rng.standard_normal(200_000)
         s = np.log(P) - 0.5 * (x[:, None] - mean) ** 2
-        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= SETTLED)
-    chance = _chance({("a", "b"): D}, {"a": 0.7, "b": 0.3})
+        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= DECIDED)
+    chance = chance_to_decide({("a", "b"): D}, {"a": 0.7, "b": 0.3})
     np.testing.assert_allclose(chance, settled, atol=4e-3)  # 200 000 draws scatter by 1e-3
 
 
 def test_what_separates_nothing_settles_nothing_and_what_separates_all_does():
     P = {"a": 0.5, "b": 0.3, "c": 0.2}
     pairs = [("a", "b"), ("a", "c"), ("b", "c")]
-    assert _chance(dict.fromkeys(pairs, 0.0), P) < 1e-6
-    assert _chance(dict.fromkeys(pairs, 20.0), P) > 0.999
+    assert chance_to_decide(dict.fromkeys(pairs, 0.0), P) < 1e-6
+    assert chance_to_decide(dict.fromkeys(pairs, 20.0), P) > 0.999
     # one that only sets a apart settles it where a is true, and no oftener
-    np.testing.assert_allclose(_chance({("a", "b"): 20.0, ("a", "c"): 20.0, ("b", "c"): 0.0}, P), 0.5, atol=1e-6)
+    np.testing.assert_allclose(
+        chance_to_decide({("a", "b"): 20.0, ("a", "c"): 20.0, ("b", "c"): 0.0}, P), 0.5, atol=1e-6
+    )
 
 
 def test_the_causes_of_a_pair_do_not_settle_it_twice():
     """Both are in every hypothesis that counts, so that each has all of the probability."""
-    np.testing.assert_allclose(_chance({("a", "b"): 20.0}, {"a": 1.0, "b": 0.98}), 1.0, atol=1e-6)
+    np.testing.assert_allclose(chance_to_decide({("a", "b"): 20.0}, {"a": 1.0, "b": 0.98}), 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("size", "sd"), [(1.0, 0.6), (0.3, 0.1), (0.05, 0.3), (1.0, 1e-3)])
@@ -60,14 +61,14 @@ def test_what_shows_a_size_by_itself_needs_no_knowledge_of_it(size, sd):
     """A gauge of resolution 0.05 and a size that is known badly: draw it, read it, compare with 0 by the densities."""
     rng, resolution = np.random.default_rng(2), 0.05
     s = size + sd * rng.standard_normal(20_000)
-    D = {("a", "b"): _as_likely(s, resolution)}
+    D = {("a", "b"): as_likely(s, resolution)}
     spread = np.hypot(sd, resolution)
     x = s + resolution * rng.standard_normal(len(s))  # a is there
     odds = norm.logpdf(x, size, spread) - norm.logpdf(x, 0.0, resolution)
     y = resolution * rng.standard_normal(len(s))  # it is not
     against = norm.logpdf(y, 0.0, resolution) - norm.logpdf(y, size, spread)
     settled = 0.5 * np.mean(odds >= np.log(19.0)) + 0.5 * np.mean(against >= np.log(19.0))
-    np.testing.assert_allclose(_chance(D, {"a": 0.5, "b": 0.5}), settled, atol=0.01)  # draws scatter by 0.004
+    np.testing.assert_allclose(chance_to_decide(D, {"a": 0.5, "b": 0.5}), settled, atol=0.01)  # draws scatter by 0.004
 
 
 def survivors(library, names, data):
@@ -121,7 +122,9 @@ def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first(
     words = [t.test for t in found]
     assert "a perfect gauge" in words and "again without it" in words and any("a run in air" in w for w in words)
     assert "again without what is not open" not in words
-    assert all(a.chance >= b.chance - 1e-3 for a, b in itertools.pairwise(found))
+    assert [t.test for t in ranked(found, lambda t: Worth(t.information, t.price))] == words
+    assert max(t.information for t in found) - found[0].information <= 0.1
+    assert all(b.information <= a.information + 0.1 for a, b in itertools.pairwise(found))
     assert all(0.0 <= t.chance <= 1.0 for t in found)
 
 

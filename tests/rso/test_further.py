@@ -18,10 +18,11 @@ from rso.doe import Box
 from rso.emulation.emulator import Output, Sample
 from rso.emulation.hermite import along_one
 from rso.evaluation.store import RunStore
-from rso.inference import Model, PossibleExperiment, determine, expected_information, expected_sd
+from rso.inference import Model, determine, expected_sd
 from rso.inference.likelihood import Misfit
-from rso.optimal_design.design_results import ENOUGH, by_truth, results, warnings
-from rso.optimal_design.study_design import run_next
+from rso.next_experiment.design_results import ENOUGH, by_truth, results, warnings
+from rso.next_experiment.study_design import run_next
+from rso.optimal_design import PossibleExperiment, expected_information
 from rso.report.optimal_design.report import render_next, report
 from rso.study.errors import StudyError
 from rso.study.loader import load
@@ -383,7 +384,7 @@ def test_readings_of_one_record_that_remember_each_other_do_so_once_more(tmp_pat
     knows = one_record(tmp_path / "memory", 0.1)
     assert knows.learnt[0].item.blocks[0].data.memory > 0.6
     assert one_record(tmp_path / "white", 0.0).learnt[0].item.blocks[0].data.memory == 0.0
-    monkeypatch.setattr("rso.optimal_design.study_design.autocorrelated", lambda have, seed: list(have))
+    monkeypatch.setattr("rso.next_experiment.study_design.autocorrelated", lambda have, seed: list(have))
     blind = one_record(tmp_path / "blind", 0.1)
     again = [next(t for t in v.told[0] if t.added == ("top once more",)).fisher["mu"] for v in (knows, blind)]
     mine = [v.joint[-1].determination.of("mu").sd_log for v in (knows, blind)]

@@ -8,7 +8,7 @@ import sample_studies as studies
 from rso.calibration.plan import make_plan
 from rso.cli.checking import check
 from rso.evaluation.store import RunStore
-from rso.optimal_design.study_design import run_next
+from rso.next_experiment.study_design import run_next
 from rso.study.errors import StudyError
 from rso.study.loader import load
 

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal, truncnorm
 
-from rso import inference
+from rso import inference, optimal_design
 from rso.contract import Response
 from rso.core.curves import metrics
 from rso.core.similarity import Group
@@ -481,7 +481,14 @@ def test_directions_are_those_of_a_product():
 def test_a_second_measurement_of_the_same_kind_halves_the_variance():
     m = ball(0.003)
     found = inference.determine(m, seed=0, mcmc=False)
-    again = found.gains[0]
+    again, more = optimal_design.gains_of_repeats(found)
+    # The same experiment, asked about as `rso next` asks.
+    C = m.data[0].covariance
+    done = optimal_design.PossibleExperiment("top", m.model, lambda x: C)
+    (asked,) = optimal_design.expected_information(m.model.box, found.fit.x, 1, [done], [[done]], seed=0, draws=0)
+    for name in ("mu", "D1"):
+        assert again.after[name] == pytest.approx(asked.fisher[name], rel=1e-3)
+    assert more.test.startswith("ten more readings at")
     for name in ("mu", "D1"):
         # The range counts as a weak prior: 1 % of the information here.
         assert again.after[name] / again.before[name] == pytest.approx(0.5**0.5, rel=0.02)
@@ -491,7 +498,7 @@ def test_the_best_depth_is_that_of_brute_force():
     m = ball(0.003)
     fit = inference.all_minima(m, seed=0)[0]
     J = m.model.jacobian(fit.x)
-    at, best = inference.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
+    at, best = optimal_design.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
     prior = 12 * np.eye(2)
     sd = [np.sqrt(np.linalg.inv(fit.fisher + prior + np.outer(j, j) / 0.003**2)[1, 1]) for j in J]
     assert at == int(np.argmin(sd)) and best.after["D1"] == pytest.approx(min(sd) * np.log(168), rel=1e-6)

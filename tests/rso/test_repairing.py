@@ -13,6 +13,7 @@ from rso.calibration import pipeline, range_extension, stages
 from rso.calibration.plan import make_plan
 from rso.calibration.range_ends import RangeEnd, Stated, limit, ordinary
 from rso.contract import knob, parameters_of
+from rso.evaluation import Evaluator
 from rso.evaluation.store import RunStore
 from rso.report.calibration.numbers import report as document
 from rso.study.loader import load
@@ -54,7 +55,7 @@ def repair(folder, **changes):
     """Design, surrogates and repair alone."""
     plan = make_plan(load(studies.write(folder, **{"search": SEARCH, **changes})))
     with RunStore(folder / "results") as store:
-        bench = stages.Runner(plan, store, studies.Inline())
+        bench = stages.Runner(plan, Evaluator(plan.backend, store, studies.Inline()))
         design = stages.run_design(bench)
         return range_extension.extend_ranges(bench, design, stages.fit_surrogates(bench, design))
 

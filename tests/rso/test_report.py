@@ -187,12 +187,13 @@ def leaves(data, path=()):
 
 # Read by machines only, or shown in another form: the layout's version; CPU time of one run; the metrics of one
 # candidate carry the number of points for all; a validation shows the difference and the NRMSE of its metrics; the
-# change along a profile is in the sentence of
-# its reason; the largest numerical error stands for all (here every one is 0.4 %); a surrogate's RMSE is given in units; along a curve
-# the total index and the elasticity are drawn; what constraints exclude is in the story.
+# change along a profile is in the sentence of its reason; the largest numerical error stands for all (here every one is
+# 0.4 %); a surrogate's RMSE is given in units; along a curve the total index and the elasticity are drawn; what
+# constraints exclude is in the story.
 SILENT = re.compile(
     r"schema|cpu_s|(baseline|mean_over_runs).*\.(n|excluded)$|validation.*metrics.(rmse|mre|mape|rrmse|n|excluded)|"
-    r"surrogates.*cross_validation\.n$|relative_rmse|along.*\.(low|high|change|first|first_interval\.0)$|excluded$|profile\.(change|sigma)"
+    r"surrogates.*cross_validation\.n$|relative_rmse|along.*\.(low|high|change|first|first_interval\.0)$|excluded$|"
+    r"profile\.(change|sigma)"
 )
 
 

@@ -20,6 +20,7 @@ from rso.contract import Case, Programme, SimulationFailed, run_key
 from rso.evaluation import (
     Crashed,
     Done,
+    Evaluator,
     Failed,
     Finished,
     Planned,
@@ -363,12 +364,10 @@ def test_fewer_threads_than_asked_do_the_work_and_none_is_said(monkeypatch):
 
 
 def test_other_work_of_a_study_outlives_the_workers(tmp_path):
-    from rso.calibration.stages import Runner
-
     with RunStore(tmp_path) as store, WorkerPool(2, source=SOURCE) as pool:
-        bench = Runner(None, store, pool)
-        assert bench.each(dummy.square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
-        assert bench.each(dummy.die_elsewhere, [(os.getpid(), 5)]) == [5]
+        evaluator = Evaluator(dummy.BACKEND, store, pool)
+        assert evaluator.each(dummy.square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
+        assert evaluator.each(dummy.die_elsewhere, [(os.getpid(), 5)]) == [5]
 
 
 def until(true, seconds=60.0) -> None:

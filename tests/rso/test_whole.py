@@ -16,6 +16,7 @@ from rso.calibration.exit_codes import ended
 from rso.calibration.plan import make_plan
 from rso.cli import main
 from rso.cli.checking import check
+from rso.evaluation import Evaluator
 from rso.evaluation.store import RunStore
 from rso.report.terminal import validated
 from rso.study.loader import load
@@ -196,7 +197,7 @@ LAYOUT: dict[str, Any] = {
             }
         ],
         "directions": [{"change": VALUES, "sd": None, "story": None}],
-        "gains": [{"test": None, "before": VALUES, "after": VALUES}],
+        "gains": [{"test": None, "before": VALUES, "after": VALUES, "information": None, "price": None}],
         "mcmc": dict.fromkeys(("method", "draws", "steps", "tau", "independent", "r_hat", "converged")),
         "weightings": [{"weighting": None, "values": VALUES}],
         "metrics": [{"metric": None, "minima": [{"values": VALUES, "value": None}]}],
@@ -544,7 +545,7 @@ def test_every_kind_of_design(tmp_path, doe, points):
     (tmp_path / "points.csv").write_text("D1,mu\n10,0.006\n150,0.006\n10,0.02\n150,0.02\n")
     plan = make_plan(load(studies.write(tmp_path, doe=doe + "\nheld_out = 0")))
     with RunStore(tmp_path / "results") as store:
-        bench = stages.Runner(plan, store, studies.Inline())
+        bench = stages.Runner(plan, Evaluator(plan.backend, store, studies.Inline()))
         design = stages.run_design(bench)
         assert stages.fit_surrogates(bench, design).emulator.samples
     asked = [plan.values(x) for x in design.asked]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rso.calibration.plan import make_plan
-from rso.optimal_design.experiments import done, planned, refuse
+from rso.next_experiment.experiments import done, planned, refuse
 from rso.study.loader import load
 
 KIDNEY = Path(__file__).parents[2] / "studies" / "kidney_em2"

@@ -12,11 +12,10 @@ from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_curves, r
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan
 from rso.calibration.readings import of_response
-from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner, why
+from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner
 from rso.core.similarity import Group
 from rso.doe import sobol
-from rso.evaluation import Outcome
-from rso.evaluation.store import Done
+from rso.evaluation import Done, Outcome, why
 from rso.inference import (
     CurvePlace,
     Data,

@@ -18,6 +18,7 @@ from rso.report.calibration.influence import extrapolation
 from rso.report.calibration.predictions import off, prediction_sentences, predictions
 from rso.report.calibration.range_extension import range_blocks
 from rso.report.calibration.responses import front_section, sensitivity_section, surface_section
+from rso.report.calibration.turning import turning_sections
 from rso.report.calibration.use import use_section
 from rso.report.calibration.verdict import (
     determined_blocks,
@@ -408,6 +409,7 @@ SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
     _one(curve_section),
     _one(prediction_section),
     _one(open_section),
+    turning_sections,
     gap_sections,
     use_section,
     _behind(_one(identification_section)),

@@ -15,15 +15,14 @@ from rso.calibration import result_files
 from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.core.distributions import chi2_ppf
-from rso.inference import ExpectedInformation
 from rso.inference.error_model import shares
 from rso.inference.verdict import FACTOR, REFUTED, physical
-from rso.optimal_design.study_design import AGAIN, DesignResult, Joint, Learnt
+from rso.next_experiment.study_design import AGAIN, DesignResult, Joint, Learnt
+from rso.optimal_design import ALIKE, ExpectedInformation, Worth, about_parameter, ranked
 from rso.study.cases import sketches
 
 FILE, SCHEMA = "next.json", 1
 ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
-ALIKE = 0.1  # of ln sd: experiments whose expectations are closer than this are not told apart
 DOUBTED = 0.99  # confidence with which the data exclude a truth that is worth a word
 ON_BOUND = 1e-6  # of the unit cube
 APART = 1.5  # factor between Fisher information and made-up data that is worth a word
@@ -33,7 +32,7 @@ def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
     """Everything that the page shows, as strict JSON data."""
     box, focus = found.axes.box, found.axes.box.names[found.weakest]
     theta = box.from_unit(found.truths)
-    singles, pairs = ranked(found, 1), ranked(found, 2)
+    singles, pairs = in_order(found, 1), in_order(found, 2)
     return result_files.plainly(
         {
             "schema": SCHEMA,
@@ -73,10 +72,15 @@ def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
     )
 
 
-def ranked(found: DesignResult, size: int) -> list[tuple[str, ...]]:
-    """Sets of so many experiments, best first by the mean of ln sd of the weakest parameter."""
+def in_order(found: DesignResult, size: int) -> list[tuple[str, ...]]:
+    """Sets of so many experiments, best first by what they are expected to show of the weakest parameter."""
     sets = [t.added for t in found.told[0] if len(t.added) == size]
-    return sorted(sets, key=lambda n: np.mean(np.log(_sizes(found, n))))
+    return ranked(sets, lambda n: worth(found, n))
+
+
+def worth(found: DesignResult, added: Sequence[str]) -> Worth:
+    """What a set shows of the weakest parameter in the mean over the truths, and how many tests it takes."""
+    return Worth(about_parameter(_sizes(found, ()), _sizes(found, added)), len(added))
 
 
 def _of(found: DesignResult, added: Sequence[str]) -> list[ExpectedInformation]:
@@ -228,6 +232,8 @@ def _fit(box: Any, j: Joint) -> dict[str, Any]:
 def _row(found: DesignResult, added: Sequence[str]) -> dict[str, Any]:
     return {
         "added": list(added),
+        "information": worth(found, added).information,
+        "price": len(added),
         "at": [
             {
                 "alone": dict(t.alone),

@@ -21,23 +21,19 @@ from rso.core.similarity import Group
 from rso.core.units import quantity
 from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box
 from rso.emulation.hermite import along_one
-from rso.evaluation import Crashed, Done, Event, Task, run_all
+from rso.evaluation import Crashed, Done, Evaluator, Watch
 from rso.evaluation.store import RunStore
 from rso.inference import (
     CurvePlace,
     Data,
     Determination,
-    ExpectedInformation,
     Misfit,
     Model,
-    PossibleExperiment,
     all_minima,
     covariance,
     determine,
     emulated,
     emulated_together,
-    expected_information,
-    on_valley,
     stack,
     with_autocorrelation,
     with_model_errors,
@@ -46,13 +42,14 @@ from rso.inference.error_model import OF_THE_MODEL, joined
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, Axes, axes_of
 from rso.model_selection.simulations import design
-from rso.optimal_design.experiments import Block, Item, done, kind, planned, refuse
+from rso.next_experiment.experiments import Block, Item, done, kind, planned, refuse
+from rso.optimal_design import ExpectedInformation, PossibleExperiment, expected_information, on_valley
+from rso.optimal_design.gains import weakest as known_worst
 from rso.study.errors import Problem, choose, study_error
 
 FEWEST = 5  # runs with an answer from which an experiment is learnt
 AGAIN = " once more"  # after the name of an experiment that is repeated
 TRUTHS = 5  # values of the parameter that is known worst, unless the study names them
-Watch = Callable[[Event], None]
 Near = Callable[[np.ndarray], Response]
 
 
@@ -84,8 +81,9 @@ class Joint:
 class DesignResult:
     """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set shows at each.
 
-    `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
-    what exists lies above its least value at each truth, after that.
+    `scale` >= 1 is what all errors were multiplied with because the model misses the data, beside Student's factor
+    where few readings show their size; `rise` (k,) is how far χ² of what exists lies above its least value at each
+    truth, after both.
     """
 
     axes: Axes
@@ -107,12 +105,13 @@ def run_next(
     table, axes = plan.study.next, axes_of(plan, ModelLevel(STUDY), {})
     possible, values = asked(plan, axes)
     items = [*done(plan), *possible]
+    evaluator = Evaluator(plan.backend, store, executor, watch)
     points = design(axes, table.runs, plan.seed)
     learnt: list[Learnt] = []
     problems: dict[str, str] = {}
     for item in items:
         say(f"{item.name}: {len(points)} runs")
-        found = learn_item(plan, axes, item, points, store, executor, watch)
+        found = learn_item(plan, axes, item, points, evaluator)
         if isinstance(found, str):
             problems[item.name] = found
         else:
@@ -124,10 +123,10 @@ def run_next(
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
     whole = joint[-1].determination
-    weakest = axes.box.names.index(next(iter(values))) if values else int(np.argmax([k.sd_log for k in whole.known]))
+    weakest = axes.box.names.index(next(iter(values)) if values else known_worst(whole.known))
     truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
-    # What the model lacks it will lack in the next experiment too.
-    s = whole.scale
+    # What the model lacks it will lack in the next experiment too; `rso run` counts errors as wide.
+    s = whole.wider
     rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
     more = [widened(v.experiment, s) for v in learnt if not v.item.done]
     again = [dataclasses.replace(widened(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
@@ -138,7 +137,7 @@ def run_next(
         tuple(expected_information(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
         for k, x in enumerate(truths)
     ]
-    return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, s, tuple(each))
+    return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, whole.scale, tuple(each))
 
 
 def widened(e: PossibleExperiment, scale: float) -> PossibleExperiment:
@@ -184,12 +183,10 @@ def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]
 
 
 def learn_item(
-    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], store: RunStore, executor: Executor,
-    watch: Watch | None,
-) -> Learnt | str:  # fmt: skip
+    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], evaluator: Evaluator
+) -> Learnt | str:
     """Runs of an experiment over the (reduced) box and what is learnt from them, or why nothing is."""
-    tasks = [Task(axes.physical(p), item.case, frozenset()) for p in points]
-    outcomes = run_all(plan.backend, tasks, store, executor, watch=watch)
+    outcomes = [o for (o,) in evaluator.at([item.case], [axes.physical(p) for p in points])]
     good = [(p, o.response) for p, o in zip(points, outcomes, strict=True) if isinstance(o, Done)]
     if len(good) < min(FEWEST, len(points)):
         why = next(o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done))
@@ -207,7 +204,7 @@ def learn_item(
     near = _nearest(axes, good)
     cost = sum(getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed))
     experiment = PossibleExperiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, near, x))
-    return Learnt(item, experiment, emulator, near, len(tasks), cost, left)
+    return Learnt(item, experiment, emulator, near, len(points), cost, left)
 
 
 def _read_of(item: Item, place: CurvePlace) -> list[tuple[float, float]]:

@@ -1,0 +1,1 @@
+"""`rso next`: what experiments that nobody has done yet would show about the parameters."""
