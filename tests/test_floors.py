@@ -158,9 +158,11 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
-        "answer output text_sketch",
+        "output text_sketch",
+        "answer",
         "checking progress status",
-        "compare doctor example objectives pages",
+        "compare example objectives pages",
+        "doctor",
         "commands",
         "arguments",
         "__init__",

@@ -125,8 +125,8 @@ class Common:
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
     pore_D1: float = knob(
-        "compressibility that a body with a permeability gains as liquid leaves: D1 is then that before it does; "
-        "0: D1 is that of the drained body, the liquid gives way to no pressure",
+        "compressibility that a body with a permeability gains as liquid leaves; D1 is then the undrained one. 0: "
+        "D1 is that of the drained body, the liquid gives way to no pressure",
         "1/MPa",
         0.0,
         1e6,
