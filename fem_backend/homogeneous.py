@@ -63,7 +63,9 @@ class HomogeneousTable(members.MemberTable):
 @functools.lru_cache(maxsize=8)
 def _model(now: tuple) -> Any:
     return create_model(
-        "HomogeneousSettings", __base__=HomogeneousTable, material=(Annotated[Any, LAWS], LAWS.members[LAWS.default].Table())
+        "HomogeneousSettings",
+        __base__=HomogeneousTable,
+        material=(Annotated[Any, LAWS], LAWS.members[LAWS.default].Table()),
     )
 
 
@@ -72,7 +74,7 @@ def read(settings: Mapping[str, Any]) -> Any:
     try:
         return _model(tuple(LAWS.members.items())).model_validate(dict(settings))
     except ValidationError as error:
-        known = {(): [*HomogeneousTable.model_fields, LAWS.noun]}
+        known: dict[tuple[str, ...], list[str]] = {(): [*HomogeneousTable.model_fields, LAWS.noun]}
         raise ValueError("\n".join(members.problems(error, {LAWS.noun: LAWS}, (), known))) from error
 
 

@@ -33,7 +33,7 @@ def test_neo_hookean_by_hand(test, sense):
 
 
 def test_confined_compression_by_hand():
-    """F = diag(λ, 1, 1): P = μ J^(-5/3) (λ − I₁/(3λ)) J… by the energy: dW/dλ of μ/2 (λ^(-2/3)(λ² + 2) − 3) + (λ − 1)²/D₁."""
+    """F = diag(λ, 1, 1): P = dW/dλ of W = μ/2 (λ^(-2/3) (λ² + 2) − 3) + (λ − 1)²/D₁."""
     mu, D1 = 0.01, 20.0
     x = 1.0 - np.array(U) / 10.0
     slope = mu / 2 * (-2 / 3 * x ** (-5 / 3) * (x**2 + 2) + x ** (-2 / 3) * 2 * x) + 2 * (x - 1) / D1

@@ -368,8 +368,8 @@ def _dots(
     axes.axvline(y * unit.factor, color=INK, lw=1)
     for k, (c, f) in enumerate(rows):
         axes.plot([y * unit.factor, f * unit.factor], [-k, -k], color=PALE, lw=1.2, zorder=0)
-        look = {"ms": 5.0 if c.best else 4.0, "color": ACCENT if c.best else GREY}
-        axes.plot([f * unit.factor], [-k], "o", label=c.label, **look)
+        size, colour = (5.0, ACCENT) if c.best else (4.0, GREY)
+        axes.plot([f * unit.factor], [-k], "o", label=c.label, ms=size, color=colour)
         text = f"{percent(abs(f - y) / abs(y))} too {'high' if f > y else 'low'}" if y and f != y else ""
         axes.annotate(
             text,
