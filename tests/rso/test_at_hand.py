@@ -209,10 +209,13 @@ def test_what_a_stranger_wrote_cannot_colour_a_line(monkeypatch):
 
 
 def test_errors_are_wrapped_at_words(monkeypatch):
+    """A path that is longer than a line stays whole; everything else fits."""
     monkeypatch.setattr(output, "_columns", lambda: 40)
-    text = "study.toml:3: a_rather_long_key = 'value': is not modelled, choose another one"
+    path = "measured/" + "long-name-" * 6 + ".csv"
+    text = f"study.toml:3: data = '{path}': is not there, choose another one of the same folder"
     lines = output.wrapped(text, Terminal("utf-8")).split("\n")
-    assert max(map(len, lines)) <= 40 and " ".join(line.strip() for line in lines) == text
+    assert all(len(line) <= 40 or path in line for line in lines) and any(path in line for line in lines)
+    assert " ".join(line.strip() for line in lines) == text
 
 
 def test_the_condensed_answer_is_strict_json():
