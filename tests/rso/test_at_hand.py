@@ -98,6 +98,7 @@ def test_values_have_the_digits_that_are_known(value, span, text):
 def test_numbers_have_no_exponent_where_people_write_none():
     assert [number(x, 3) for x in (0.0, 123456.0, 0.00012345, 1e-9)] == ["0", "123456", "0.000123", "1.00e-09"]
     assert between((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
+    assert between((0.0119991, 0.0120012), "MPa") == "11.999 to 12.001 kPa"  # ends that differ look so
 
 
 def test_two_runs_are_compared(results, tmp_path, capsys):
