@@ -411,11 +411,11 @@ SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
     _one(open_section),
     turning_sections,
     gap_sections,
-    use_section,
     _behind(_one(identification_section)),
     _behind(closed_form_sections),
     _behind(_one(candidate_section)),
     _behind(_how_found),
     _behind(_one(runs)),
     _behind(_one(provenance)),
+    _behind(use_section),
 )
