@@ -80,7 +80,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "low above high": ({"parameters": MU.replace("6 kPa", "60 kPa") + "\n" + D1}, {}, "must be below high"),
     "beyond hard bounds": ({"parameters": MU.replace("20 kPa", "20 GPa") + "\n" + D1}, {}, "outside its hard bounds"),
     "log of zero": ({"parameters": MU + "\n" + D1.replace("10,", "0,")}, {}, "a log scale needs low > 0"),
-    "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: low and high must be given together"),
+    "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: low and high must be given"),
     "a fixed one with a range": (
         {"parameters": MU + "\nD1 = { value = 60, low = 10, high = 150 }"},
         {},
