@@ -324,7 +324,7 @@ LAYERS = {
     ),
     "rso.report.calibration": (
         "background closed_forms deformed derived displacements drawn_runs errors gap gauss_newton hold_panels",
-        "identification influence maps range_extension turning",
+        "identification influence maps range_extension turning use",
         "predictive_check responses",
         "predictions",
         "verdict",
