@@ -123,7 +123,7 @@ LAYERS = {
         "__init__",
     ),
     "rso": (
-        "__init__ contract doe norms",
+        "__init__ contract doe norms results",
         "benchmarks core",
         "data emulation evaluation",
         "store",
@@ -336,6 +336,13 @@ LAYERS = {
         "report",
     ),
     "rso.report.optimal_design": ("report",),
+    "rso.results": (
+        "keys",
+        "diagnosis_file ladder_file next_file",
+        "run_file",
+        "__init__",
+        "reference",
+    ),
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",
         "columns_table deck_table errors noise_table search_table",
