@@ -259,11 +259,11 @@ def _grown(
     new = [sample(plan, r.values, r.outcomes) for r in first if r.done]
     if count and not new:
         return grown, replace(fitted, added=(*fitted.added, *first)), first
-    emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.each)
+    emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.evaluator.each)
     scores = dict(fitted.held_out)
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
-        emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.each)
+        emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.evaluator.each)
     if new and stages.misses(plan, emulator, scores):
         points = stages.worst(grown.around_failures(design.similar).plan, emulator, min(len(new), room - len(first)))
         more = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))
