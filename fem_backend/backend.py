@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
+import json
 import platform
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -11,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import closed_forms, meshing
+from fem_backend import closed_forms, members, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated
@@ -60,6 +62,7 @@ ROUNDED = 1e-12  # of the thickness: sums of layers and sizes are a little off
 DOWN = np.array([0.0, 0.0, -1.0])
 
 DEEP = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
+MODULI = ("mu", "D1")
 GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
 
 
@@ -182,7 +185,9 @@ class FiniteElements:
     def cost(self, values: Mapping[str, float], case: Case) -> float:
         """Seconds that a run takes, roughly; see :func:`fem_backend.adapter.cost_model.seconds`."""
         settings = experiment.read_settings(case.settings)
-        return cost_model.seconds(settings, self.knobs(values, settings), path_dependent(settings, values))
+        used = dataclasses.asdict(self.knobs(values, settings))
+        placement = _placement(settings, tuple(sorted(used.items())), every())
+        return cost_model.seconds(settings, placement, path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled, and for artefacts that have no hash."""
@@ -211,6 +216,17 @@ class FiniteElements:
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
+        try:
+            text = json.dumps(case.settings, sort_keys=True)
+        except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
+            return self._canonical(values, case)
+        given = tuple((k, type(v), v) for k, v in values.items())
+        stamps = members.stamps(case.settings)
+        kept, plain, programme = _canonical_again(self, given, text, case.programme, stamps, experiment.table())
+        own = {k: dict(v) if isinstance(v, dict) else v for k, v in plain.items()}
+        return dict(kept), dataclasses.replace(case, settings=own, programme=programme)
+
+    def _canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
@@ -291,10 +307,10 @@ class FiniteElements:
     def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
 
-        Empty with adhesion among the knobs `given`: elements then resolve its range, whatever the level.
+        Empty with adhesion among the knobs `given` on a meridian: elements then resolve its range, whatever the level.
         """
         own = experiment.read_settings(settings)
-        if "adhesion" in given:
+        if "adhesion" in given and on_axis(own):
             return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}
@@ -490,7 +506,10 @@ class FiniteElements:
         return True
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
-        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
+        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones.
+
+        With pore flow `D1` is that of the drained body, whichever of the two the values name.
+        """
         known = {p.name: p for p in self.parameters}
         unknown = sorted(set(values) - set(known))
         if unknown:
@@ -500,10 +519,27 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return every()(**{n: known[n].check(v) for n, v in given.items() if v is not None})
+        checked = {n: known[n].check(v) for n, v in given.items() if v is not None}
+        if checked["permeability"]:
+            checked["D1"] += checked["pore_D1"]
+        return every()(**checked)
 
 
 BACKEND = FiniteElements()
+
+
+@functools.lru_cache(maxsize=4096)
+def _canonical_again(
+    backend: FiniteElements,
+    values: tuple[tuple[str, type, float], ...],
+    text: str,
+    programme: Programme,
+    stamps: tuple[tuple[str, int, int], ...],
+    table: type,
+) -> tuple[dict[str, float], Mapping[str, Any], Programme]:
+    """A study asks for the same run many times: what it costs, whether it is stored, which others are the same."""
+    kept, case = backend._canonical({k: v for k, _, v in values}, Case("", programme, json.loads(text)))
+    return kept, case.settings, case.programme
 
 
 def _ended(
@@ -576,12 +612,23 @@ def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
 
 def _placed(settings: Settings, kept: Mapping[str, float], asked: Callable[[Placement], bool]) -> bool:
     """What is asked of the placement of a run with these values; False where there is none."""
-    known = {f.name for f in dataclasses.fields(every())}
+    placement = _placement(settings, tuple(sorted(kept.items())), every())
+    return placement is not None and asked(placement)
+
+
+@functools.lru_cache(maxsize=1024)
+def _placement(settings: Settings, kept: tuple[tuple[str, float], ...], knobs: type) -> Placement | None:
+    """The placement with these values, None where there is none: a study asks for a few, thousands of times.
+
+    Where a body lies and what touches it hangs on no modulus.
+    """
+    known = {f.name for f in dataclasses.fields(knobs)}
+    if any(name in MODULI for name, _ in kept):
+        return _placement(settings, tuple(pair for pair in kept if pair[0] not in MODULI), knobs)
     try:
-        knobs = every()(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
-        return asked(modelling.place(settings, knobs))
+        return modelling.place(settings, knobs(**dict.fromkeys(MODULI, 1.0), **{k: v for k, v in kept if k in known}))
     except NotModelled:
-        return False  # the run itself will say why
+        return None  # the run itself will say why
 
 
 def _read(case: Case) -> Settings:

@@ -104,7 +104,7 @@ class OpenSet(Generic[Member]):
 
     def of_others(self, name: str) -> frozenset[str]:
         """Names of the knobs that exist only with members other than this one."""
-        return frozenset().union(*(self.own(n) for n in self.members)) - self.own(name)
+        return _of_others(tuple((n, m.Knobs) for n, m in self.members.items()), name)
 
     def read(self, value: Any) -> Any:
         """The member that a table describes; ValueError with every problem, one a line."""
@@ -131,6 +131,12 @@ class OpenSet(Generic[Member]):
             raise refused(f" is not modelled; {choose(str(tag), list(self.members))}", self.tag, tag)
         known = {k: most for k, most in self.marks.items() if k in getattr(self.members[tag], "marks", self.marks)}
         return {k: v for k, v in value.items() if not marked(k, v, known)}
+
+
+@functools.lru_cache(maxsize=128)
+def _of_others(knobs: tuple[tuple[str, type | None], ...], name: str) -> frozenset[str]:
+    names = {n: {f.name for f in dataclasses.fields(k)} if k is not None else set() for n, k in knobs}
+    return frozenset().union(*names.values()) - names[name]
 
 
 def marked(key: str, value: object, marks: Mapping[str, int]) -> bool:

@@ -22,8 +22,11 @@ __all__ = [
     "AskedRun",
     "Backend",
     "Case",
+    "FreeCurve",
     "FunctionModel",
     "Parameter",
+    "ParetoResult",
+    "ParetoStudy",
     "Programme",
     "Response",
     "RunResult",
@@ -34,6 +37,7 @@ __all__ = [
     "indent",
     "load",
     "model",
+    "pareto",
 ]
 
 

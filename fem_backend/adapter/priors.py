@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import ADDITIONS, LAWS
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.knobs import known
 from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
@@ -45,7 +46,18 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
     others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
     others += own.specimen.absent() | own.support.absent(own.specimen)
     others += [k for k in SUPPORTS.of_others(own.support.name) if declared[k].neutral is not None]
+    others += [] if _may_drain(own, given) else ["pore_D1"]
     return {**_lengths(own, declared), **_skin(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
+
+
+def _may_drain(own: Settings, given: Collection[str]) -> bool:
+    """Whether pore flow may be a cause: a solver has it, and the study has no flow of its own.
+
+    Layers differ in all moduli, and the liquid in them would have one.
+    """
+    held = not own.support.loose and not own.support.friction({})
+    plain = not {"permeability", "friction", "adhesion"}.intersection(given) and not own.specimen.ratios
+    return on_axis(own) and held and plain
 
 
 def gauges(own: Settings) -> dict[str, tuple[str, float]]:
@@ -60,7 +72,12 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
 
 def usual(own: Settings) -> dict[str, float]:
     """Knob → its default where the declared one belongs to another size of body or indenter."""
-    declared = {f.name: f.default for f in fields(known())}
+    return dict(_usual(own, known()))
+
+
+@functools.lru_cache(maxsize=256)
+def _usual(own: Settings, knobs: type) -> dict[str, float]:
+    declared = {f.name: f.default for f in fields(knobs)}
     return {name: k * declared[name] for name, k in _factors(own).items() if declared[name]}
 
 

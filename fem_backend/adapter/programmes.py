@@ -9,6 +9,8 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.solver.controlled_steps import Drive, Leg
 from rso.contract import Programme, Segment
 
+PULL_OFF = "; a pull-off has no segments: time_s and travel_mm, which may end below 0, above the specimen"
+
 
 def controlled(programme: Programme) -> bool:
     """Whether a programme is followed as legs, not as travel through waypoints."""
@@ -22,11 +24,11 @@ def check(programme: Programme, settings: Settings, deepest: float) -> None:
     for k, s in enumerate(programme.segments):
         name = f"programme: segments[{k}]"
         if s.to_mm is not None and not 0.0 <= s.to_mm <= deepest:
-            raise ValueError(f"{name}.to_mm = {s.to_mm:g} mm: from 0 (first contact) to {deepest:g} mm")
+            raise ValueError(f"{name}.to_mm = {s.to_mm:g} mm: from 0 (first contact) to {deepest:g} mm{PULL_OFF}")
         if s.to_N is not None and s.to_N <= 0.0:
             raise ValueError(
                 f"{name}.to_N = {s.to_N:g} N: a positive force; where the indenter hardly touches, its travel is "
-                'controlled (control = "travel", to_mm)'
+                f'controlled (control = "travel", to_mm){PULL_OFF}'
             )
     if any(f <= 0.0 for f in programme.asked_N):
         raise ValueError(f"programme: asked_N = {list(programme.asked_N)} N: positive forces")

@@ -6,7 +6,8 @@ The weak form of a step from n to n + 1, per reference volume, with v the volume
 
     m_i = ∫ φ_i (v − v̄) dV + Δ ∫ k ∇φ_i · J C⁻¹ ∇p dV + Δ ∫ λ φ_i p dA = 0,
 
-v̄ and Δ of the time integration, k the permeability, λ a leak through an open surface.  Small strains have C = 1.
+v̄ and Δ of the time integration, k the permeability, λ a leak through an open surface.  Small strains have C = 1.  Where
+the liquid gives way by S (1/MPa) v is J − 1 + S p (Biot 1941, eq. 2.12, α = 1), the volume that it has lost.
 """
 
 from __future__ import annotations
@@ -164,19 +165,21 @@ def _mass(corners, slopes, w, phi, F, v, p, flow, out):  # type: ignore[no-untyp
                 out[corners[e, i]] += w[e, q] * (phi[q, i] * v[e, q] + flow * flat * h * (sx * qx + sz * qz))
 
 
-def coupling(at: PorousMeridian, F: np.ndarray, p: np.ndarray, flow: float, unit: float, small: bool) -> np.ndarray:
+def coupling(
+    at: PorousMeridian, F: np.ndarray, p: np.ndarray, flow: float, storage: float, unit: float, small: bool
+) -> np.ndarray:
     """What pressures add to the coupled matrix, (nnz,): rows of displacements −∂/∂p, rows of pressures −∂m/∂(u, p).
 
-    Pressures count in `unit` (MPa) and masses times it, so that all entries are stiffnesses.
+    Pressures count in `unit` (MPa) and masses times it, so that all entries are stiffnesses; `storage` is S (1/MPa).
     """
     out = np.zeros(len(at.pattern.indices))
     body, phi = at.body, linear_functions()
-    _coupling(body.G, body.ring, body.w, phi, at.slopes, at.corners, F, p, flow, unit, small, at.place, out)
+    _coupling(body.G, body.ring, body.w, phi, at.slopes, at.corners, F, p, flow, storage, unit, small, at.place, out)
     return out
 
 
 @numba.njit(cache=True)
-def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, unit, small, place, out):  # type: ignore[no-untyped-def]
+def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, storage, unit, small, place, out):  # type: ignore[no-untyped-def]
     m, n = w.shape
     block, J1 = np.empty((17, 17)), np.empty(14)
     s = np.empty((3, 2))
@@ -212,6 +215,7 @@ def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, unit, small, place, 
             for i in range(3):
                 for j in range(3):
                     block[14 + i, 14 + j] -= unit * through * (s[i, 0] * s[j, 0] + s[i, 1] * s[j, 1])
+                    block[14 + i, 14 + j] -= unit * wu * storage * phi[q, i] * phi[q, j]
         for k in range(17):
             for l in range(17):
                 if (k >= 14 or l >= 14) and place[e, k, l] >= 0:

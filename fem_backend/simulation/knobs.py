@@ -124,6 +124,18 @@ class Common:
         label="adhesion",
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
+    pore_D1: float = knob(
+        "compressibility that a body with a permeability gains as liquid leaves: D1 is then that before it does; "
+        "0: D1 is that of the drained body, the liquid gives way to no pressure",
+        "1/MPa",
+        0.0,
+        1e6,
+        neutral=0.0,
+        group="pore flow",
+        typical=100.0,
+        plausible=(0.1, 3.0),
+        label="pore flow",
+    )
     permeability: float = knob(
         "permeability of the body for the liquid in its pores; 0: no pore flow, the drained solid alone",
         "mm^4/N/s",
@@ -131,6 +143,7 @@ class Common:
         1e12,
         default=0.0,
         group="pore flow",
+        plausible=(0.003, 10.0),
         label="pore flow",
     )
 
@@ -206,6 +219,12 @@ def composed(parts: Iterable[type], name: str = "Knobs") -> type:
 
 def known() -> type:
     """The dataclass of all knobs with those of every member that is registered now."""
+    return _with(tuple(tuple(s.members.values()) for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)))
+
+
+@functools.lru_cache(maxsize=16)
+def _with(members: tuple[tuple[type, ...], ...]) -> type:
+    """The same as long as the registered `members` are: it is asked for tens of thousands of times."""
     additions = [addition.Knobs for addition in ADDITIONS]
     body = [*SPECIMENS.knobs(), *own_laws.knobs(), Common, *SUPPORTS.knobs(), *INDENTERS.knobs(), Pose]
     return _known((Elastic, *LAWS.knobs(), *additions, *body))

@@ -8,6 +8,7 @@ from fem_backend.kinematics import pore_pressure
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.simulation.experiment import POROUS
 from fem_backend.simulation.initial_state import InitialState
+from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import direct
 from fem_backend.solver.biphasic import Pores
 
@@ -32,7 +33,15 @@ def pores_of(at: InitialState) -> Pores:
         may_close.products[~_among(pressed, facets[covered])] = 0.0
     unit = at.system.material.shear_modulus / at.placement.indenter.length
     factor = direct.precise(space.pattern, at.settings.solver)
-    return Pores(space, at.knobs.permeability, unit, factor, pore_pressure.open_edges(space, open_), may_close)
+    edges = pore_pressure.open_edges(space, open_)
+    return Pores(space, at.knobs.permeability, unit, factor, edges, may_close, _storage(at.knobs))
+
+
+def _storage(knobs: Knobs) -> float:
+    """S (1/MPa) of a liquid that makes the drained K = 2/D1 that of before it leaves, 2/(D1 − pore_D1) = K + 1/S."""
+    if not knobs.pore_D1:
+        return 0.0
+    return float(1.0 / (2.0 / (knobs.D1 - knobs.pore_D1) - 2.0 / knobs.D1))
 
 
 def _supported(at: InitialState, facets: np.ndarray) -> np.ndarray:

@@ -4,15 +4,17 @@
 
 σ the stress of the drained solid by its own law, p the pore pressure, k the permeability (mm⁴/(N s), constant); solid
 and liquid are incompressible by themselves (Biot 1941; Mow, Kuei, Lai and Armstrong 1980, J. Biomech. Eng. 102, 73).
-For k → ∞ it is the drained solid at every moment, for k → 0 an incompressible one.
+For k → ∞ it is the drained solid at every moment, for k → 0 an incompressible one.  Where the liquid gives way by S
+(1/MPa) the first term of the balance is the rate of J − 1 + S p, and for k → 0 the bulk modulus K + 1/S.
 
 In time by the second-order backward difference with steps of any length, a step back of first order at every corner
 of the programme:
 
     v_n+1 − v̄ = Δ Div(k J C⁻¹ ∇p),   v̄ = ((1 + ω)² v_n − ω² v_n−1)/(1 + 2ω),   Δ = (1 + ω)/(1 + 2ω) δt,
 
-v = J − 1 and ω the ratio of this step to the one before (Hairer, Nørsett and Wanner 1993, §III.5); ω = 0 is backward
-Euler.  Contact is that of :mod:`.mixed_newton`: which points touch is found from the pressures of the linear step.
+v = J − 1 + S p and ω the ratio of this step to the one before (Hairer, Nørsett and Wanner 1993, §III.5); ω = 0 is
+backward Euler.  Contact is that of :mod:`.mixed_newton`: which points touch is found from the pressures of the linear
+step.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -51,7 +54,8 @@ Pressures = tuple[np.ndarray | None, ...]  # (f, q) MPa of each pair that acts p
 
 @dataclass(frozen=True)
 class Pores:
-    """The liquid of a body: its pressures, permeability k (mm⁴/(N s)), the unit (MPa/mm) that masses count in.
+    """The liquid of a body: its pressures, permeability k (mm⁴/(N s)), the unit (MPa/mm) that masses count in, and how
+    much it gives way, S (1/MPa).
 
     Liquid leaves through the edges `open`, and through those that `may_close`, in the order of the surface under a
     sealed indenter, where they do not touch it.
@@ -63,6 +67,7 @@ class Pores:
     factor: Factor
     open: OpenEdges
     may_close: OpenEdges | None
+    storage: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class TimeStep:
 
 @dataclass(frozen=True)
 class CoupledState:
-    """An evaluation whose residual holds the pore pressure p (v,) MPa; v (m, q) = J − 1, missing volume (v,) mm³.
+    """An evaluation whose residual holds the pore pressure p (v,) MPa; v (m, q) = J − 1 + S p, missing volume (v,) mm³.
 
     `sealed` (f, q) are the points under the indenter that let nothing pass.
     """
@@ -218,7 +223,7 @@ def solve(
         history.append(_relative(pores, here))
         if not history[-1] < AFAR * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
-        if history[-1] <= tolerance or newton.at_round_off(history):
+        if history[-1] <= tolerance or newton.at_round_off(history, partial(newton.round_off, system, here.at)):
             return here, tuple(history)
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
@@ -243,6 +248,8 @@ def evaluate(
     F = _deformation(system, at.H)
     force = axisymmetric.internal_force(space.body, F, np.zeros((*space.body.w.shape, 6)), -p[space.corners])
     v = pore_pressure.volume_change(at.H, small(system))
+    if pores.storage:
+        v = v + pores.storage * (p[space.corners] @ axisymmetric.linear_functions().T)
     flow = step.length * pores.permeability
     missing = pore_pressure.mass(space, F, v - step.volume, p, flow)
     for edges, through in _leaks(system, pores, step, sealed):
@@ -268,14 +275,14 @@ def _sealed(system: System, pores: Pores, contacts: Sequence[ContactState]) -> n
 def _leaks(system: System, pores: Pores, step: TimeStep, sealed: np.ndarray) -> list[tuple[OpenEdges, np.ndarray]]:
     """∫ Δ λ φ_i φ_j dA (e, 2, 2) of all edges that may leak, `flow` = Δ k:
 
-        λ = c (k/h) min(1, k M t/h²),   M = K + 4 μ/3,
+        λ = c (k/h) min(1, k M t/h²),
 
-    of an edge of length h, t (s) since the body was at rest; c = LEAK, or EDGE_LEAK `beside` what is sealed.  An
-    element's pressure falls over all of its depth: as long as what has drained is thinner than h, pressures held at
-    zero would drain too much, and an undrained body would yield by a layer of elements.
+    of an edge of length h, 1/M = 1/(K + 4 μ/3) + S, t (s) since the body was at rest; c = LEAK, or EDGE_LEAK `beside`
+    what is sealed.  An element's pressure falls over all of its depth: as long as what has drained is thinner than h,
+    pressures held at zero would drain too much, and an undrained body would yield by a layer of elements.
     """
     stuff = system.material
-    modulus = stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus
+    modulus = 1.0 / (1.0 / (stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus) + pores.storage)
     flow, found = step.length * pores.permeability, []
     none = np.zeros((1, 1), bool)
     for edges, closed in ((pores.open, none), (pores.may_close, sealed)):
@@ -326,7 +333,7 @@ def _factorise(
     turning = response.Turning(linearised.state.S_geometric, linearised.volume.p - here.p[space.corners])
     bulk = response.stiffness(body, linearised, turning)
     flow, F = step.length * pores.permeability, _deformation(system, at.H)
-    coupled = pore_pressure.coupling(space, F, here.p, flow, pores.unit, small(system))
+    coupled = pore_pressure.coupling(space, F, here.p, flow, pores.storage, pores.unit, small(system))
     for edges, through in _leaks(system, pores, step, here.sealed):
         np.subtract.at(coupled, edges.place, pores.unit**2 * through)
     contacts = tuple(c if p is None else replace(c, multiplier=p) for c, p in zip(at.contacts, touching, strict=True))

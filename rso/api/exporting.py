@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+import rso
 from rso.api.run_result import RunResult
 from rso.calibration.plan import Plan
 from rso.calibration.result_files import POSTERIOR
@@ -24,6 +25,8 @@ TABLES = {
     "csv": "tables of parameters, candidates, runs, curves and posterior draws as CSV",
     "parquet": "the same as Parquet (needs pyarrow)",
     "arviz": "posterior draws and readings for arviz.from_json",
+    "figures": "every figure of the report as SVG and, where typst is installed, as PDF",
+    "bibtex": "how to cite: the program and the methods that the run used",
 }
 
 
@@ -62,11 +65,16 @@ def export(
             files |= {f"{k}.csv": t.to_csv(index=False, lineterminator="\n") for k, t in tables(result).items()}
         elif name == "parquet":
             _write_parquet(folder, tables(result))
+        elif name == "figures":
+            files |= _figures(result)
+        elif name == "bibtex":
+            files["references.bib"] = bibtex(result)
         elif name == "arviz":
             files["inference_data.json"] = json.dumps(inference_data(result), allow_nan=False)
         else:
             files |= _of_backend(plan, result, name, candidate, experiment)
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "figures").mkdir(exist_ok=True) if "figures" in names else None
     written = [disk.replace(folder / name, content) for name, content in files.items()]
     return [*written, *sorted(folder.glob("*.parquet"))] if "parquet" in names else written
 
@@ -77,6 +85,23 @@ def tables(result: RunResult) -> dict[str, pd.DataFrame]:
     found |= {"candidates": result.candidates, "runs": result.runs, "curves": result.curves}
     path = result.folder / POSTERIOR
     return {**found, "posterior": pd.read_csv(path)} if path.is_file() else found
+
+
+def _figures(result: RunResult) -> dict[str, bytes | str]:
+    from rso.report.picture_files import every
+
+    return {f"figures/{name}": content for name, content in every(result.data).items()}
+
+
+def bibtex(result: RunResult) -> str:
+    """BibTeX of the program and of those methods that the results rest on."""
+    entries = (Path(__file__).parent / "references.bib").read_text("utf-8").split("\n\n")
+    used = {"rso", "venzon1988" if result.data.get("identification") else ""}
+    used |= {"conn2000"} if result.data.get("descent") else {"deb2002", "rasmussen2006"}
+    used |= {"saltelli2010"} if result.data.get("sensitivity") else set()
+    used |= {"mackay2003", "kennedy2001"} if result.data.get("diagnosis") else set()
+    chosen = [e.strip() for e in entries if e.partition("{")[2].partition(",")[0] in used]
+    return "\n\n".join(chosen).replace("@VERSION", rso.__version__) + "\n"
 
 
 def inference_data(result: RunResult) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The deformed body of the model that a report draws, beside the results: deformed.json, made by one simulation more.
 
-It hangs on the run key alone; where the file has that key already nothing is simulated.
+It depends on the run key alone; where the file has that key already nothing is simulated.
 """
 
 from __future__ import annotations

@@ -163,7 +163,7 @@ def _search(ranges: ExtendedRanges, notes: _Notes, say: Say) -> tuple[Runner, li
         found["runs"] += results.candidate_runs(plan, one)
         for c in results.of_searches(plan, [one], audit)["searches"][0]["candidates"]:
             state = "verified" if c["verified"] else "not verified" if c["state"] == "done" else c["state"]
-            say(f"  {wanted.name} {c['name']}: {_values(plan, c['values'])} ({state})")
+            say(f"  {c['name']}: {_values(plan, c['values'])} ({state})")
         notes.write("search", **results.of_searches(plan, searches, audit))
     found["warnings"] += [f"Ranges of the main search: {s.why}" for s in audit[-1:] if s.what == "stopped"]
     found["warnings"] += rough(found["searches"][0]["candidates"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import math
@@ -20,7 +19,6 @@ from rso.data import CreepHold, Hold, MeasuredCurve, combine, value_at
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
-from rso.evaluation.decks import load_deck
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -40,6 +38,7 @@ from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
 from rso.study.search_table import TargetTable
+from rso.study.sources import needs_data
 from rso.study.sources import source_of as source_of
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
@@ -158,6 +157,7 @@ def make_plan(
     Holds are compared where the model of the study relaxes, or one of those `beside` it: values and settings that
     replace its own.
     """
+    needs_data(study)
     source = source_of(study)
     try:
         backend = source.load() if backend is None else backend

@@ -9,7 +9,7 @@ from typing import Any
 
 from rso.core import disk
 from rso.core.plain_results import plainly as plainly
-from rso.core.plain_results import write_json as write
+from rso.core.plain_results import write as write
 from rso.core.plain_results import written_cell
 from rso.inference import Determination
 from rso.study.errors import StudyError

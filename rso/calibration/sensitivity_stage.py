@@ -10,6 +10,8 @@ import numpy as np
 
 from rso.calibration.plan import Plan, ends_in, limited
 from rso.calibration.stages import FittedSurrogates
+from rso.core.symbols import symbol, unit_text
+from rso.core.units import people
 from rso.doe import Box
 from rso.emulation import sensitivity
 from rso.emulation.emulator import Emulator, Output
@@ -134,6 +136,12 @@ def _curve(predict: Callable[[np.ndarray], np.ndarray], j: int, d: int, ranges: 
     return ranges.from_unit(U)[:, j], y
 
 
+def _span(name: str, low: float, high: float, unit: str) -> str:
+    """A range in the unit that people use."""
+    label, factor = people(unit, max(abs(low), abs(high)))
+    return f"{symbol(name)} from {low * factor:.4g} to {high * factor:.4g} {unit_text(label)}".strip()
+
+
 def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
     """The block `sensitivity` of results.json."""
     names = plan.box.names
@@ -142,15 +150,15 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
     dependent = found.restricted and excluded > 0
     ranges = found.ranges
     ends = zip(ranges.names, ranges.low, ranges.high, ranges.units, strict=True)
-    spans = ", ".join(f"{n} from {a:.4g} to {b:.4g} {u}".removesuffix(" 1") for n, a, b, u in ends)
+    spans = ", ".join(_span(n, a, b, u) for n, a, b, u in ends)
     whose = "that the main search came to use" if found.searched else "that the study states"
     story = (
         f"Over the ranges {whose}, {spans}. "
         "Local: one parameter goes over its range, the others stay in the middle of theirs; elasticity is "
-        "d ln y / d ln theta there. Sobol: shares of the variance when all parameters vary "
+        "d ln y / d ln θ there. Sobol: shares of the variance when all parameters vary "
         f"{'' if dependent else 'independently and '}uniformly over "
         f"{'what the constraints leave of ' if dependent else ''}"
-        f"their ranges{' (in the logarithm of ' + ', '.join(logs) + ')' if logs else ''}."
+        f"their ranges{' (in the logarithm of ' + ', '.join(map(symbol, logs)) + ')' if logs else ''}."
     )
     if dependent:
         story += (

@@ -197,7 +197,16 @@ def _of_a_study(known: Any) -> None:
             )
 
 
-FORMATS = ("febio", "abaqus", "cards", "csv", "parquet", "arviz")  # those that are options; a backend may have more
+FORMATS = (
+    "febio",
+    "abaqus",
+    "cards",
+    "csv",
+    "parquet",
+    "arviz",
+    "figures",
+    "bibtex",
+)  # those that are options; a backend may have more
 
 
 def _in_and_out(known: Any) -> None:
@@ -256,7 +265,7 @@ def _at_hand(known: Any) -> None:
         ("plot", commands.plot, "write a figure of the report as a file; without a name list them"),
     ):
         command = known.add_parser(name, help=text, description=text)
-        command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
+        command.add_argument("study", type=Path, help="study.toml, its folder, or a folder of results")
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
         command.set_defaults(call=call)
         if name == "open":

@@ -15,8 +15,10 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
+from rso.cli.answer import between
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
+from rso.core.symbols import symbol
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -137,6 +139,8 @@ def _one_of_each(plan: Plan) -> list[Task]:
 
 
 def _minutes(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
@@ -209,10 +213,10 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 def _things(plan: Plan) -> list[str]:
     """Parameters, settings and experiments."""
     lines = [
-        f"  {a.name}: {a.low:g} to {a.high:g}{spaced(a.parameter.unit)} ({a.scale}), {a.parameter.description}"
+        f"  {symbol(a.name)}: {between((a.low, a.high), a.parameter.unit)} ({a.scale}), {a.parameter.description}"
         for a in plan.resolved.axes
     ]
-    lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    lines += [f"  {symbol(name)} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
     lines += [
         f"  {words}"
         for words in (

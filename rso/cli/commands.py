@@ -26,6 +26,11 @@ def check(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     folder = _folder(options, study.folder)
+    if study.objectives is not None:
+        from rso.cli.objectives import check_objectives
+
+        output.lines(check_objectives(study, folder, options.trust))
+        return 0
     output.lines(check(study, folder, options.trust, _store(options, folder), options.jobs))
     return 0
 
@@ -200,6 +205,10 @@ def run(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
+    if study.objectives is not None:
+        from rso.cli.objectives import run_objectives
+
+        return run_objectives(options, study, folder, _store(options, folder), command)
     if options.fresh and folder.exists():
         may_be_moved(folder, study.file, study.inputs())
     plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
@@ -253,7 +262,7 @@ def _without_pdf(wanted: bool) -> None:
     from rso.report.layout.page import has_pdf
 
     if wanted and not has_pdf():
-        output.say("  no PDF: it needs pip install 'rso[pdf]'")
+        output.say("  no PDF: it needs typst: pip install 'rso[pdf]'")
 
 
 def diagnose(options: argparse.Namespace, command: str) -> int:
@@ -452,6 +461,8 @@ def status(options: argparse.Namespace, command: str) -> int:
     from rso.cli.status import report_status
     from rso.study.toml_text import tables_of, text_of
 
+    if _are_results(options.study):
+        return report_status(options, options.study, options.study, _store(options, options.study))
     file, text = text_of(options.study)
     tables_of(file, text)  # no study is no study, but its data and backend have no say in what has been done
     folder = _folder(options, file.parent)
@@ -478,16 +489,28 @@ def doctor(options: argparse.Namespace, command: str) -> int:
 
 def open_page(options: argparse.Namespace, command: str) -> int:
     from rso.cli.pages import open_page
-    from rso.study.toml_text import text_of
 
-    return open_page(options, _folder(options, text_of(options.study)[0].parent))
+    return open_page(options, _results_folder(options))
 
 
 def plot(options: argparse.Namespace, command: str) -> int:
     from rso.cli.pages import plot
+
+    return plot(options, _results_folder(options))
+
+
+def _are_results(place: Path) -> bool:
+    """Whether a folder holds results and no study, as one that a colleague has sent."""
+    return (place / "results.json").is_file() and not (place / "study.toml").exists()
+
+
+def _results_folder(options: argparse.Namespace) -> Path:
+    """Where the results of a study lie; a folder of results stands for itself."""
     from rso.study.toml_text import text_of
 
-    return plot(options, _folder(options, text_of(options.study)[0].parent))
+    if _are_results(options.study):
+        return Path(options.study).absolute()
+    return _folder(options, text_of(options.study)[0].parent)
 
 
 def first_steps(options: argparse.Namespace, command: str) -> int:
@@ -517,7 +540,8 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
     from rso.next_experiment import design_results
-    from rso.report import render, render_diagnosis, render_ladder, render_next
+    from rso.objectives import results as pareto_results
+    from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
     from rso.study.loader import load
 
     study = load(options.study)
@@ -528,6 +552,8 @@ def report(options: argparse.Namespace, command: str) -> int:
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
         (design_results.FILE, design_results.SCHEMA, render_next, "next"),
     ]
+    if study.objectives is not None:
+        shown = [("results.json", pareto_results.SCHEMA, render_pareto, "run")]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name

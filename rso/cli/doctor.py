@@ -18,7 +18,7 @@ import rso
 from rso.cli import output
 from rso.cli.output import Mark
 
-LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "scikit-learn", "pandas", "pymoo", "matplotlib", "typst")
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "scikit-learn", "pandas", "pymoo", "matplotlib")
 LEAST_DISK, LEAST_MEMORY = 1e9, 2e9  # bytes: results of a study with its meshes; a simulation on a usual mesh
 
 
@@ -52,6 +52,8 @@ def examined(simulate: bool) -> Iterator[tuple[Mark, str]]:
         if fast
         else ("open", "no fast solver: simulations in three dimensions take longer; pip install 'rso[fast]'")
     )
+    pdf = importlib.util.find_spec("typst") is not None
+    yield ("good", "PDF reports can be written") if pdf else ("open", "no PDF reports: pip install 'rso[pdf]'")
     yield from _room()
     if simulate:
         yield _simulation()

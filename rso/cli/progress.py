@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from rso.core.printable import one, raw
+from rso.core.symbols import in_units
 from rso.evaluation import Event, Finished, Planned, Preparing, Retried
 
 EVERY_S = 20.0  # between plain lines
@@ -46,9 +47,9 @@ class Progress:
         if self._quiet:
             return
         if self._bar is not None:
-            self._bar.console.print(one(text), markup=False, highlight=False)
+            self._bar.console.print(one(in_units(text)), markup=False, highlight=False)
         else:
-            print(one(text), flush=True)
+            print(one(in_units(text)), flush=True)
 
     def watch(self, event: Event) -> None:
         """Show an event of :func:`rso.evaluation.run_all`."""

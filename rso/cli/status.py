@@ -54,7 +54,7 @@ def _told(found: Mapping[str, Any], file: Path, runs: Sequence[Mapping[str, Any]
     lost = [r for r in runs if r["state"] != "done"]
     units = {p["name"]: p.get("unit", "") for p in found.get("parameters") or ()}
     for run in lost[:SHOWN]:
-        reason, *_ = (*(run.get("reason") or "").splitlines(), "no reason given")
+        reason = next(iter(str(run.get("reason") or "").splitlines()), "no reason given")
         output.lines([f"  {run['state']} {run['key'][:12]} ({_values(run['values'], units)}): {reason}"])
     if len(lost) > SHOWN:
         output.say(f"  and {len(lost) - SHOWN} more without an answer: runs.csv has all of them")
@@ -91,6 +91,8 @@ def _runs(found: Mapping[str, Any], store: Path) -> list[Mapping[str, Any]]:
 def _next(found: Mapping[str, Any], folder: Path, options: argparse.Namespace) -> str:
     """The command that helps most now."""
     study = shlex.quote(str(options.study))
+    if Path(options.study).absolute() == folder.absolute():  # results without their study
+        return f"rso open {study}"
     where = f" --out {shlex.quote(str(options.out))}" if options.out else ""
     if not folder.exists():
         return f"rso check {study}, then rso run {study}{where}"

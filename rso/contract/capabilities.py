@@ -341,7 +341,7 @@ class DeformedBodies(Protocol):
     """The deformed body of a run in colour, for the first screen of a report; without it that shows none."""
 
     def deformed(self, values: Mapping[str, float], case: Case, /) -> DeformedBody:
-        """The body of a run that is done, simulated anew with its states; SimulationFailed where there is none."""
+        """The body of a run that is done, simulated again with its states; SimulationFailed where there is none."""
         ...
 
 

@@ -20,7 +20,7 @@ def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
     return data
 
 
-def write_json(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
+def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
     data = plainly(results)
     disk.replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))

@@ -38,7 +38,7 @@ class OutputQuantity:
     def unit(self, outputs: Mapping[str, tuple[str, str | None, str]]) -> str:
         """Its unit by the outputs' units, abscissae (None of a scalar) and units of these; ValueError for no reading.
 
-        Tells a scalar from a curve, and an abscissa of another unit.
+        Distinguishes a scalar from a curve, and an abscissa of another unit.
         """
         unit, over, over_unit = outputs[self.name]
         if over is None and self.how != "value":

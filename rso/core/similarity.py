@@ -179,4 +179,4 @@ def group(
     if not value > 0:
         raise ValueError(f"similarity: reference value of {p.name} must be positive, got {value} {p.unit}")
     n = len(parameters)
-    return Group(p.name, value, exponents, outputs, f"{n} → {n - 1} dimensions: {p.name} held at {value:g} {p.unit}")
+    return Group(p.name, value, exponents, outputs, f"{n} → {n - 1} dimensions: {p.name} held at {value:.4g} {p.unit}")

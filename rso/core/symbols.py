@@ -1,4 +1,4 @@
-"""Names and units as the literature prints them: mu → μ, D1 → D₁, 1/MPa → MPa⁻¹."""
+"""Names and units as the literature prints them: mu → μ, C10 → C₁₀, 1/MPa → MPa⁻¹."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def symbol(name: str) -> str:
-    """The literature's letter of a parameter: mu → μ, D1 → D₁, C10 → C₁₀; any other name as it is."""
+    """The literature's letter of a parameter: mu → μ, C10 → C₁₀; any other name as it is."""
     match = re.fullmatch(r"([A-Za-z]+?)_?(\d{0,2})", name)
     if match is None:
         return name
@@ -37,6 +37,11 @@ def unit_text(unit: str) -> str:
 def raised(text: str) -> str:
     """Text with its powers as superscripts: mm^2 → mm²."""
     return re.sub(r"(?<=[A-Za-zµ])\^(-?\d+)", lambda m: m.group(1).translate(_SUPERSCRIPT), text)
+
+
+def in_units(text: str) -> str:
+    """A sentence with its units as they are printed: 1.2 1/MPa → 1.2 MPa⁻¹."""
+    return re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", text)
 
 
 def superscript(number: int) -> str:

@@ -161,16 +161,17 @@ def zeroed(
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means u, F (n,) of readings by depth, with about as much air before the contact as the tip is pressed."""
     order = np.argsort(depth, kind="stable")
-    u, F = _means(depth[order], force[order])
+    u, F = means(depth[order], force[order])
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     tenth, half = (u[np.nonzero(low + share * (high - low) > F)[0][-1:]] for share in (0.1, 0.5))
     if len(tenth) and len(half):
         c = float(tenth[0] - (half[0] - tenth[0]))
         order = order[depth[order] >= c - (u[-1] - c)]
-    return _means(depth[order], force[order])
+    return means(depth[order], force[order])
 
 
-def _means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """At most MOST means of readings u, F (n,) in their order."""
     n = min(len(u), MOST)
     block = np.arange(len(u)) * n // len(u)
     count = np.bincount(block)

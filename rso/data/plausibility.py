@@ -127,7 +127,10 @@ def _of_force(
     notes: list[str] = []
     late, level, scatter = curve_shape.onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= curve_shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
-        notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
+        notes.append(
+            f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before? "
+            "(depth that counts from a preload: preload of the experiment says it)"
+        )
     if late > LATE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm: up to there it stays within "

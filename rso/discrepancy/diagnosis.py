@@ -10,7 +10,7 @@ import numpy as np
 from rso.core.distributions import chi2_ppf
 from rso.discrepancy.detectors.jumps import Jumps, jumps
 from rso.discrepancy.detectors.periodic import PeriodicLine, periodic_line
-from rso.discrepancy.evidence import attribution, localisation, noise, shrinkage
+from rso.discrepancy.evidence import any_network, attribution, localisation, noise, shrinkage
 from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.checks import SelfCheck, self_checks, sensitivity
 from rso.discrepancy.evidence.cross_validation import HeldOut, fit, held_out, left_out, predicts, shrinkage_of
@@ -130,6 +130,7 @@ def diagnose(
     if judged.verdict == "partly" and _widens(left_out(library, bench, evidence, y, judged.chosen, seed, anew=False)):
         judged = UNEXPLAINED
         posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
+    judged = _flow_or_network(judged, evidence, y, posts, rng)
     verdict, chosen = judged.verdict, judged.chosen
     odd = evidence.odd(y) if chosen == UNEXPLAINED.chosen else None
     odd = odd if odd is not None and odd[1] > settings.rules.lone else None
@@ -255,6 +256,24 @@ def _whole_or_part(
     rules = evidence.bench.settings.rules
     doubtful = misfit(evidence, chosen, y) > most_left(len(y), rules) or _beyond(chosen, posts[chosen.name], rules)
     return replace(judged, verdict="partly") if doubtful or (rest is not None and rest.there) else judged
+
+
+def _flow_or_network(
+    judged: Judgement, evidence: Evidence, y: np.ndarray, posts: dict[str, Posterior], rng: np.random.Generator
+) -> Judgement:
+    """What flows is no sure cause where a network of many relaxation times would make the same forces in these tests;
+    of that the catalogue has one time alone, which may fit worse."""
+    chosen, other = judged.chosen, any_network.network(evidence.bench)
+    single = len(chosen.effects) == 1 and chosen.effects[0].flows
+    if other is None or not single or judged.verdict not in (*WHOLE, "partly") or other.name in judged.named:
+        return judged
+    post = posts[chosen.name]
+    at, modulus = np.median(post.at, axis=0), float(np.median(post.modulus))
+    if any_network.distance(evidence.bench, chosen.effects[0], at, modulus) > evidence.bench.settings.rules.apart:
+        return judged
+    posts[other.name] = _posterior(evidence, (other,), y, rng)
+    verdict = "partly" if judged.verdict == "partly" else "ambiguous"
+    return Judgement(verdict, (*judged.named, other.name), chosen)
 
 
 def _readings(

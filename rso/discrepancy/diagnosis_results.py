@@ -184,6 +184,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                 "like_a_modulus": c.effect.like_a_modulus,
                 "like_a_body": c.effect.like_a_body,
                 "like_a_spot": c.effect.like_a_spot,
+                "flows": c.effect.flows,
                 **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
                 **(
                     {"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
@@ -279,7 +280,8 @@ def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
 def _rivals(d: Diagnosis) -> bool:
     """Whether the named effects are rivals: each for itself, not together, and none sure."""
     several = d.verdict == "partly" and len(d.causes) > 1 and len(d.chosen.effects) == 1
-    return d.verdict == "ambiguous" or (several and d.causes[0].probability < SETTINGS.rules.sure)
+    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < SETTINGS.rules.sure)
+    return d.verdict == "ambiguous" or doubtful
 
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:

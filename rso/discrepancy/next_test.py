@@ -144,7 +144,7 @@ def _out_of_reach(there: Library, survivors: Survivors) -> bool:
             for k in timely:  # those of the chain are followed at any rate
                 level = there.places[there.home(e)].effects[e.name].nodes.levels[k]
                 for speed in speeds:
-                    at = post.at[:, column + k] + np.log(speed)
+                    at = post.at[:, column + k] + e.knobs[k].power_of_time * np.log(speed)
                     if np.mean((at < level.min()) | (at > level.max())) > FEW:
                         return True
             column += len(e.knobs)

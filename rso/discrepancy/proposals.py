@@ -13,7 +13,7 @@ from rso.data import Measurement, Repeat
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.planning import framed, planned
-from rso.discrepancy.library.simulations import Base, LibraryJob, alike, passes, rated
+from rso.discrepancy.library.simulations import Base, LibraryJob, alike, passes, rated, rests_at
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_plan
 
@@ -57,10 +57,12 @@ def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict
             there = replace(there, tests=tuple(afterwards(plan, there, t) for t in there.tests))
             if known(outline, there):
                 continue
-            jobs, without = planned(base, there, effects), len(planned(base, there, ()))
+            jobs = planned(base, there, effects)  # those of the base model first
         except ValueError:
             continue
-        under_all = max(len(jobs) - without, 0)
+        own = (None, base.relaxing.effect.name if base.relaxing else None)
+        without = sum(j.effect in own for j in jobs)
+        under_all = len(jobs) - without
         each = under_all / max(len(modelled), 1)
         found[candidate.words] = jobs, (without + min(2.0 * each, under_all)) / max(len(jobs), 1)
     return found
@@ -141,6 +143,7 @@ def known(library: Library | Outline, plan: TestPlan) -> bool:
     return (
         not plan.profiles
         and own is not None
+        and all(_rested(library, plan, j, k) for j, k in enumerate(own))
         and all(
             not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
             for p, k in zip(plan.places, own, strict=True)
@@ -150,6 +153,17 @@ def known(library: Library | Outline, plan: TestPlan) -> bool:
             for j, k in enumerate(own)
             for way in passes(plan, j)
         )
+    )
+
+
+def _rested(library: Library | Outline, plan: TestPlan, place: int, own: int) -> bool:
+    """Whether the rests of what flows at a place of a plan are those of the library's `own`, or parts of them."""
+    if not any(e.flows for e in library.effects):
+        return True
+    known = rests_at(library.plan, own)
+    return all(
+        any(abs(r.peak - v.peak) < TURN * plan.scale and v.lasting <= r.lasting for r in known)
+        for v in rests_at(plan, place)
     )
 
 

@@ -20,10 +20,10 @@ import numpy as np
 from rso.core.curves import Resampling
 from rso.discrepancy.diagnosis import Diagnosis
 from rso.discrepancy.library.effects import Effect
-from rso.discrepancy.library.interpolation import SAME, timed
+from rso.discrepancy.library.interpolation import SAME, late, timed
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import foreseen, relaxes
-from rso.discrepancy.library.responses import FORCES, changed, marks_of
+from rso.discrepancy.library.responses import FORCES, changed, marks_of, rested
 from rso.discrepancy.library.simulations import Base, jobs_at, passes
 from rso.discrepancy.library.tables import DEAR, Library
 from rso.discrepancy.library.test_plan import TestPlan
@@ -81,22 +81,22 @@ def corrected_library(
             if not e.acts(library.plan.places[k].settings):
                 continue
             for v in _speeds(library.plan, library.slowest, e, k):
-                late = np.array([np.log(v) if timed(s) else 0.0 for s in e.knobs])
-                finer = not _dear(library, k)
-                tasks = jobs_at(library.base, library.plan, k, e, at[:d], at[d:] + late, here.passes, finer)
-                wanted.append((e, at, k, v, late, tasks))
+                finer, point = not _dear(library, k), at[d:] + late(e, v)
+                tasks = jobs_at(library.base, library.plan, k, e, at[:d], point, here.passes, finer)
+                wanted.append((e, at, k, v, point, tasks))
     every = [t for *_, tasks in wanted for t in tasks]
     outcomes = iter(run(every) if every else [])
     off, failed = [], 0
-    for e, at, k, v, late, tasks in wanted:
+    for e, at, k, v, point, tasks in wanted:
         mine = [next(outcomes) for _ in tasks]
         here, place = library.places[k], library.plan.places[k]
         forces = library.forces(k, at[None, :d])[0].T
         base = Resampling(here.u[1:], forces[1:])
-        ahead = foreseen(here.u, forces, (at[d:] + late)[None], here.passes)[0] if relaxes(e) else None
+        ahead = foreseen(here.u, forces, point[None], here.passes)[0] if relaxes(e) else None
         change, lost = changed(here.passes, here.u, place, library.base.reference, mine, base, ahead)
         failed += sum(not isinstance(o, Done) for o in mine)
-        if lost:
+        resting, without = rested(here.rests if e.flows else (), library.base.reference, mine[len(here.passes) :], base)
+        if lost or without:
             continue
         change = change - here.ways - (0.0 if _dear(library, k) else here.mesh)
         was, marks = library.change(k, e, at[None, d:], v)
@@ -104,7 +104,9 @@ def corrected_library(
         more = np.zeros(0)
         if isinstance(mine[0], Done):
             more = marks_of(mine[0].response, place) - library.marks(k, at[None, :d])[0] - marks[0]
-        library = _with(library, e, k, at[d:] + late, change - was[0], more)
+        if e.flows:
+            resting = resting - _of_mesh(library, k) - library.rested(k, e, at[None, d:], v)[0]
+        library = _with(library, e, k, point, change - was[0], more, resting)
     names = tuple(e.name for e in picks)
     if not off:
         return library, RerunCheck(len(every), failed, None, None, names)
@@ -135,20 +137,43 @@ def _speeds(plan: TestPlan, slowest: float, effect: Effect, place: int) -> list[
     return speeds if any(timed(s) for s in effect.shape) else speeds[:1]
 
 
-def _with(library: Library, e: Effect, k: int, point: np.ndarray, change: np.ndarray, marks: np.ndarray) -> Library:
+def _of_mesh(library: Library, k: int) -> np.ndarray:
+    """What the study's mesh changes at the travels of rests (n_rest, 3, 1); 0 where a rerun is on the library's."""
+    here = library.places[k]
+    peaks = np.array([r.peak for r in here.rests])
+    mesh = np.zeros_like(here.mesh) if _dear(library, k) else here.mesh
+    return np.stack([np.interp(np.sqrt(peaks), np.sqrt(here.u), c) for c in mesh], axis=1)[:, :, None]
+
+
+def _with(
+    library: Library,
+    e: Effect,
+    k: int,
+    point: np.ndarray,
+    change: np.ndarray,
+    marks: np.ndarray,
+    rests: np.ndarray,
+) -> Library:
     """The library with one more row in the table of an effect at a place: what the tables lack at `point`."""
     here = library.places[k]
     table, before = here.effects[e.name], library.mended.get((e.name, k))
     marks = marks if len(marks) else np.zeros(table.marks.shape[1])
-    points, old, old_marks = point[None], table.change, table.marks
+    points, old, old_marks, old_rests = point[None], table.change, table.marks, table.rests
     if before is not None:  # rows count from the nodes: at its own point no other row has a weight
         nodes = library.places[library.home(e)].effects[e.name].nodes
         near, n = nodes.nearness(point[None], before)[0], len(old) - len(before)
         change, marks = change + np.tensordot(near, old[n:], axes=1), marks + near @ old_marks[n:]
+        rests = rests if old_rests is None else rests + np.tensordot(near, old_rests[n:], axes=1)
         apart = nodes.overlap(point[None], before)[0] < SAME
         points = np.concatenate([before[apart], points])
         old, old_marks = (np.concatenate([v[:n], v[n:][apart]]) for v in (old, old_marks))
-    more = replace(table, change=np.concatenate([old, change[None]]), marks=np.concatenate([old_marks, marks[None]]))
+        old_rests = None if old_rests is None else np.concatenate([old_rests[:n], old_rests[n:][apart]])
+    more = replace(
+        table,
+        change=np.concatenate([old, change[None]]),
+        marks=np.concatenate([old_marks, marks[None]]),
+        rests=None if old_rests is None else np.concatenate([old_rests, rests[None]]),
+    )
     places = list(library.places)
     places[k] = replace(here, effects={**here.effects, e.name: more})
     return replace(library, places=tuple(places), mended={**library.mended, (e.name, k): points})

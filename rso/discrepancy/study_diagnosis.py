@@ -7,7 +7,7 @@ import datetime
 import math
 import textwrap
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from rso.contract import (
     ForceExponents,
     LeanSettings,
     PhysicalBounds,
+    PlausibleRanges,
     Programme,
     capability,
     plain,
@@ -39,7 +40,7 @@ from rso.discrepancy.base_model import as_plain, base_model, in_words
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import relaxes
 from rso.discrepancy.library.simulations import BaseRelaxation
-from rso.discrepancy.library.test_plan import SurfaceProfile, Test
+from rso.discrepancy.library.test_plan import NOT_USED, SurfaceProfile, Test
 from rso.doe import Box
 from rso.evaluation import Evaluator, Task, Watch
 from rso.evaluation.store import RunStore
@@ -47,6 +48,7 @@ from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, pla
 from rso.study.errors import Problem, choose, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
+from rso.study.sources import needs_data
 
 FILE = "diagnosis.json"
 WIDTH = 79  # of lines that say much
@@ -69,6 +71,7 @@ class Asked:
 
 def ask(study: Study) -> Asked:
     """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
+    needs_data(study)
     source = source_of(study)
     try:
         backend = source.load()
@@ -97,6 +100,7 @@ def ask(study: Study) -> Asked:
     every = discrepancy.catalogue(backend, settings, resolved.fixed, opened)
     own = {*base.held, *(base.relaxing.names if base.relaxing else ())}
     every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
+    every = tuple(e for e in every if not e.flows or _flows_everywhere(backend, e, plan, {*opened, *resolved.fixed}))
     measured = {c for t in plan.seen().tests for c in t.channels}
     effects = discrepancy.recorded(every, measured)
     wanted = study.diagnose.effects
@@ -124,6 +128,13 @@ def ask(study: Study) -> Asked:
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
     return Asked(study, base, plan, effects, tuple(unseen), resolved.box)
+
+
+def _flows_everywhere(backend: Backend, effect: Effect, plan: discrepancy.TestPlan, given: Collection[str]) -> bool:
+    """Whether what flows is plausible, and modelled, at every place of a plan."""
+    ranges = capability(backend, PlausibleRanges)
+    each = [ranges.plausible(p.settings, given) for p in plan.places] if ranges else []
+    return all(found.get(effect.size.name, ()) is not None for found in each)
 
 
 def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -316,6 +327,9 @@ def run_diagnosis(
     started, cpu = time.perf_counter(), time.process_time()
 
     run = Evaluator(asked.base.backend, store, executor, watch).run
+    for note in asked.plan.notes:
+        if note.endswith(NOT_USED):
+            say(note)
     say("library: the base model and every effect of the catalogue, once for this test plan")
     library = discrepancy.build(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started

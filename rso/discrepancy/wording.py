@@ -7,6 +7,7 @@ from typing import Any
 
 from rso.discrepancy.evidence.noise import UNLIKE
 from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.library.test_plan import NOT_USED
 from rso.discrepancy.parameters import about, called, of_unit, values_of
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
@@ -34,7 +35,30 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
+    out += [f"Left out of the diagnosis: {note.removesuffix(f' {NOT_USED}')}." for note in _not_used(found)]
+    if _of_one_size(d):
+        return [*out, "Next test: the same test with an indenter, or a specimen, of twice the size."]
     return out + [next_sentence(t) for t in d["next_test"][:1]]
+
+
+def _of_one_size(d: Mapping[str, Any]) -> str:
+    """Why a flow and a relaxation are rivals whatever their probabilities; nothing where they are not."""
+    causes = d.get("causes") or []
+    if not (len(causes) == 2 and any(c.get("flows") for c in causes) and d.get("ambiguous_with")):
+        return ""
+    return (
+        " The catalogue has one relaxation time alone; several would do what the flow does in tests of one size. Under "
+        "twice the size a flow takes four times as long, a relaxation as long as before."
+    )
+
+
+def _not_used(found: Mapping[str, Any]) -> list[str]:
+    """Notes of holds and ways back that no hypothesis was compared with, each experiment once."""
+    each: dict[str, str] = {}
+    for note in found.get("notes") or []:
+        if note.endswith(NOT_USED):
+            each.setdefault(note.split(":")[0], note)
+    return list(each.values())
 
 
 def next_sentence(test: Mapping[str, Any]) -> str:
@@ -242,9 +266,9 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
-        return f"Cause{whether}: these data cannot separate {each}."
+        return f"Cause{whether}: these data cannot separate {each}.{_of_one_size(d)}"
     if v == "partly" and d["ambiguous_with"]:
-        return f"Part of the gap looks like one of these, which the data cannot separate: {each}."
+        return f"Part of the gap looks like one of these, which the data cannot separate: {each}.{_of_one_size(d)}"
     if v == "partly" and len(d["chosen"]) == 2:
         both = " and ".join(f"{text[c['effect']]} ({_named(c)})" for c in causes if c["effect"] in d["chosen"])
         return f"Cause: it takes two effects together, {both}. A pair mimics much: take it for a part of the truth."

@@ -81,9 +81,9 @@ class Space:
         return dict(zip(self.names, map(float, self.values(np.asarray(u)[None])[0]), strict=True))
 
     def features(self, U: np.ndarray, categories: bool = True) -> np.ndarray:
-        """What a surrogate sees (n, p): ranges and ordered levels in [0, 1], a category as one column for each text.
+        """What a surrogate sees (n, p): ranges and ordered levels in [0, 1], a category of L texts as L − 1 columns.
 
-        A category of two texts is one column of 0 and 1; `categories` False leaves them out.
+        Each is 1 where the category has that text, all are 0 for the first; `categories` False leaves them out.
         """
         scaled = self.box.to_unit(self.values(U))
         at, columns = self.places(U), []
@@ -91,15 +91,14 @@ class Space:
             if not self.labels[j]:
                 columns.append(scaled[:, j])
             elif categories:
-                shown = range(1, 2) if len(self.labels[j]) == 2 else range(len(self.labels[j]))
-                columns += [(at[:, j] == k).astype(float) for k in shown]
+                columns += [(at[:, j] == k).astype(float) for k in range(1, len(self.labels[j]))]
         return np.column_stack(columns) if columns else np.empty((len(U), 0))
 
     def feature_names(self) -> tuple[str, ...]:
         """Names of the columns of :meth:`features`."""
         found: list[str] = []
         for name, labels in zip(self.names, self.labels, strict=True):
-            found += [f"{name} is {v}" for v in (labels[1:] if len(labels) == 2 else labels)] if labels else [name]
+            found += [f"{name} is {v}" for v in labels[1:]] if labels else [name]
         return tuple(found)
 
     def text(self, name: str, value: float) -> str:
@@ -129,7 +128,8 @@ def refused(kind: str, options: Mapping[str, Any], space: Space) -> str | None:
     """Why a kind of design cannot be of this space, with what can; None where it can."""
     several = [n for n, v in zip(space.names, space.levels, strict=True) if v]
     if several and kind in CONTINUOUS_ONLY:
-        return f"{kind} stands at the ends and middles of ranges, and {several[0]} has values of its own; use lhs, sobol, osf or factorial"  # fmt: skip
+        why = f"{kind} stands at the ends and middles of ranges, and {several[0]} has values of its own"
+        return f"{why}; use lhs, sobol, osf or factorial"
     if several and kind == "factorial":
         wanted = [len(v) or None for v in space.levels]
         given = options.get("levels")

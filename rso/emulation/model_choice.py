@@ -55,6 +55,7 @@ def fit(
     log: bool | None = None,
     unit: str = "",
     names: tuple[str, ...] | None = None,
+    trends: tuple[int, ...] = (0, 1, 2),
 ) -> Surrogate:
     """The surrogate of y (n,) over X (n, d) in the unit cube with the smallest error in y on points it has not seen.
 
@@ -64,7 +65,8 @@ def fit(
     terms are selected; `log` None tries the logarithm too where y > 0. `noise_sd` is used by kriging alone (a
     polynomial estimates its own scatter); share None has the share of it that is scatter estimated, if that helps.
     Of more than 150 runs (more from nine dimensions on) as many that fill the space seek kernel and trend; the four
-    best are fitted to all, and folds keep their hyper-parameters.
+    best are fitted to all, and folds keep their hyper-parameters. `trends` are the degrees that kriging may choose
+    from: a column of few different values carries few.
     The reasons are in `story`. `cv` holds the scores on left-out points, for kriging those that they let expect over
     the whole cube (see :func:`_over_the_cube`); kinds are compared by the former.
 
@@ -83,9 +85,9 @@ def fit(
     if kind != "kriging":
         makers.append(lambda: _best_polynomial(X, y, degree, logs, seed))
     if kind != "polynomial":
-        makers.append(lambda: _best_kriging(replace(data, gradients=None), share, logs, seed))
+        makers.append(lambda: _best_kriging(replace(data, gradients=None), share, logs, seed, trends))
         if data.gradients is not None and np.isfinite(data.gradients).any():
-            makers.append(lambda: _best_kriging(data, share, logs, seed))
+            makers.append(lambda: _best_kriging(data, share, logs, seed, trends))
     tried: list[tuple[Surrogate, Scores]] = []
     refusals = []
     for make in makers:
@@ -195,11 +197,13 @@ def _widening(model: Polynomial, X: np.ndarray, y: np.ndarray, mean: np.ndarray)
     return float(np.sqrt(max(np.mean(((mean - y) / of) ** 2) / max(stated, 1e-300), 1.0)))
 
 
-def _best_kriging(data: TrainingData, share: float | None, logs: tuple[bool, ...], seed: int) -> tuple[Kriging, Scores]:
+def _best_kriging(
+    data: TrainingData, share: float | None, logs: tuple[bool, ...], seed: int, degrees: tuple[int, ...]
+) -> tuple[Kriging, Scores]:
     n, d = data.X.shape
     known = share is not None and data.noise is not None
     # Twice as many points as trend terms, so that the process has something left to learn from.
-    trends = [q for q in (0, 1, 2) if q == 0 or n >= 2 * len(powers(d, q))]
+    trends = [q for q in degrees if q == 0 or n >= 2 * len(powers(d, q))]
     first = data if known else replace(data, noise=None)
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
     few = farthest_first(data.X, _searched(d))

@@ -1,4 +1,4 @@
-"""The one runner of all analyses: cases at parameters in, outcomes out, through the store; it knows no plan."""
+"""The one runner of all analyses: cases at parameters in, outcomes out, through the store.  It knows no plan."""
 
 from __future__ import annotations
 

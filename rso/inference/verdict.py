@@ -147,15 +147,15 @@ def sentences(
     inside = np.any([(profile.at >= p.low - 1e-9) & (profile.at <= p.high + 1e-9) for p in pieces], axis=0)
     worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
     over = f"Over the whole interval of {name}" if len(pieces) == 1 else f"Over all these values of {name}"
-    over += ", the other parameters fitted again," if box.d > 1 else ""
+    over += " (the other parameters refitted)" if box.d > 1 else ""
     why = _little(over, abs(profile.change[worst]), profile.sigma[worst], places[profile.point[worst]], unit)
     if verdict.noise_factor is not None:
         likeliest = float(profile.at[int(np.argmin(profile.rise))])
         best = physical(box, k, Interval(likeliest, likeliest))[0]
-        why += f" If its most likely value, {best:.2g}{tail}, is right, it would be determined if the noise were "
-        why += f"{1 / verdict.noise_factor:.2g} times smaller."
+        why += f" If its most likely value, {best:.2g}{tail}, is right, "
+        why += f"{1 / verdict.noise_factor:.2g} times less noise would determine it."
     elif scale == 1.0 and not 0.0 < profile.at[int(np.argmin(profile.rise))] < 1.0:
-        why += " The curve fits best at an end of the range, so how little noise would do cannot be said."
+        why += " The curve fits best at an end of the range, so the noise that would determine it is unknown."
     return text, why
 
 

@@ -15,6 +15,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
@@ -100,7 +101,8 @@ def svg(figure: Figure, name: str, plate: bool = False) -> str:
     """
     shown_ones = _named(figure)
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    # `savefig` would draw it twice, the first time only to lay it out.
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     series = [_places(figure, name, axes, artist) for name, axes, artist in shown_ones]  # now that it is laid out
     text = buffer.getvalue()
     text = text[text.index("<svg") :]

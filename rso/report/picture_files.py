@@ -23,6 +23,13 @@ def captions(results: Mapping[str, Any]) -> dict[str, str]:
     return {b.name: re.split(r"(?<=\.) ", b.caption)[0] for b in blocks}
 
 
+def every(results: Mapping[str, Any]) -> dict[str, bytes | str]:
+    """File name → content of all figures: SVG and, where typst is installed, PDF."""
+    drawn = {name: draw(results, name) for name in captions(results)}
+    files: dict[str, bytes | str] = {f"{name}.svg": svg for name, svg in drawn.items()}
+    return files | ({f"{name}.pdf": converted(svg, ".pdf") for name, svg in drawn.items()} if has_pdf() else {})
+
+
 def written(results: Mapping[str, Any], name: str, file: Path) -> Path:
     """Write a figure in the format of the file's ending; ValueError for another ending."""
     if file.suffix.lower() not in SUFFIXES:
@@ -39,6 +46,6 @@ def converted(svg: str, suffix: str) -> bytes | str:
     import typst
 
     page = '#set page(width: auto, height: auto, margin: 0pt)\n#image(bytes(sys.inputs.svg), format: "svg")'
-    made = typst.compile(page.encode(), format=suffix[1:], ppi=PPI, sys_inputs={"svg": svg})
+    made = typst.compile(page.encode(), format="png" if suffix == ".png" else "pdf", ppi=PPI, sys_inputs={"svg": svg})
     assert isinstance(made, bytes)
     return made

@@ -11,6 +11,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from rso.core.curves import loading
+from rso.core.symbols import in_units
 from rso.report.layout.digits import (
     Unit,
     channel_text,
@@ -22,7 +23,6 @@ from rso.report.layout.digits import (
     shown,
     significant,
     symbol,
-    unit_text,
 )
 
 Results = Mapping[str, Any]
@@ -205,7 +205,7 @@ def lettered(results: Results, text: object) -> str:
     said = sentence(text)
     for p in parameters(results):
         said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
-    said = re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", said)
+    said = in_units(said)
     said = said.replace(" <= ", " ≤ ").replace(" >= ", " ≥ ")
     return re.sub(r"(?<=\w) \* (?=[^\W\d])", " ", said)
 

@@ -13,7 +13,8 @@ def summary(found: Mapping[str, Any]) -> list[str]:
     """Lines at the end of `rso run`, below its verdict."""
     counts, best, lines = found["counts"], found["best"], []
     for state in found["determined"].values():
-        lines.append(f"  {lettered(found, state['story'])}")
+        if not state.get("determined"):  # the verdict above says all of another
+            lines.append(f"  {lettered(found, state['story'])}")
     units = {p["name"]: p["unit"] for p in found["parameters"]}
     likely = (found.get("identification") or {}).get("values") or {}
     if likely:

@@ -76,8 +76,8 @@ class OutputTable(StudyFileTable):
     at_factor: float = 1.0
     """What times or travels are multiplied by."""
     over: str | None = None
-    """Of a curve over an abscissa of its own, as "stretch" or "frequency": its name; at_column says where it is, at_unit
-    its unit."""
+    """Of a curve over an abscissa of its own: its name, as "stretch" or "frequency"; at_column says where it is,
+    at_unit its unit."""
 
     @model_validator(mode="after")
     def _keys_of_its_reader(self) -> OutputTable:

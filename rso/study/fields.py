@@ -134,6 +134,7 @@ Duration = number_in("s", gt=0)
 Moment = number_in("s", ge=0)
 Stiffness = number_in("N/mm", gt=0)
 Compliance = number_in("mm/N", gt=0)
+Force = number_in("N", gt=0)
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
 Runs = Annotated[int, Field(ge=1, le=10_000)]
 Positive = Annotated[int, Field(ge=1, le=10_000_000)]

@@ -124,7 +124,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             continue
         files = [folder / f for f in e.data]
         try:
-            measurement = read(files, columns.columns())
+            measurement = read(files, columns.columns(), e.preload)
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
@@ -304,12 +304,12 @@ def _check_objectives(study: Study) -> Iterator[Problem]:
         if study.search.method == "simulations":
             yield Problem(("search", "method"), "belongs to a study with [objectives]", study.search.method)
         return
-    for table, keys in MEASURED.items():
-        if table in study.model_fields_set and not keys:
-            yield Problem((table,), "belongs to a study with data; this one has [objectives]")
+    for place, keys in MEASURED.items():
+        if place in study.model_fields_set and not keys:
+            yield Problem((place,), "belongs to a study with data; this one has [objectives]")
         for key in keys:
-            if key in getattr(study, table).model_fields_set:
-                yield Problem((table, key), "belongs to a study with data; this one has [objectives]")
+            if key in getattr(study, place).model_fields_set:
+                yield Problem((place, key), "belongs to a study with data; this one has [objectives]")
     if study.search.method == "gauss_newton":
         text = "fits curves; with [objectives] choose response_surface or simulations"
         yield Problem(("search", "method"), text, study.search.method)

@@ -18,6 +18,7 @@ from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.units import COLUMN_NAMES
 from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, pulls_off, read, recorded_speed, sheet_of
+from rso.data.files.lines import text_of
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory_folder import inline, may_be_a_place, place
@@ -142,6 +143,22 @@ def _point(test: NewTest, role: str, files: Sequence[str]) -> tuple[tuple[float,
     return where or test.point, where is not None
 
 
+def _header(file: str) -> str:
+    """The row that looks like a header, the last words above the first numbers, in a sentence; empty without one."""
+    try:
+        rows = [re.split(r"[;\t]|, *", line.strip()) for line in text_of(Path(file))[0].splitlines()]
+    except ValueError:
+        return ""
+    number = re.compile(r"[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?")
+    counts = [sum(bool(number.fullmatch(cell.strip(' "'))) for cell in row) for row in rows]
+    first = next((k for k, n in enumerate(counts) if n > 1), 0)
+    k = first
+    while k > 0 and counts[k - 1] == 0 and sum(bool(cell.strip()) for cell in rows[k - 1]) > 1:
+        k -= 1
+    names = [cell.strip(' "') for cell in rows[k] if cell.strip()]
+    return f"its header seems to be line {k + 1}: {', '.join(map(repr, names))};\n" if 0 <= k < first else ""
+
+
 def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Measurement:
     if unknown := next((name for name in columns if name not in COLUMN_NAMES), None):
         raise ValueError(f"--column {unknown}: there is no column {unknown!r}; {choose(unknown, COLUMN_NAMES)}")
@@ -158,8 +175,10 @@ def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Mea
     except ValueError as error:
         if "column" not in str(error):
             raise
-        text = f"{error}\nsay what its columns are: --column depth HEADER mm --column Fz HEADER N, and flip behind the "
-        raise ValueError(f"{text}unit where the machine counts with the other sign (rso keys columns)") from error
+        text = f"{error}\n{_header(files[0])}say what its columns are: --column depth HEADER mm --column Fz HEADER N, "
+        raise ValueError(
+            f"{text}and flip behind the unit where the machine counts with the other sign (rso keys columns)"
+        ) from error
 
 
 def _words(name: str, column: Mapping[str, Any]) -> list[str]:
@@ -207,7 +226,7 @@ def _lines(e: _Experiment, folder: Path) -> list[str]:
         f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
     ]
     if m.kind == "force" and pulls_off(m):
-        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows the adhesion']
+        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows how it sticks']
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']

@@ -42,8 +42,8 @@ class ObjectivesTable(StudyFileTable):
     """Limits of outputs, such as "max(stress) <= 250 MPa" or "0.1 <= gap <= 0.3"."""
     travel: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple)] | None = Field(
         default=None,
-        description="Of a model with an indenter: the travels at which its channels are asked for, which are curves "
-        "over travel then; without, nothing is moved and a channel is one number.",
+        description="Of a model with an indenter: the travels at which its channels are asked for; these are curves "
+        "over travel then. Without it nothing is moved and a channel is one number.",
     )
 
     @model_validator(mode="after")

@@ -33,6 +33,7 @@ from rso.study.fields import (
     Count,
     Duration,
     Files,
+    Force,
     Name,
     Names,
     Positive,
@@ -175,11 +176,14 @@ class ExperimentTable(StudyFileTable):
     channels: Channels = ()
     """Those compared with the model; by default Fz, or uz for a profile."""
     branch: Literal["loading", "unloading"] = "loading"
-    """Loading or unloading, which shows adhesion: down to the strongest pull, also above contact."""
+    """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
     settings: Settings = Field(default_factory=dict)
     """Settings of the backend for this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
     """What its readings are uncertain by."""
+    preload: Force | None = None
+    """Where its travel was set to 0 at a small force, that force, as "10 mN": contact is found before it, by the shape
+    of Fz, or in its approach; Fz may have been set to 0 there, too."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()

@@ -84,8 +84,8 @@ class SearchTable(StudyFileTable):
     """
 
     method: Literal["response_surface", "gauss_newton", "simulations"] = "response_surface"
-    """On response surfaces of a design, or whole curves straight on simulations and their derivatives; of a study with
-    [objectives] straight on simulations, each individual of NSGA-II one: for models of milliseconds."""
+    """On response surfaces of a design, or whole curves straight on simulations and their derivatives. With
+    [objectives] "simulations" makes each individual of NSGA-II a simulation: for models of milliseconds."""
     start: dict[str, Bound] = Field(default_factory=dict)
     """Values to begin with; the middle of the range for a parameter that is left out."""
     starts: Annotated[int, Field(ge=1, le=100)] = 1

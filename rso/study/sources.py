@@ -7,7 +7,15 @@ import dataclasses
 
 from rso.evaluation import Source
 from rso.evaluation.decks import load_deck
+from rso.study.errors import Problem, study_error
 from rso.study.schema import Study
+
+
+def needs_data(study: Study) -> None:
+    """StudyError for a study that has objectives in place of measurements."""
+    if study.objectives is not None:
+        text = "a study with objectives has no measurements: rso check and rso run take it, from Python rso.pareto"
+        raise study_error(study.file, study.lines, [Problem(("objectives",), text)])
 
 
 def source_of(study: Study) -> Source:

@@ -20,7 +20,7 @@ E, G = 30e6, 12e6  # psi
 )
 def beam(weld_height, weld_length, beam_height, beam_width):
     """Cost (dollars), deflection of the end, stresses of weld and beam, and the load at which the beam buckles."""
-    h, l, t, b = (v / INCH for v in (weld_height, weld_length, beam_height, beam_width))  # noqa: E741
+    h, l, t, b = (v / INCH for v in (weld_height, weld_length, beam_height, beam_width))
     direct = LOAD / (math.sqrt(2) * h * l)
     arm = math.sqrt(l**2 / 4 + ((h + t) / 2) ** 2)
     moment = LOAD * (SPAN + l / 2)

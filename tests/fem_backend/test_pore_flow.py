@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from fem_backend.backend import BACKEND
 from fem_backend.kinematics import axisymmetric, pore_pressure
@@ -116,6 +117,74 @@ def test_unconfined_compression():
     missed = np.abs(F / exact - 1.0)
     assert missed.max() < 0.005
     assert np.all(missed <= response.error["Fz"] / response.channels["Fz"] + 1e-3)
+
+
+def stress(stretch: np.ndarray) -> np.ndarray:
+    """P (MPa) of a neo-Hookean body, μ/2 (J^(−2/3) I₁ − 3) + K/2 (J − 1)², whose sides are held."""
+    invariant = stretch**2 + 2.0
+    return MU * stretch ** (-2.0 / 3.0) * (stretch - invariant / (3.0 * stretch)) + K * (stretch - 1.0)
+
+
+def consolidated(times: np.ndarray, depth: float, ramp: float, k: float, n: int = 150) -> np.ndarray:
+    """σ (MPa) under a porous plate that goes `depth` (mm) in `ramp` (s) and rests, at finite strain.
+
+    ∂λ/∂t = ∂/∂Z (k/λ ∂P/∂Z) in the undeformed depth Z, the flux given at the top, none at the base (Gibson, England and
+    Hussey 1967, Géotechnique 17, 261, with P(λ) for their stress): n cells, an implicit method of variable order.
+    """
+    h = HEIGHT / n
+    stretch, found = np.ones(n), []
+    for began, ends, rate in ((0.0, ramp, depth / ramp), (ramp, float(times[-1]), 0.0)):
+
+        def change(_, at, rate=rate):
+            flux = k / (0.5 * (at[1:] + at[:-1])) * np.diff(stress(at)) / h
+            return np.diff(np.concatenate([[rate], flux, [0.0]])) / h
+
+        mine = times[(times > began) & (times <= ends)]
+        way = solve_ivp(change, (began, ends), stretch, "BDF", dense_output=True, rtol=1e-8, atol=1e-10)
+        found += [np.polyval(np.polyfit((np.arange(3) + 0.5) * h, stress(way.sol(t)[:3]), 2), 0.0) for t in mine]
+        stretch = way.y[:, -1]
+    return -np.array(found)
+
+
+def test_consolidation_at_finite_strain():
+    """A layer pressed by 0.3 of its height: 1 % of the largest stress, the theory of small strains 10 % off."""
+    k, depth = 1.0, 0.3 * HEIGHT
+    unit = HEIGHT**2 / (k * AGGREGATE)
+    ramp, tau = 0.2 * unit, np.array([0.05, 0.1, 0.2, 0.25, 0.3, 0.5, 1.0])
+    settings = {**PUCK, "material": {"law": "neo_hookean"}, "drainage": {"indenter": "porous"}}
+    programme = Programme((0.0, ramp, unit), (0.0, depth, depth), (depth,), tuple(tau * unit))
+    response = BACKEND({"mu": MU, "D1": D1, "permeability": k}, Case("a", programme, settings))
+    F = response.channels["Fz"] / (np.pi * RADIUS**2)
+    exact, small = consolidated(tau * unit, depth, ramp, k), AGGREGATE * 0.3 * relaxed(tau, 0.2)
+    assert np.abs(F - exact).max() < 0.01 * exact.max()
+    assert np.abs(F - small).max() > 0.1 * exact.max()
+
+
+class TestLiquidThatGivesWay:
+    """`pore_D1`: D1 is that of the body before liquid leaves, D1 + pore_D1 that of the drained solid."""
+
+    BEFORE, MORE = 0.3 * D1, 0.7 * D1
+
+    def at(self, k):
+        return forces({"D1": self.BEFORE, "pore_D1": self.MORE, "permeability": k}, SLAB)
+
+    def test_limits(self):
+        """For k → 0 the solid of D1, for k → ∞ that of D1 + pore_D1: two penalties of the contact apart."""
+        first, last = forces({"D1": self.BEFORE}, SLAB), forces({"D1": self.BEFORE + self.MORE}, SLAB)
+        np.testing.assert_allclose(self.at(1e-9), first[-1], rtol=3e-3)
+        np.testing.assert_allclose(self.at(1e9), last[-1], rtol=3e-3)
+        assert first[-1] > 1.1 * last[-1]
+
+    def test_between(self):
+        between = self.at(2.0)
+        assert np.all(np.diff(between) < 0.0)
+        assert 1.1 * self.at(1e9)[-1] < between[-1] < 0.95 * between[0] < 0.951 * self.at(1e-9)[-1]
+
+    def test_without_permeability_it_has_no_influence(self):
+        case = Case("a", HOLD, SLAB)
+        kept = BACKEND.canonical({"mu": MU, "D1": D1, "pore_D1": 50.0}, case)[0]
+        assert "pore_D1" not in kept
+        np.testing.assert_array_equal(forces({"pore_D1": 50.0}, SLAB), forces({}, SLAB))
 
 
 class TestLimits:

@@ -642,3 +642,41 @@ def one_parameter():
     results["determined"].pop("D1")
     results["identification"]["parameters"].pop()
     return results
+
+
+def deformed(field=lambda x, z, u: 0.02 * u * np.exp(-(x**2 + (z - 35.0) ** 2) / 20.0)):
+    """A made-up deformed.json: half of a block of 12 by 12 mm whose top bends down below a punch."""
+    x, z = (v.ravel() for v in np.meshgrid(np.linspace(0, 12, 9), np.linspace(23, 35, 9), indexing="ij"))
+    a = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
+    triangles = np.vstack([np.column_stack([a, a + 9, a + 10]), np.column_stack([a, a + 10, a + 1])])
+    frames = []
+    for u in (1.0, 2.0, 4.0):
+        down = u * np.exp(-(x**2) / 16.0) * (z - 23.0) / 12.0
+        tip = 35.0 - u
+        punch = [[-2.0, tip], [2.0, tip], [2.0, 45.0], [-2.0, 45.0]]
+        frames.append(
+            {
+                "travel": u,
+                "force": 0.13 * u,
+                "points": np.column_stack([x, z - down]),
+                "triangles": triangles if u == 1.0 else None,
+                "fields": {"stress": field(x, z, u), "pressure": -field(x, z, u) / 2.0},
+                "indenter": punch,
+                "mirrored": True,
+            }
+        )
+    surface = {
+        "points": np.column_stack([x, 0.5 * x, z]),
+        "triangles": triangles,
+        "fields": frames[-1]["fields"],
+        "mirrored": [True, False],
+    }
+    units = {"stress": "MPa", "pressure": "MPa"}
+    found = {"key": "0" * 64, "experiment": "middle_point", "values": {"mu": 0.01}, "plane": "x to the right"}
+    return plain({**found, "units": units, "frames": frames, "surface": surface})
+
+
+def draws(n=400):
+    """Made-up draws of the posterior."""
+    rng = np.random.default_rng(7)
+    return {"mu": 0.0102 * np.exp(0.04 * rng.normal(size=n)), "D1": np.clip(13 * np.exp(rng.normal(size=n)), 1, 168)}

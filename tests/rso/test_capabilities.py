@@ -124,7 +124,9 @@ def test_each_is_described_shown_to_the_outside_and_has_an_example(name):
 def test_the_finite_elements_and_the_example_offer_all_and_fit():
     backend = load_backend("fem_backend.backend:BACKEND")
     assert [k.__name__ for k in CAPABILITIES if capability(backend, k) is None] == [
-        "FilledInputs", "FreeCurves", "Fingerprint"
+        "FilledInputs",
+        "FreeCurves",
+        "Fingerprint",
     ]
     assert unfit(backend) == unfit(SLAB()) == unfit(Bare()) == []
 

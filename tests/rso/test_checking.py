@@ -98,10 +98,10 @@ def test_what_a_diagnosis_simulates_beyond_its_library_is_counted(tmp_path):
         own = {**OWN, "backend__settings": f"support = {{ kind = '{kind}' }}"}
         lines = check(load(studies.write(tmp_path / kind, **own)), tmp_path / kind / "results", False)
         at = next(n for n, line in enumerate(lines) if "rso diagnose: " in line)
-        pattern = r"names two, [1-9]\d* tests that could decide are computed: about \d+ simulations, (.*) (min|h)$"
+        pattern = r"names two, [1-9]\d* tests that could decide are computed: about \d+ simulations, (.*) (s|min|h)$"
         assert "is simulated again: about" in lines[at + 1]
         m = re.search(pattern, lines[at + 2])
-        times.append(float(m[1]) * {"min": 1, "h": 60}[m[2]])
+        times.append(float(m[1]) * {"s": 1, "min": 60, "h": 3600}[m[2]])
     assert times[1] > 2.0 * times[0] > 0.0
 
 

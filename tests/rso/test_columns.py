@@ -962,8 +962,8 @@ def test_what_is_doubtful_is_among_the_remarks_of_a_check_and_the_warnings_of_a_
     assert begin(plan, "test", "now", 1)["warnings"] == [f"top, {said}"]
 
 
-def test_the_example_of_the_readme_reads_such_files(tmp_path):
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+def test_the_example_of_the_docs_reads_such_files(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "data.md").read_text(encoding="utf-8")
     example = tomllib.loads(next(part for part in text.split("```toml\n")[1:] if "[columns]" in part).split("```")[0])
     paths = [tmp_path / name for name in example["experiments"][0]["data"]]
     for path in paths:

@@ -138,7 +138,7 @@ def test_a_backend_of_travel_alone_is_said_to_be_one(tmp_path):
     file.write_text(file.read_text().replace(":BACKEND", ":TRAVEL_ALONE"))
     plan = make_plan(load(file))
     assert not plan.creeps.followed
-    assert "the backend 'travel alone' does not understand" in plan.of_hold("press")[0]
+    assert "The backend 'travel alone' does not understand" in plan.of_hold("press")[0]
 
 
 # ------------------------------------------------------------------------------------------------- identification
@@ -184,4 +184,5 @@ def test_the_next_experiment_knows_what_creep_has_told(tmp_path):
 def test_a_diagnosis_leaves_creep_out_and_says_so(tmp_path):
     (tmp_path / "a.csv").write_text(toy.record())
     said = _usable(read_file(tmp_path / "a.csv").repeats[0])[1]
-    assert said == ["300 readings of creep at a held force, which rso run compares"]
+    assert len(said) == 1
+    assert said[0].startswith("300 readings of creep at a held force")

@@ -188,4 +188,4 @@ def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
     assert d["verdict"] == "partly" and len(d["chosen"]) == 1 and len(d["causes"]) > 1, d["causes"]
     assert set(d["ambiguous_with"][0]) == {c["effect"] for c in d["causes"]}
     assert not any("takes two effects" in w for w in found["words"])
-    assert any("cannot be told apart" in w for w in found["words"])
+    assert any("which the data cannot separate" in w for w in found["words"])

@@ -207,11 +207,11 @@ def test_an_unusual_plan_has_a_story(what):
 
 
 def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
-    """Nine in ten for one cause and the rest for none of them: there is nothing else to tell it apart from."""
+    """Nine in ten for one cause and the rest for none of them: there is nothing else to separate it from."""
     d = {"verdict": "ambiguous", "ambiguous_with": [["skin"]], "causes": [{"effect": "skin", "probability": 0.92}]}
     said = _cause(d, {"effects": [{"name": "skin", "description": "stiffness of a skin"}]})
     assert "stiffness of a skin, or something that is not in the catalogue" in said
-    assert "cannot be told apart" not in said
+    assert "cannot separate" not in said
 
 
 def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is():

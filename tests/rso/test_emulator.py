@@ -109,7 +109,7 @@ def test_files_hold_no_objects_and_must_belong_together(tmp_path):
     assert saving.load(tmp_path / "x")["a"].tolist() == [0, 1, 2]
     saving.save(tmp_path / "y", {})
     (tmp_path / "y.npz").replace(tmp_path / "x.npz")
-    with pytest.raises(ValueError, match="do not belong together"):
+    with pytest.raises(ValueError, match="do not match"):
         saving.load(tmp_path / "x")
 
 

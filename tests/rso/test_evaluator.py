@@ -1,4 +1,4 @@
-"""The one runner: cases at points in order, each simulated once, what it cost, and why one has no answer."""
+"""The one runner: outcomes of cases at points in order, each simulated once, its cost, and why one has no answer."""
 
 from pathlib import Path
 

@@ -360,11 +360,11 @@ def test_D1_is_determined_with_3_mN_and_not_with_60_mN():
     assert sum(k.verdict.word == "determined" for k in good) >= 7 and "is determined" in good[1].story
     bad = [inference.determine(ball(0.06, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
     assert sum(k.verdict.word == "not" for k in bad) >= 6 and all(k.verdict.word != "determined" for k in bad)
-    assert "Over the whole interval of D1, the other parameters fitted again, the force changes" in bad[0].reason
+    assert "Over the whole interval of D1 (the other parameters refitted) the force changes" in bad[0].reason
     assert "mN against 60 mN, at " in bad[0].reason
     assert all((k.verdict.noise_factor is None) == (k.value in (1.0, 168.0)) for k in bad)
     for k in bad:
-        said = "an end of the range, so how little noise" if k.verdict.noise_factor is None else "times smaller"
+        said = "an end of the range, so the noise" if k.verdict.noise_factor is None else "times less noise"
         assert said in k.reason and k.verdict.digits == 0
 
 
@@ -376,7 +376,7 @@ def test_with_the_noise_that_is_asked_for_the_value_is_determined():
         known = first.of("D1")
         f = known.verdict.noise_factor
         assert known.verdict.word != "determined"
-        assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times smaller" in known.reason
+        assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times less noise" in known.reason
         for times, found in words.items():
             noisy = soft_ball.data(*first.fit.theta, 0.012 * f * times, np.random.default_rng(100 + seed))
             again = inference.determine(Misfit(soft_ball.model(), (noisy,)), seed=0, mcmc=False)

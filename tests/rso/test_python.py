@@ -16,8 +16,9 @@ from sample_studies import D1, MU, QUICK, THICKNESS
 import rso
 
 PUBLIC = [
-    "AskedRun", "Backend", "Case", "FunctionModel", "Parameter", "Programme", "Response", "RunResult",
-    "SimulationFailed", "StudyError", "Workspace", "fit", "indent", "load", "model",
+    "AskedRun", "Backend", "Case", "FreeCurve", "FunctionModel", "Parameter", "ParetoResult", "ParetoStudy",
+    "Programme", "Response", "RunResult", "SimulationFailed", "StudyError", "Workspace", "fit", "indent", "load",
+    "model", "pareto",
 ]  # fmt: skip
 
 

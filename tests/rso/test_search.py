@@ -127,7 +127,7 @@ def test_forces_at_three_depths_find_the_truth():
     assert choice.extent.max() < 0.05
     assert "compact" in story(choice, BOX, targets)
     if len(choice.X) < 3:
-        assert f"only {len(choice.X)} distinct" in story(choice, BOX, targets)
+        assert f"Only {len(choice.X)} of " in story(choice, BOX, targets)
     # Half-space forces at any depths are proportional: three targets leave the valley open.
     assert searched(problem((1.0, 2.0, 3.0), thickness=None)[1], [1e-3] * 3)[1].kind == "valley"
 
@@ -174,7 +174,7 @@ def test_an_unreachable_force_is_said_with_its_distance():
     strongest = forces(np.array([[1.0, 0.0]]), (2.0,), 20.0)[0, 0]
     np.testing.assert_allclose(choice.residual[0, 0], strongest - targets[0].value, rtol=1e-6)
     text = story(choice, BOX, targets)
-    assert "not reachable" in text and f"{choice.residual[0, 0]:+.3g} N" in text and "only 1 distinct exists" in text
+    assert "not reachable" in text and f"{choice.residual[0, 0]:+.3g} N" in text and "Only 1 of 3 requested" in text
 
 
 def test_contradicting_forces_give_distinct_compromises_and_the_extremes():

@@ -192,7 +192,7 @@ def at(text: str, fragment: str) -> int:
         ("[verify]", '[identify]\nrequire = ["D2"]\n[verify]', "identify.require[0]", ["'D2'", "D1, mu"]),
         ("[verify]", '[identify]\nrequire = ["friction"]\n[verify]', "identify.require[0]", ["not searched for"]),
         ("[verify]", '[doe]\nkind = "LHS"\n[verify]', "doe.kind", ["'LHS'", "box_behnken"]),
-        ("[verify]", '[doe]\nkind = "file"\n[verify]', "doe", ["belong together"]),
+        ("[verify]", '[doe]\nkind = "file"\n[verify]', "doe", ["must be given together"]),
         ("[verify]", '[doe]\nkind = "file"\nfile = "x.csv"\n[verify]', "doe.file", ["'x.csv'", "no such file"]),
         ("[verify]", "[diagnose]\neffects = 3\n[verify]", "diagnose.effects", ["3", '"all" or a list']),
         ("[verify]", "[verifi]\n[verify]", "verifi", ["unknown key", "did you mean 'verify'"]),

@@ -33,7 +33,7 @@ def test_a_way_back_is_read_by_depth_down_to_above_contact():
     value = np.array([5.0, 10.0, 20.0, 8.0, -4.0, -2.0])
     depth = np.array([2.0, 1.5, 0.5, -0.5])
     np.testing.assert_allclose(at_readings(travel, travel, value, depth, back=True), [20.0, 14.0, 2.0, -3.0])
-    with pytest.raises(ValueError, match="beyond the way back"):
+    with pytest.raises(ValueError, match="beyond the unloading"):
         on_the_way_back(travel, value, np.array([-1.1]))
 
 

@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 
 from rso.core.units import is_counted
-from rso.data import contact_point, curve_shape, force_holds, plausibility
+from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP, segments
 from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
@@ -147,11 +147,16 @@ class _Table:
         return rows_of(self.labels.tolist())
 
 
-def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
+def read(
+    path: str | Path | Sequence[str | Path],
+    columns: Mapping[str, Column] | None = None,
+    begins_at: float | None = None,
+) -> Measurement:
     """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
 
-    `columns` says by known name which columns of a machine's file are read; without them its header must say it.  Of
-    several files each holds one repeat, or several by its column `repeat`, and all hold the same columns.
+    `begins_at` (N) is the preload at which depth is 0, None where that is contact.  `columns` says by known name which
+    columns of a machine's file are read; without them its header must say it.  Of several files each holds one repeat,
+    or several by its column `repeat`, and all hold the same columns.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:
@@ -177,7 +182,10 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     onsets: list[Onset] = []
     for table, raw in each:
         with _reckoned(table):
-            r, onset, told = _from_contact(table, raw, in_air)
+            if begins_at is None:
+                r, onset, told = _from_contact(table, raw, in_air)
+            else:
+                r, onset, told = _from_preload(table, raw, begins_at)
             repeats.append(r)
             doubts += told
             onsets += [onset] if onset is not None else []
@@ -317,6 +325,34 @@ def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset
     level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
     told += f", {level * per:.2g} {unit} is taken off" if "Fz" in names else ""
     return replace(r, depth=depth, channels=channels), onset if "depth" in names else None, [told]
+
+
+def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset, list[str]]:
+    """A repeat whose depth is 0 at a preload (N), counted from contact; and what to say."""
+    if "Fz" not in r.channels or table.found:
+        why = (
+            "zero = 'contact' counts from there already" if table.found else "Fz tells the contact, which is not there"
+        )
+        raise ValueError(f"{table.path}: preload = {force:g} N: {why}; leave one of them out")
+    own, at, F = dict(r.channels), r.segment == "loading", r.channels["Fz"]
+    pressed = at & (r.depth >= 0.0)
+    approach = int(np.sum(at & (r.depth < 0.0)))
+    try:
+        taken = preload.tared(r.depth[pressed], F[pressed], force)
+        own["Fz"] = F + force if taken else F
+        found = (
+            contact_point.approached(r.depth[at], own["Fz"][at])
+            if approach > contact_point.BEFORE
+            else preload.contact(r.depth[at], own["Fz"][at], force)
+        )
+    except ValueError as error:
+        raise ValueError(f"{table.path}: repeat {r.label!r}: {error}") from error
+    where = f"{_own(table, found.depth, found.deviation)}"
+    how = "by its approach" if approach > contact_point.BEFORE else "by the shape of Fz beyond it"
+    said = f"repeat {r.label}: depth is 0 at a preload of {force:.3g} N; contact is found at {where} {how}"
+    said += "; depth counts from there"
+    said += f", and {force:.3g} N are added to Fz, which was tared at the preload" if taken else ""
+    return replace(r, depth=r.depth - found.depth, channels=own), found, [said]
 
 
 def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:

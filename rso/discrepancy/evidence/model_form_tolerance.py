@@ -30,7 +30,8 @@ def with_tolerance(
     interpolation between the library's nodes, another code or mesh, another formula of the same effect.  Another
     support is weaker in proportion, F_g → F_g (F_g / base_g)^ζ: where it holds nothing it does so too; and of several
     places each may have another size,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, way²).  What rubs may in addition
-    come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, loop²),  ℓ its :func:`loops`.
+    come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, loop²),  ℓ its :func:`loops`.  What flows may be
+    quicker or slower at each place:  y_p → y_p + ζ_p ∂y_p/∂ ln k,  ζ_p ~ N(0, rate²).
     """
     assert own.basis is not None  # tiles are compressed
     d = len(library.base.axes)
@@ -55,6 +56,10 @@ def with_tolerance(
         masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
         more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
         sd += [tolerance.way] * len(places)
+    for direction in _rates(effects, own, d):
+        masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
+        more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
+        sd += [tolerance.rate] * len(places)
     if any(e.name in library.rubbing for e in effects):
         loop = loops(library, effects, own, modulus) @ own.basis
         if np.any(loop):
@@ -84,6 +89,17 @@ def _sizes_of_supports(effects: Sequence[Effect], own: Tiles, d: int) -> list[np
         if e.settings and at in own.axes:
             direction = own.D[:, own.axes.index(int(at))]
             found.append(direction if e.size.logarithmic else own.at[:, [at]] * direction)
+    return found
+
+
+def _rates(effects: Sequence[Effect], own: Tiles, d: int) -> list[np.ndarray]:
+    """∂y/∂ ln k (T, r) of every rate of what flows."""
+    found = []
+    first = d + np.cumsum([0, *(len(e.knobs) for e in effects)])
+    for e, begins in zip(effects, first[:-1], strict=True):
+        for j, knob in enumerate(e.knobs):
+            if e.flows and j and knob.power_of_time < 0 and (at := int(begins) + j) in own.axes:
+                found.append(own.D[:, own.axes.index(at)])
     return found
 
 

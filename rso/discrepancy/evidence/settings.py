@@ -71,11 +71,14 @@ class EffectTolerance:
     lateral: float = 0.25  # in Fx and Fy: two meshes differ so in friction beside the top
     way: float = 0.2  # of the size of another support: how far a body slides or rolls in it before it is held
     loop: float = 0.25  # of the widest loop that friction can make
+    rate: float = 0.15  # in ln of what sets the time of a flow, at each place
 
 
 @dataclass(frozen=True)
 class VerdictRules:
     """Where probabilities become words."""
+
+    apart: float = 4.0  # standard deviations by which a flow must differ from every network of relaxation times
 
     false_alarm: float = 0.05  # p-value up to which there is a gap
     sure: float = 0.95  # probability of one cause above which it is named alone

@@ -64,6 +64,11 @@ class Size:
         return self.neutral * np.exp(s) if self.ratio else self.neutral + s
 
     @property
+    def power_of_time(self) -> int:
+        """1 of a time, −1 of what goes with the inverse of one, as a permeability does, 0 of all others."""
+        return 1 if self.unit == "s" else -1 if self.unit.endswith("/s") else 0
+
+    @property
     def logarithmic(self) -> bool:
         """Whether a shape is spaced logarithmically."""
         return self.low > 0 and self.high / self.low > _WIDE
@@ -131,6 +136,14 @@ class Effect:
     def like_a_spot(self) -> bool:
         """Whether it gives way at one place alone: a softer spot of the body there does nearly the same."""
         return self.place is not None and self.size.name == "compliance"
+
+    @property
+    def flows(self) -> bool:
+        """Whether it goes on in a rest for a time that hangs on the size of what is pressed: a shape is a rate.
+
+        Its rests are simulated; those of a time of its own are exponentials.
+        """
+        return self.family == "model" and any(s.power_of_time < 0 for s in self.shape)
 
     def acts(self, place: Mapping[str, Any]) -> bool:
         """Whether it acts at a place with these settings."""
@@ -240,7 +253,8 @@ def suited(
         powers = (0,) * 4 if e.family == "model" else POWERS_IN.get(e.size.unit, (0,) * 4)
         k = math.prod(v**p for v, p in zip(by, powers, strict=True))
         size = replace(e.size, low=k * e.size.low, high=k * e.size.high) if any(powers) else e.size
-        shape = tuple(replace(s, low=quick * s.low, high=long * s.high) if s.unit == "s" else s for s in e.shape)
+        factors = [{1: (quick, long), -1: (1.0 / long, 1.0 / quick)}.get(s.power_of_time, (1.0, 1.0)) for s in e.shape]
+        shape = tuple(replace(s, low=a * s.low, high=b * s.high) for s, (a, b) in zip(e.shape, factors, strict=True))
         found.append(replace(e, size=size, shape=shape))
     return tuple(found)
 

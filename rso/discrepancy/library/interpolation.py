@@ -91,11 +91,13 @@ class Nodes:
 
 def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool = False, alone: bool = False) -> Nodes:
     """The nodes of an effect at its primary place, where most was measured, or fewer elsewhere, fewest where runs are
-    `dear`; where all tests are at one place, `alone`, what sits beside it looks much like what sits deeper.
+    `dear`; where all tests are at one place, `alone`, what sits beside it looks much like what sits deeper.  What flows
+    takes another time at every place: it has all of its nodes everywhere.
 
     `speeds` (mm/s), slowest and fastest test: a shape with the unit of time counts in travel, τ v.
     """
     size, ends = effect.size, effect.size.ends()
+    primary = primary or effect.flows
     shapes = tuple(_shape_level(s, primary, speeds, alone) for s in effect.shape)
     few = not primary
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
@@ -128,8 +130,13 @@ def points(levels: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def timed(shape: Size) -> bool:
-    """Whether a shape is a time, which counts relative to the duration of a test."""
-    return shape.unit == "s"
+    """Whether a shape counts relative to the duration of a test: a time, or what goes with the inverse of one."""
+    return shape.neutral is None and shape.power_of_time != 0
+
+
+def late(effect: Effect, speed: float) -> np.ndarray:
+    """What size and shapes (1 + d,) of an effect at a speed (mm/s) gain to be those at 1 mm/s of the same travel."""
+    return np.array([s.power_of_time if timed(s) else 0.0 for s in effect.knobs]) * math.log(speed)
 
 
 def placed(shape: Size) -> bool:
@@ -140,7 +147,8 @@ def placed(shape: Size) -> bool:
 def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float], alone: bool) -> np.ndarray:
     low, high = shape.ends()[0]
     if timed(shape):
-        low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
+        power = shape.power_of_time
+        low, high = (v + power * math.log(speed) for v, speed in zip((low, high), speeds[::power], strict=True))
         if primary:
             return np.linspace(low, high, max(5, 1 + math.ceil((high - low) / TIMES)))
         return np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])

@@ -22,8 +22,8 @@ FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
 class LibraryFrame:
     """What is known of a library before any simulation.
 
-    The place where most was measured, slowest and fastest speed (mm/s), nodes of the base there and elsewhere, and the
-    ways of the indenter at each place.
+    The place where most was measured, slowest and fastest speed (mm/s), nodes of the base there and elsewhere, the
+    ways of the indenter at each place, and whether the base model depends on the rate.
     """
 
     primary: int
@@ -31,6 +31,7 @@ class LibraryFrame:
     levels: tuple[np.ndarray, ...]
     few: tuple[np.ndarray, ...]
     every: tuple[tuple[Pass, ...], ...]
+    by_rate: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +48,12 @@ def framed(base: Base, plan: TestPlan) -> LibraryFrame:
     if d not in (0, *BASE_NODES):
         held = f" (what stays where the modulus moves, {', '.join(base.held)}, counts as one)" if base.held else ""
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}{held}: fix some")
-    if rated(base, plan) and any(t.held.any() or round(np.log(t.speed), 1) != 0.0 for t in plan.tests):
+    by_rate = rated(base, plan)
+    if by_rate and any(t.held.any() or round(np.log(t.speed), 1) != 0.0 for t in plan.tests):
         raise ValueError(
-            "the base model has more than one Prony term among the parameters. Tests with a hold, or at another "
-            "speed than 1 mm/s, cannot be diagnosed with it. Open one Prony term or none: the diagnosis looks for "
-            "relaxation itself"
+            "the base model has more than one share and time of relaxation among the parameters. Tests with a "
+            "hold, or at another speed than 1 mm/s, cannot be diagnosed with it. Open one share and its time, or "
+            "none: the diagnosis looks for relaxation itself"
         )
     # rounded: data sets recorded with the same nominal speeds share their library
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
@@ -62,6 +64,7 @@ def framed(base: Base, plan: TestPlan) -> LibraryFrame:
         tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.simulated),
         tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.simulated),
         tuple(passes(plan, k) for k in range(len(plan.places))),
+        by_rate,
     )
 
 
@@ -97,7 +100,7 @@ def jobs_of_base(base: Base, plan: TestPlan, frame: LibraryFrame) -> list[Librar
     jobs = []
     for k, ways in enumerate(frame.every):
         levels = frame.levels if k == frame.primary else frame.few
-        jobs += _of_base(base, plan, k, itertools.product(*levels), ways)
+        jobs += _of_base(base, plan, k, itertools.product(*levels), ways, frame.by_rate)
     return jobs
 
 
@@ -118,7 +121,7 @@ def jobs_of_effects(
             if not (all_of_it or grid[e.name, k].middling[n]):
                 continue
             values = {**base.values(base.centre), **knobs_at(base, e, at)}
-            mine = jobs_of(base, plan, k, e, n, values, frame.every[k])
+            mine = jobs_of(base, plan, k, e, n, values, frame.every[k], by_rate=frame.by_rate)
             if _rubs(e, mine):
                 rubbing.add(e.name)
             jobs += mine
@@ -126,13 +129,13 @@ def jobs_of_effects(
 
 
 def _of_base(
-    base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]
+    base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass], by_rate: bool
 ) -> list[LibraryJob]:
     """Runs of the base model at place k: its nodes, its centre on every way that matters, and on the study's mesh."""
     jobs = [LibraryJob(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})) for n, x in enumerate(nodes)]
     centre = base.values(base.centre)
     jobs.append(LibraryJob(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
-    each = jobs_of(base, plan, k, None, -1, centre, ways)
+    each = jobs_of(base, plan, k, None, -1, centre, ways, by_rate=by_rate)
     jobs += each if len(each) > 1 else []
     return [*jobs, LibraryJob(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True)]
 

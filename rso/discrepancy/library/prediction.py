@@ -7,6 +7,8 @@ While the indenter rests, t after it came, only what relaxes goes on, δ the rel
 
     δ(t) = δ_∞ + (δ(0) − δ_∞) exp(−t/τ),    δ_∞ = δ(0) for τ → 0 (:meth:`Library.relaxed`).
 
+What flows has tables of its rests (`LibraryTable.rests`), whose times hang on the size of what is pressed.
+
 Exact for one exponential of relaxation where the strain rests too, which contact makes nearly true: each stress decays
 as its hereditary integral does (Simo & Hughes 1998, §10.3).
 """
@@ -18,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from rso.contract import parameters_of
 from rso.core.curves import rows_at
@@ -25,7 +28,7 @@ from rso.data import Chain, recorded, yielded
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.responses import FORCES
-from rso.discrepancy.library.simulations import passes_of
+from rso.discrepancy.library.simulations import passes_of, rest_of
 from rso.discrepancy.library.tables import Library, PlaceTables
 from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test
 
@@ -87,13 +90,21 @@ def predict(
             if r is not None
         ]
 
+    def flowing(test: Test, since: np.ndarray) -> np.ndarray:
+        """What of Fz over the modulus (T, m) is lost or gained at moments (n,) s of a rest by what flows, (T, 3, n)."""
+        here = library.places[test.place]
+        each = [(w, here.effects[e.name].rests) for e, w, _ in weights[test.place, test.speed]]
+        lost = [np.tensordot(w, _at_moments(here, test, v, since, True), axes=1) for w, v in each if v is not None]
+        return np.asarray(sum(lost, np.zeros((len(X), 3, len(since)))))
+
     for item, channel, rows in plan.rows():
         if isinstance(item, SurfaceProfile):
             moved[:, rows] = _profile(library, item, x, model)
         elif acting := [(e, s) for e, s in chain if e.acts(plan.places[item.place].settings)]:
             if channel == item.channels[0]:  # all channels of a test come at once
                 block = slice(rows.start, rows.start + item.n * len(item.channels))
-                force[:, block] = _recorded(library, item, curves, decays, acting, modulus)
+                change_of = functools.partial(flowing, item)
+                force[:, block] = _recorded(library, item, curves, decays, change_of, W, acting, modulus)
         else:
             read = _readings(library, item)
             c = item.channels.index(channel)
@@ -112,7 +123,7 @@ def predict(
 def _relaxing(library: Library, place: int, effect: Effect, at: np.ndarray, speed: float) -> Relaxing | None:
     """What an effect with a time of its own tends to while the indenter rests; None where it has none."""
     k = next((k for k, s in enumerate(effect.shape, 1) if timed(s)), None)
-    if k is None:
+    if k is None or effect.flows:
         return None
     rate = 1.0 / np.asarray(effect.shape[k - 1].value(at[:, k]), float)
     return library.relaxed(place, effect, at, speed), rate
@@ -176,14 +187,39 @@ def _read(key: _Key) -> _Readings:
     every = {
         name: np.where(back, at(t.change[:, unloading]), at(t.change[:, loading])) for name, t in here.effects.items()
     }
+    for name, t in here.effects.items():
+        if t.rests is not None and test.held.any():
+            every[name][..., test.held] = _at_moments(here, test, t.rests, test.since[test.held])
     changes, normal = {k: v[:, pick] for k, v in every.items()}, {k: v[:, 2] for k, v in every.items()}
     base = at(here.base)
     step = at(here.mesh) + np.where(back, at(here.ways[unloading]), at(here.ways[loading]))
     return _Readings(base[:, pick], base[:, 2], step[pick], changes, normal)
 
 
+def _at_moments(here: PlaceTables, test: Test, table: np.ndarray, since: np.ndarray, lost: bool = False) -> np.ndarray:
+    """Changes (n_nodes, 3, n) of a table of rests (n_nodes, n_rest, 3, RESTED) at moments (n,) s of that of a test.
+
+    With `lost` those since it began.
+    """
+    i = rest_of(here.rests, test)
+    if i is None:
+        return np.zeros((len(table), 3, len(since)))
+    moments = here.rests[i].moments
+    own = table[:, i] - (table[:, i, :, :1] if lost else 0.0)
+    x = np.log1p(moments / moments[1])
+    at = np.clip(np.log1p(since * test.speed / moments[1]), 0.0, x[-1])
+    return np.asarray(interp1d(x, own)(at))
+
+
 def _recorded(
-    library: Library, test: Test, curves: Curves, decays: Decays, chain: Chained, modulus: float
+    library: Library,
+    test: Test,
+    curves: Curves,
+    decays: Decays,
+    flowing: Callable[[np.ndarray], np.ndarray],
+    W: np.ndarray,
+    chain: Chained,
+    modulus: float,
 ) -> np.ndarray:
     """Rows of a test (T, channels · n) as the chain records them, over the modulus."""
     here = library.places[test.place]
@@ -217,6 +253,8 @@ def _recorded(
         ends = np.repeat(_stopped(u, F, rests)[:, :, -1:], len(rest), axis=2)
         for rate, fall in decays(test.place, test.speed, loading):
             ends = ends + np.expm1(-np.outer(rate, rest))[:, None] * _stopped(u, fall, rests)[:, :, -1:]
+        Fz = np.tensordot(W, here.base[:, 2:], axes=1)
+        ends = ends + _stopped(u, Fz, rests)[:, :, -1:] * flowing(rest)
         if "creep" in setting:
             ends = ends - _yielding(setting, u, F, rests, modulus, test.speed, rest)
         way = np.concatenate([way, np.repeat(rests[:, None], len(rest), axis=1)], axis=1)

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator, interp1d
 
 from rso.contract import Response
 from rso.core.curves import Resampling
-from rso.discrepancy.library.simulations import Pass
+from rso.discrepancy.library.simulations import RESTED, Pass, Rest
 from rso.discrepancy.library.test_plan import PlanPlace
 from rso.evaluation.store import Done
 
@@ -91,6 +91,26 @@ def changed(
         else:
             known = interp1d(np.sqrt(u), foreseen[i])(np.sqrt(np.clip(travel, u[0], u[-1]))).T
             change[i] = foreseen[i] + relative(travel, F - at - known * at[:, 2:], at[:, 2], u)
+    return change, lost
+
+
+def rested(
+    rests: Sequence[Rest], reference: float, outcomes: Sequence[Any], base: Resampling
+) -> tuple[np.ndarray, int]:
+    """Changes (n_rest, 3, RESTED) over `base` relative to its Fz at the moments of rests, and how many have none."""
+    change, lost = np.zeros((len(rests), 3, RESTED)), 0
+    for i, (rest, outcome) in enumerate(zip(rests, outcomes, strict=True)):
+        if not isinstance(outcome, Done):
+            lost += 1
+            continue
+        time, travel = outcome.response.channels["time"], outcome.response.channels["travel"]
+        resting = travel >= rest.peak * (1.0 - 1e-9)
+        since = time[resting] - time[resting][0]
+        F = np.stack([outcome.response.channels.get(c, np.zeros(len(time)))[resting] for c in FORCES], 1) / reference
+        at = base(np.array([rest.peak]))
+        known = np.log(np.maximum(since, 0.5 * rest.moments[1]))
+        asked = np.log(np.maximum(rest.moments, 0.5 * rest.moments[1]))
+        change[i] = PchipInterpolator(known, (F - at) / at[:, 2:], axis=0)(np.clip(asked, known[0], known[-1])).T
     return change, lost
 
 

@@ -18,6 +18,9 @@ from rso.evaluation import Task
 ASKED = 9  # travels at which a run is asked for forces
 LIKE = 0.06  # by which rests and speeds of ways may differ and count as one
 STEP = 0.05  # of ln, to which they are rounded: data sets of one plan share most of their runs
+RESTED = 40  # moments of a rest in tables, from SOON of it on
+SOON = 1e-3
+MOMENTS = 14  # of a rest at which a run is asked for forces
 NEAR = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
 Run = Callable[[Sequence[Task]], list[Any]]
 
@@ -146,9 +149,25 @@ class Pass:
     pace: float = 1.0
 
 
+@dataclass(frozen=True)
+class Rest:
+    """The indenter stays at the travel `peak`, for as long as it takes to go `lasting` mm on the way there."""
+
+    peak: float
+    lasting: float
+
+    @property
+    def moments(self) -> np.ndarray:
+        """When (RESTED,) in it tables hold forces, from its beginning on, in mm of the way there."""
+        return np.append(0.0, self.lasting * np.geomspace(SOON, 1.0, RESTED - 1))
+
+
 @dataclass(frozen=True, eq=False)
 class LibraryJob:
-    """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes)."""
+    """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes).
+
+    Rests count on after the passes.
+    """
 
     place: int
     effect: str | None
@@ -168,6 +187,21 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
         if not any((way.peak, way.earlier) == (p.peak, p.earlier) and alike(way, p) for p in found):
             found.append(way)
     return tuple(found)
+
+
+def rests_at(plan: TestPlan, place: int) -> tuple[Rest, ...]:
+    """The different rests at a place, each as long as the longest at its travel."""
+    longest: dict[float, float] = {}
+    for t in plan.tests:
+        if t.place == place and t.held.any():
+            peak = rounded(t.peak, plan.scale, 2)
+            longest[peak] = max(longest.get(peak, 0.0), _round(1.05 * float(t.since.max()) * t.speed))
+    return tuple(Rest(peak, lasting) for peak, lasting in sorted(longest.items()) if lasting > 0.0)
+
+
+def rest_of(every: Sequence[Rest], test: Test) -> int | None:
+    """Index of the rest at the travel nearest to that of a test; None where there are none."""
+    return min(range(len(every)), key=lambda k: abs(every[k].peak - test.peak), default=None)
 
 
 def alike(a: Pass, b: Pass) -> bool:
@@ -237,8 +271,21 @@ def task_of(
         programme = Programme(time, travel, inside, tuple(sorted(home)))
     if way is not None and way.earlier:
         data["earlier"] = way.earlier
-    tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
-    return Task(tidy, Case(f"place {k}", programme, data))
+    return _tidy(k, values, programme, data)
+
+
+def _tidy(k: int, values: Mapping[str, float], programme: Programme, data: Mapping[str, Any]) -> Task:
+    """The task of a place; equal nodes have equal keys."""
+    return Task({name: float(f"{v:.12g}") for name, v in values.items()}, Case(f"place {k}", programme, data))
+
+
+def task_of_rest(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], rest: Rest, finer: bool) -> Task:
+    """The run at place k that presses to the travel of a rest and stays there."""
+    data = {**plan.places[k].settings, **(base.lean if finer else base.draft)}
+    p = rest.peak
+    asked = p + rest.lasting * np.geomspace(SOON, 1.0, MOMENTS)
+    programme = Programme((0.0, p, p + rest.lasting), (0.0, p, p), (p,), tuple(float(f"{v:.12g}") for v in asked))
+    return _tidy(k, values, programme, data)
 
 
 def jobs_of(
@@ -250,8 +297,12 @@ def jobs_of(
     values: Mapping[str, float],
     every: Sequence[Pass],
     finer: bool = False,
+    by_rate: bool | None = None,
 ) -> list[LibraryJob]:
-    """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter."""
+    """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter.
+
+    Last come those of rests of what flows.  `by_rate` is the answer of :func:`rated` where it is known already.
+    """
     name, settings = (None, {}) if e is None else (e.name, e.settings)
     load = task_of(base, plan, k, values, None, settings, finer)
     there_and_back = task_of(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
@@ -259,7 +310,7 @@ def jobs_of(
     if programme.travel_mm[-1] == max(programme.travel_mm):
         return [LibraryJob(k, name, n, None, load)]
     jobs = []
-    timely = (e is not None and any(timed(s) for s in e.shape)) or rated(base, plan)
+    timely = (e is not None and any(timed(s) for s in e.shape)) or (rated(base, plan) if by_rate is None else by_rate)
     for i, way in enumerate(every):
         way = way if timely else replace(way, rest=0.0, pace=1.0)
         task = task_of(base, plan, k, values, way, settings, finer)
@@ -269,6 +320,8 @@ def jobs_of(
             if plain == base.backend.canonical(task.values, virgin)[1].settings:
                 task = replace(task, case=virgin)
         jobs.append(LibraryJob(k, name, n, i, task))
+    for i, rest in enumerate(rests_at(plan, k) if e is not None and e.flows else ()):
+        jobs.append(LibraryJob(k, name, n, len(every) + i, task_of_rest(base, plan, k, values, rest, finer)))
     return jobs
 
 
@@ -282,7 +335,8 @@ def jobs_at(
     ways: Sequence[Pass],
     finer: bool,
 ) -> list[Task]:
-    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters.
+    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters, and
+    of what flows those of rests.
 
     `finer` ones are on the study's mesh.
     """

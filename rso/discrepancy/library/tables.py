@@ -19,11 +19,20 @@ from scipy.interpolate import interp1d
 
 from rso.core.curves import Resampling
 from rso.discrepancy.library.effects import Effect
-from rso.discrepancy.library.interpolation import Nodes, cardinal, placed, points, tensor, timed
+from rso.discrepancy.library.interpolation import Nodes, cardinal, late, placed, points, tensor, timed
 from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of, simulated
 from rso.discrepancy.library.relaxation import dense, foreseen, relaxes
-from rso.discrepancy.library.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
-from rso.discrepancy.library.simulations import Base, LibraryJob, Pass, Run, nearest
+from rso.discrepancy.library.responses import (
+    FORCES,
+    changed,
+    forces_of,
+    loading_of,
+    marks_of,
+    reached_by,
+    relative,
+    rested,
+)
+from rso.discrepancy.library.simulations import RESTED, Base, LibraryJob, Pass, Rest, Run, nearest, rests_at
 from rso.discrepancy.library.test_plan import TestPlan
 from rso.evaluation.store import Done, Failed
 
@@ -39,12 +48,16 @@ class LibraryUnanswered(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class LibraryTable:
-    """Relative changes (n_nodes, n_pass, 3, m) by an effect at a place, displacements of marks (n_nodes, n_uz)."""
+    """Relative changes (n_nodes, n_pass, 3, m) by an effect at a place, displacements of marks (n_nodes, n_uz).
+
+    Of what flows `rests` (n_nodes, n_rest, 3, RESTED) are the changes at the moments of rests, None of all others.
+    """
 
     nodes: Nodes
     change: np.ndarray
     marks: np.ndarray
     known: np.ndarray
+    rests: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +78,7 @@ class PlaceTables:
     error: np.ndarray
     effects: Mapping[str, LibraryTable]
     unknowns: int = 0
+    rests: tuple[Rest, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +118,7 @@ class Library:
 
         Its rows are the nodes, then the points at which it was mended.
         """
-        at = np.array(at, float)
-        for k, s in enumerate(effect.shape, 1):
-            if timed(s):
-                at[:, k] += np.log(speed)
+        at = np.array(at, float) + late(effect, speed)
         nodes = self.places[place].effects[effect.name].nodes
         W = nodes.weights(at)
         points = self.mended.get((effect.name, place))
@@ -133,6 +144,12 @@ class Library:
         """Relative changes (T, n_pass, 3, m) and changes of marks (T, n_uz) at sizes and shapes `at` (T, 1 + d)."""
         W, table = self.weights(place, effect, at, speed), self.places[place].effects[effect.name]
         return np.tensordot(W, table.change, axes=1), W @ table.marks
+
+    def rested(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> np.ndarray:
+        """Relative changes (T, n_rest, 3, RESTED) at the moments of rests by what flows, at sizes and shapes `at`."""
+        rests = self.places[place].effects[effect.name].rests
+        assert rests is not None  # of an effect that flows
+        return np.tensordot(self.weights(place, effect, at, speed), rests, axes=1)
 
     def base_weights(self, x: np.ndarray) -> np.ndarray:
         """(T, n_base): the base model at coordinates x (T, d) in terms of its nodes, without what relaxes in it."""
@@ -235,7 +252,7 @@ def _tables(
     found: Mapping[tuple[Any, ...], Any],
     primary: int,
 ) -> PlaceTables:
-    place = plan.places[k]
+    place, rests = plan.places[k], rests_at(plan, k)
     u = (np.linspace(0.0, np.sqrt(plan.reach(k)), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
     wanted = [found[k, None, n, None, False] for n in [*range(n_base), -1]]
@@ -258,7 +275,8 @@ def _tables(
     base_marks = np.stack([marks_of(o.response, place) for o in wanted])
     effects = {}
     for e in modelled:
-        points = grid[e.name, k].points
+        points, flowing = grid[e.name, k].points, rests if e.flows else ()
+        resting = np.zeros((len(points), len(flowing), 3, RESTED))
         change = np.zeros((len(points), len(every), 3, GRID))
         marks = np.zeros((len(points), base_marks.shape[1]))
         known = np.ones(len(points), bool)
@@ -272,14 +290,16 @@ def _tables(
             likely = None if ahead is None else ahead[n]
             change[n], lost = changed(every, u, place, base.reference, each, first, likely)
             change[n] -= ways
-            known[n] = lost == 0
+            held = [found.get((k, e.name, n, len(every) + i, False)) for i in range(len(flowing))]
+            resting[n], without = rested(flowing, base.reference, held, first)
+            known[n] = lost + without == 0
             reached = reached_by(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         if ahead is not None:
             change = np.where(known[:, None, None, None], change - ahead, 0.0)
-        rest = _filled(LibraryTable(grid[e.name, k], change, marks, known))
+        rest = _filled(LibraryTable(grid[e.name, k], change, marks, known, resting if e.flows else None))
         effects[e.name] = rest if ahead is None else _densely(rest, dense(grid[e.name, primary]), u, first(u), every)
-    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
+    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns, rests)
 
 
 def _densely(rest: LibraryTable, nodes: Nodes, u: np.ndarray, base: np.ndarray, every: Sequence[Pass]) -> LibraryTable:
@@ -317,12 +337,15 @@ def _filled(table: LibraryTable) -> LibraryTable:
     if table.known.all() or not table.known.any():
         return table
     points, change, marks = table.nodes.points, table.change.copy(), table.marks.copy()
+    resting = None if table.rests is None else table.rests.copy()
     spread = np.ptp(points, axis=0) + 1e-12
     for n in np.nonzero(~table.known)[0]:
         near = min(np.nonzero(table.known)[0], key=lambda j: np.sum(((points[j] - points[n]) / spread) ** 2))
         factor = points[n, 0] / points[near, 0] if table.nodes.anchored and points[near, 0] else 1.0
         change[n], marks[n] = factor * change[near], factor * marks[near]
-    return replace(table, change=change, marks=marks)
+        if resting is not None:
+            resting[n] = factor * resting[near]
+    return replace(table, change=change, marks=marks, rests=resting)
 
 
 def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> LibraryTable:
@@ -335,7 +358,7 @@ def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> LibraryTab
     is not alike.
     """
     known, other = first.effects[effect.name], own.effects[effect.name]
-    if other.nodes.fine > 1:  # as dense as those
+    if other.nodes.fine > 1 or other.rests is not None:  # as dense as those
         return other
     R = _transfer(effect, known, other)
     change = np.tensordot(R, other.change, axes=1)

@@ -27,6 +27,7 @@ BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
 DWELL = 0.05  # of the time of loading: a shorter rest before the way back is none
 LEGS = 7  # of a way back, whose median tells its speed
 EVEN = 0.15  # by which the speed of the way back may differ from that of the way there and count as the same
+NOT_USED = "are not used"
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
@@ -257,7 +258,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
     site = _site(e.settings, sites)
     for r in e.measurement.repeats:
         r, without = _usable(r)
-        notes += [f"{e.name}: {words} are not used" for words in without]
+        notes += [f"{e.name}: {words} {NOT_USED}" for words in without]
         if not len(r.depth):
             continue
         if r.depth.max() <= 0.0:
@@ -317,7 +318,10 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     depth, back = r.depth, r.segment == "unloading"
     begun: list[str] = []
     if isinstance(r.creep, HeldForce):
-        begun.append(f"{len(r.creep.depth)} readings of creep at a held force, which rso run compares")
+        begun.append(
+            f"{len(r.creep.depth)} readings of creep at a held force (forces at travels are diagnosed; rso run and rso "
+            "ladder compare the creep)"
+        )
     if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
         r = kept(r, ~back)
         begun.append(f"{np.sum(back)} readings of an unloading that has hardly begun")

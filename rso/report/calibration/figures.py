@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from rso.report.calibration import deformed
+from rso.report.calibration import deformed, errors, turning
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
@@ -77,6 +77,11 @@ FIGURES: Mapping[str, Drawing] = {  # what stands before the hyphen of a name â†
     NAME: lambda results, k, name: sketch_figure(results, BESIDE if deformed.body(results) else WIDTH),
     deformed.NAME: lambda results, k, name: deformed.deformed_figure(results, name),
     deformed.CURVE: lambda results, k, name: deformed.pressed_figure(results, name),
+    turning.BODY: lambda results, k, name: turning.body_figure(results, name),
+    turning.SURFACE: lambda results, k, name: turning.relief_figure(results, name),
+    errors.PAIRS: lambda results, k, name: errors.pairs_figure(results, name),
+    errors.RESIDUALS: lambda results, k, name: errors.residuals_figure(results, name),
+    errors.BUDGET: lambda results, k, name: errors.budget_figure(results, name),
     "formulas": closed_form_figure,
     "determined": lambda results, k, name: determined(results, name),
     "profile": lambda results, k, name: profiles(results, name),
@@ -119,7 +124,7 @@ def determined(results: Results, name: str) -> str:
         axes.text(-0.12, y, p.letter, ha="right", va="center", fontsize=11)
         for x, end, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
             axes.text(x, y, shortest(float(f"{end * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
-        axes.text(1.1, y, p.unit.label, ha="left", va="center", color=GREY)
+        axes.text(1.16, y, p.unit.label, ha="left", va="center", color=GREY)
         _scale(axes, y, p)
         word = "determined" if good else how(results, p).removeprefix("is ")
         axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
@@ -129,7 +134,7 @@ def determined(results: Results, name: str) -> str:
         best = likely(results, p)
         if known(best):
             axes.plot([p.share(p.low, best)], [y], "o", ms=6, mfc=PAPER, mec=INK, mew=1.2)
-    axes.set(xlim=(-0.17, 1.17), ylim=(-len(rows) + 0.45, 0.62))
+    axes.set(xlim=(-0.17, 1.28), ylim=(-len(rows) + 0.45, 0.62))
     axes.axis("off")
     return svg(figure, name)
 
@@ -143,7 +148,7 @@ def _scale(axes: Axes, y: float, p: ParameterView) -> None:
     for v in (k * 10.0**n / p.unit.factor for n in decades for k in (1, 2, 5)):
         if p.low < v < p.high:
             axes.plot([p.share(p.low, v)] * 2, [y - 0.07, y + 0.07], color=GREY, lw=0.6, zorder=1)
-    axes.text(1.1, y - 0.2, "log scale", ha="left", va="top", color=GREY, fontsize=7)
+    axes.text(1.16, y - 0.2, "log scale", ha="left", va="top", color=GREY, fontsize=7)
 
 
 def verification(results: Results, name: str) -> str:
@@ -363,8 +368,8 @@ def _dots(
     axes.axvline(y * unit.factor, color=INK, lw=1)
     for k, (c, f) in enumerate(rows):
         axes.plot([y * unit.factor, f * unit.factor], [-k, -k], color=PALE, lw=1.2, zorder=0)
-        look = {"ms": 5.0 if c.best else 4.0, "color": ACCENT if c.best else GREY}
-        axes.plot([f * unit.factor], [-k], "o", label=c.label, **look)
+        size, colour = (5.0, ACCENT) if c.best else (4.0, GREY)
+        axes.plot([f * unit.factor], [-k], "o", label=c.label, ms=size, color=colour)
         text = f"{percent(abs(f - y) / abs(y))} too {'high' if f > y else 'low'}" if y and f != y else ""
         axes.annotate(
             text,

@@ -11,6 +11,7 @@ import numpy as np
 
 from rso.inference.intervals import pieces
 from rso.report.calibration.derived import derived_table
+from rso.report.calibration.errors import error_blocks
 from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
 from rso.report.layout.digits import (
     DASH,
@@ -49,6 +50,7 @@ def identification_section(results: Results) -> Section:
     for p, d in rows:
         if d.get("reason"):
             blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))
+    blocks += error_blocks(results)
     blocks += [t for t in (_directions(results, data), _values(results, data)) if t is not None]
     return Section("identification", title, tuple(blocks))
 

@@ -18,6 +18,7 @@ from rso.report.calibration.influence import extrapolation
 from rso.report.calibration.predictions import off, prediction_sentences, predictions
 from rso.report.calibration.range_extension import range_blocks
 from rso.report.calibration.responses import front_section, sensitivity_section, surface_section
+from rso.report.calibration.turning import turning_sections
 from rso.report.calibration.verdict import (
     determined_blocks,
     fit_sentences,
@@ -246,7 +247,7 @@ def prediction_section(results: Results) -> Section:
 
 
 def open_section(results: Results) -> Section:
-    """What the data leave open, and what would settle it."""
+    """What the data leave open, and what would decide it."""
     said = [Text(t) for t in known_sentences(results)]
     return Section(
         "open", "What is known, and what is not", (*said, *determined_blocks(results), *open_blocks(results))
@@ -407,6 +408,7 @@ SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
     _one(curve_section),
     _one(prediction_section),
     _one(open_section),
+    turning_sections,
     gap_sections,
     _behind(_one(identification_section)),
     _behind(closed_form_sections),

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rso.core import disk
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
@@ -18,9 +20,14 @@ def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: boo
     The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
     diagnosis that lies in the folder is shown, too.
     """
-    results = _with_body(_with_diagnosis(results, folder), folder)
+    results = with_files(results, folder)
     document = report(results)
     return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
+
+
+def with_files(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """The results with what other files of their folder add: a diagnosis, the deformed body, draws of the posterior."""
+    return _with_draws(_with_body(_with_diagnosis(results, folder), folder), folder)
 
 
 def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
@@ -42,5 +49,18 @@ def _with_body(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
         return results
     try:
         return {**results, "deformed": disk.read_json(path)}
+    except (OSError, ValueError):
+        return results
+
+
+def _with_draws(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """With the draws of the posterior that a run has left in the folder, by parameter."""
+    path = folder / "posterior.csv"
+    if results.get("draws") or not path.exists():
+        return results
+    try:
+        head, *rows = disk.read(path).decode("utf-8").splitlines()
+        values = np.array([[float(v) for v in row.split(",")] for row in rows])
+        return {**results, "draws": dict(zip(head.split(","), values.T, strict=True))}
     except (OSError, ValueError):
         return results

@@ -215,7 +215,9 @@ def front_section(results: Results) -> Section:
     blocks: list[Block] = []
     for k, s in enumerate(listed(results, "searches")):
         if len(front(s)[0]) and (parameters(results, free=True) or len(s.get("targets") or ()) > 1):
-            blocks.append(Picture(f"front-{k}", _front_caption(results, s)))
+            caption = _front_caption(results, s)
+            alone = len(s.get("targets") or ()) < 2 and len(front(s)[0]) == 1  # a picture of one dot tells nothing
+            blocks.append(Text(caption) if alone else Picture(f"front-{k}", caption))
     title = "Compromises between the targets"
     return Section("front", title, tuple(blocks) or (missing("Pareto fronts", "search"),))
 
@@ -231,7 +233,8 @@ def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
             if x:
                 spans.append(f"{p.letter} {between(min(x), max(x), p.unit)}")
         where = "met best at" if len(values) == 1 else f"met at {len(values)} points:"
-        return f"{what}one target, {where} {', '.join(spans)} (dot). Diamonds: candidates."
+        marks = "" if len(values) == 1 else " (dots). Diamonds: candidates"
+        return f"{what}one target, {where} {', '.join(spans)}{marks}."
     unit = targets[0].get("unit", "")
     worst = float(objectives.max(axis=1).min())
     return (

@@ -116,12 +116,14 @@ const turnable = svg => {
   const canvas = make("canvas", { width: 2 * W, height: 2 * H, tabIndex: 0 });
   canvas.setAttribute("role", "img"); canvas.setAttribute("aria-label", svg.getAttribute("aria-label") + " Arrow keys turn it.");
   canvas.style.cssText = "width:100%;height:auto;touch-action:pan-y;cursor:grab";
-  const g = canvas.getContext("2d"), P = data.points, T = data.triangles, V = data.bands;
+  const g = canvas.getContext("2d"), P = data.points, T = data.triangles, V = data.bands, B = data.bright;
+  const rgb = data.colours.map(c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16)));
+  const tone = T.filter((_, k) => k % 3 === 0).map((_, k) => `rgb(${rgb[V[k]].map(c => Math.round(c * (B ? B[k] : 1))).join()})`);
   let yaw = data.yaw, pitch = data.pitch, drag = null, waiting = false;
   const paint = () => {
     waiting = false;
     const cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch), n = P.length / 3, X = new Float64Array(n), Y = new Float64Array(n), Z = new Float64Array(n);
-    const s = 2 * data.scale;
+    const s = 2;
     for (let k = 0; k < n; k++) {
       const x = P[3 * k], y = P[3 * k + 1], z = P[3 * k + 2], a = cy * x - sy * y, b = sy * x + cy * y;
       X[k] = W + s * a; Y[k] = H - s * (sp * b + cp * z); Z[k] = cp * b - sp * z;
@@ -132,9 +134,8 @@ const turnable = svg => {
     for (const k of order) {
       const a = T[3 * k], b = T[3 * k + 1], c = T[3 * k + 2];
       g.beginPath(); g.moveTo(X[a], Y[a]); g.lineTo(X[b], Y[b]); g.lineTo(X[c], Y[c]); g.closePath();
-      g.fillStyle = g.strokeStyle = data.colours[V[k]]; g.fill(); g.lineWidth = 1; g.stroke();
+      g.fillStyle = g.strokeStyle = tone[k]; g.fill(); g.lineWidth = 1; g.stroke();
     }
-    if (data.mesh) { g.strokeStyle = "rgba(0,0,0,.18)"; g.lineWidth = 1; for (const k of order) { const a = T[3 * k], b = T[3 * k + 1], c = T[3 * k + 2]; if ((X[b] - X[a]) * (Y[c] - Y[a]) - (Y[b] - Y[a]) * (X[c] - X[a]) > 0) continue; g.beginPath(); g.moveTo(X[a], Y[a]); g.lineTo(X[b], Y[b]); g.lineTo(X[c], Y[c]); g.closePath(); g.stroke(); } }
     const style = getComputedStyle(canvas), ink = style.getPropertyValue("--ink"), accent = style.getPropertyValue("--accent");
     g.font = "26px system-ui, sans-serif"; g.fillStyle = ink;
     const at = q => { const a = cy * q[0] - sy * q[1], b = sy * q[0] + cy * q[1]; return [W + s * a, H - s * (sp * b + cp * q[2])]; };
@@ -146,7 +147,7 @@ const turnable = svg => {
   canvas.onpointermove = e => { if (!drag) return; yaw += (e.clientX - drag[0]) / 120; pitch = Math.max(-0.2, Math.min(1.5, pitch + (e.clientY - drag[1]) / 160)); drag = [e.clientX, e.clientY]; later(); };
   canvas.onpointerup = canvas.onpointercancel = () => { drag = null; };
   canvas.onkeydown = e => { const k = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[e.key]; if (!k) return; e.preventDefault(); yaw += k[0]; pitch = Math.max(-0.2, Math.min(1.5, pitch + k[1])); later(); };
-  svg.style.display = "none"; svg.before(canvas); later();
+  svg.style.display = "none"; svg.before(canvas); paint();
   new MutationObserver(later).observe(document.documentElement, { attributes: true });
 };
 

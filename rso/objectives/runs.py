@@ -9,10 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rso.core.quantities import Unread
+from rso.core.similarity import Group
+from rso.doe import Box
+from rso.emulation import feasibility
+from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Event, Outcome, run_all
 from rso.evaluation.store import Crashed, Done, Failed, RunStore
+from rso.objectives.plan import ParetoPlan
 from rso.optimise.targets import ROUNDING
-from rso.pareto.plan import ParetoPlan
+
+WHOLE = Group(None, 1.0, {}, {}, "no similarity is applied")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +40,8 @@ class ParetoRun:
 
 
 @dataclass(eq=False)
-class Runs:
-    """Makes runs through the store and remembers all of this study, in order."""
+class StudyRuns:
+    """Makes runs through the store and records all of this study, in order."""
 
     plan: ParetoPlan
     store: RunStore
@@ -74,9 +80,20 @@ def data(plan: ParetoPlan, runs: Sequence[ParetoRun]) -> tuple[np.ndarray, dict[
     return U, {q.text: np.array([r.y[q.text] for r in kept if r.y is not None]) for q in plan.quantities}
 
 
-def lost(plan: ParetoPlan, runs: Sequence[ParetoRun]) -> np.ndarray:
-    """Points (k, d) of runs that failed: crashed ones are no property of the point."""
-    return np.array([r.u for r in runs if r.state == "failed"]).reshape(-1, plan.space.d)
+def answered(plan: ParetoPlan, runs: Sequence[ParetoRun]) -> FeasibleRegion | None:
+    """Where runs have an answer, learnt from those that failed; None while none has.
+
+    Crashed runs are left out: they are no property of the point.  It is over the columns that surrogates see.
+    """
+    known = [r for r in runs if r.state != "crashed"]
+    if all(r.state == "done" for r in known):
+        return None
+    space = plan.space
+    names = space.feature_names()
+    box = Box(names, ("1",) * len(names), (0.0,) * len(names), (1.0,) * len(names), (False,) * len(names))
+    X = space.features(np.array([r.u for r in known]))
+    values = [dict(zip(names, map(float, x), strict=True)) for x in X]
+    return feasibility.learn(box, WHOLE, values, [r.state == "done" for r in known], plan.seed)
 
 
 def misses(plan: ParetoPlan, y: dict[str, float]) -> dict[str, float]:

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 
 from rso.emulation import Scores
+from rso.emulation.feasibility import FeasibleRegion
+from rso.objectives.front import NEAR, PredictedFront, chosen, knee, search
+from rso.objectives.plan import ParetoPlan, designed, held_out
+from rso.objectives.runs import ParetoRun, StudyRuns, answered, data, misses, values_of
+from rso.objectives.sensitivity import Sensitivities, sensitivities
+from rso.objectives.surfaces import Surfaces, learn, nondominated, scores
 from rso.optimise.mixed import mixed_front
-from rso.pareto.front import PredictedFront, chosen, search
-from rso.pareto.plan import ParetoPlan, designed, held_out
-from rso.pareto.runs import ParetoRun, Runs, data, lost, misses, values_of
-from rso.pareto.sensitivity import Sensitivities, sensitivities
-from rso.pareto.surfaces import Surfaces, learn, nondominated, scores
 from rso.study.errors import Problem, study_error
 
 FLOOR = 0.01  # of the spread of a quantity: below this size differences are measured against it
+LEAST = 1e-4  # of the spread of a quantity: a distance to its limit that is not worth another run
+OPTIMISM = 2.0  # standard deviations
 RISING = 0.005  # share of the hypervolume that the last fifth of the generations may add and count as converged
 Say = Callable[[str], None]
 
@@ -58,7 +61,7 @@ class ParetoOutcome:
     warnings: list[str] = field(default_factory=list)
 
 
-def solve(plan: ParetoPlan, runs: Runs, say: Say) -> ParetoOutcome:
+def solve(plan: ParetoPlan, runs: StudyRuns, say: Say) -> ParetoOutcome:
     """The whole way from the design to verified candidates."""
     clock = time.perf_counter()
     timings: dict[str, float] = {}
@@ -80,13 +83,13 @@ def solve(plan: ParetoPlan, runs: Runs, say: Say) -> ParetoOutcome:
     took("surfaces")
     direct = plan.study.search.method == "simulations"
     say("search on simulations" if direct else "search on surfaces")
-    front, candidates, rounds = _directly(plan, runs) if direct else (None, [], [])
-    took("search")
-    if front is None:
+    if direct:
+        front, candidates, rounds = _directly(plan, runs)
+    else:
         surfaces, front, candidates, rounds = _on_surfaces(plan, runs, surfaces, say)
-        took("verify")
+    took("search")
     say("sensitivity")
-    sensitive = sensitivities(plan, surfaces, _centre(plan, candidates, design))
+    sensitive = sensitivities(plan, surfaces, _centre(plan, candidates))
     took("sensitivity")
     found = ParetoOutcome(
         plan, design, held, runs.made, surfaces, held_scores, front, candidates, rounds, sensitive, timings
@@ -123,31 +126,57 @@ def _learnt(plan: ParetoPlan, runs: list[ParetoRun]) -> Surfaces:
 Found = tuple[Surfaces, PredictedFront, list[ParetoCandidate], list[dict[str, Any]]]
 
 
-def _on_surfaces(plan: ParetoPlan, runs: Runs, surfaces: Surfaces, say: Say) -> Found:
+def _on_surfaces(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, say: Say) -> Found:
     """Search, simulate candidates, learn them, search again: until all agree or verify.max_infill runs are used."""
     tolerance, left = plan.study.verify.tolerance, plan.study.verify.max_infill
     rounds: list[dict[str, Any]] = []
     margins: dict[str, float] = {}
     while True:
         start = _start(plan, runs.made)
-        front = search(
-            plan, surfaces, seed=plan.seed + len(rounds), start=start, margins=margins, lost=lost(plan, runs.made)
-        )
-        rows = chosen(front.F, plan.study.search.candidates)
-        made = runs.make(front.U[rows], "candidate")
-        candidates = [_judged(plan, surfaces, front.U[r], run) for r, run in zip(rows, made, strict=True)]
+        region = answered(plan, runs.made)
+        front = search(plan, surfaces, seed=plan.seed + len(rounds), start=start, margins=margins, region=region)
+        count = plan.study.search.candidates
+        picked = np.vstack([front.U[chosen(front.F, count)], front.others[: count - 1]])
+        made = runs.make(picked, "candidate")
+        candidates = [_judged(plan, surfaces, u, run) for u, run in zip(picked, made, strict=True)]
         rounds.append(_round(plan, candidates))
         say(f"  round {len(rounds)}: {rounds[-1]['words']}")
-        good = all(c.verified and not c.misses for c in candidates)
+        now = _margins(plan, surfaces, candidates, tolerance)
+        # Candidates that stand farther from a limit than predictions are off by now can come nearer.
+        loose = any(margins.get(t, 0.0) > max(5.0 * m, LEAST * surfaces.each[t].spread) for t, m in now.items())
+        good = all(c.verified and not c.misses for c in candidates) and not (loose and left > 0)
         new = _new(runs, candidates, left)
-        if good or not new or left <= 0:
+        if left > 0 and good and len(plan.objectives) == 1:
+            new = _explored(plan, runs, surfaces, region)
+            say(
+                "  a better design may be elsewhere: it is simulated" if new else "  no better design is to be expected"
+            )
+        elif good:
+            new = []
+        if not new or left <= 0:
             return surfaces, front, candidates, rounds
         left -= len(new)
-        margins = _margins(plan, surfaces, candidates, tolerance)
+        margins = now
         surfaces = _learnt(plan, runs.made)
 
 
-def _new(runs: Runs, candidates: list[ParetoCandidate], left: int) -> list[ParetoRun]:
+def _explored(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, region: FeasibleRegion | None) -> list[ParetoRun]:
+    """The run of one objective that may be better than all so far, as far as the surfaces do not know; empty if none.
+
+    It is better where the objective and all limits are two standard deviations better than predicted.
+    """
+    best = [values_of(plan, r.y)[0] for r in runs.made if r.y is not None and not misses(plan, r.y)]
+    start = _start(plan, runs.made)
+    front = search(plan, surfaces, seed=plan.seed, start=start, margins={}, region=region, optimism=OPTIMISM)
+    known = np.array([r.u for r in runs.made])
+    gain = plan.study.verify.tolerance * max(abs(min(best)), 1e-300) if best else 0.0
+    new = np.abs(known - front.U[0]).max(axis=1).min() > NEAR
+    if not front.feasible or not new or (best and front.F[0, 0] > min(best) - gain):
+        return []
+    return runs.make(front.U[:1], "exploration")
+
+
+def _new(runs: StudyRuns, candidates: list[ParetoCandidate], left: int) -> list[ParetoRun]:
     """Candidates' runs that tell the surfaces something: not at a place that is known already."""
     mine = {id(c.run) for c in candidates}
     known = np.array([r.u for r in runs.made if id(r) not in mine])
@@ -208,7 +237,7 @@ def _start(plan: ParetoPlan, made: list[ParetoRun]) -> np.ndarray:
     return np.array([r.u for r, k in zip(good, keep, strict=True) if k])[: plan.study.search.population // 2]
 
 
-def _directly(plan: ParetoPlan, runs: Runs) -> tuple[PredictedFront, list[ParetoCandidate], list[dict[str, Any]]]:
+def _directly(plan: ParetoPlan, runs: StudyRuns) -> tuple[PredictedFront, list[ParetoCandidate], list[dict[str, Any]]]:
     """NSGA-II of which every individual is a simulation."""
     known: dict[tuple[float, ...], ParetoRun] = {tuple(r.u.round(12)): r for r in runs.made}
 
@@ -242,7 +271,7 @@ def _directly(plan: ParetoPlan, runs: Runs) -> tuple[PredictedFront, list[Pareto
         generations=table.generations,
         start=_start(plan, runs.made),
     )
-    front = PredictedFront(found.X, found.F, found.feasible, found.hypervolume, found.evaluations)
+    front = PredictedFront(found.X, found.F, found.feasible, found.hypervolume, found.evaluations, found.X[:0])
     picked = [found.X[k] for k in chosen(found.F, table.candidates)]
     candidates = []
     for u, run in zip(picked, made(np.array(picked)), strict=True):
@@ -256,10 +285,12 @@ def _size(low: float, high: float) -> float:
     return max([abs(v) for v in (low, high) if np.isfinite(v)] + [0.0]) or 1.0
 
 
-def _centre(plan: ParetoPlan, candidates: list[ParetoCandidate], design: np.ndarray) -> np.ndarray:
-    """The point about which one parameter at a time is shown: the first candidate with an answer."""
-    good = [c.u for c in candidates if c.run.y is not None]
-    return good[0] if good else plan.space.snapped(np.full((1, plan.space.d), 0.5))[0]
+def _centre(plan: ParetoPlan, candidates: list[ParetoCandidate]) -> np.ndarray:
+    """The point about which one parameter at a time is shown: the candidate with an answer nearest to the ideal."""
+    good = [(c.u, values_of(plan, c.run.y)) for c in candidates if c.run.y is not None]
+    if not good:
+        return plan.space.snapped(np.full((1, plan.space.d), 0.5))[0]
+    return good[knee(np.array([f for _, f in good]))][0]
 
 
 def _warnings(found: ParetoOutcome) -> list[str]:
@@ -277,6 +308,9 @@ def _warnings(found: ParetoOutcome) -> list[str]:
             f"spread of their quantity on {found.held_scores[worst].n} held-out runs; worst was {worst} with "
             f"{100 * poor[worst]:.2g} %"
         )
+    region = answered(plan, found.runs)
+    if region is not None and plan.study.search.method != "simulations":
+        said.append(region.story())
     if not found.front.feasible:
         said.append("no point was found that keeps all limits; the points shown violate them least")
     h = found.front.hypervolume

@@ -13,17 +13,18 @@ import numpy as np
 
 import rso
 from rso.contract import digest
-from rso.core import disk
-from rso.core.plain_results import plainly, write_json, written_cell
+from rso.core import disk, plain_results
+from rso.core.plain_results import plainly, written_cell
 from rso.core.units import spaced
 from rso.emulation import Scores
-from rso.pareto.front import knee
-from rso.pareto.solving import ParetoCandidate, ParetoOutcome
-from rso.pareto.plan import ParetoPlan
-from rso.pareto.runs import ParetoRun, misses, values_of
-from rso.pareto.surfaces import nondominated
+from rso.objectives.front import knee
+from rso.objectives.plan import ParetoPlan
+from rso.objectives.runs import ParetoRun, misses, values_of
+from rso.objectives.solving import ParetoCandidate, ParetoOutcome
+from rso.objectives.surfaces import nondominated
 
 SCHEMA, KIND = 1, "pareto"
+RUN_COLUMNS = ("key", "purpose", "state", "within_limits", "best", "cause", "reason", "wall_s", "cpu_s")
 EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_MET = 3, 4, 6
 
 
@@ -82,7 +83,7 @@ def results(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]:
 
 def write(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
     """results.json and runs.csv in `folder`; the data."""
-    write_json(folder / "results.json", data)
+    plain_results.write(folder / "results.json", data)
     units = {p["name"]: p["unit"] for p in data["parameters"]} | data["units"]
     import pandas as pd
 
@@ -277,9 +278,9 @@ def sentences(data: Mapping[str, Any]) -> list[str]:
         o = objectives[0]
         word = "least" if o["minimise"] else "largest"
         if best:
-            values = ", ".join(f"{k} = {_short(v)}" for k, v in best[0]["values"].items())
+            at = ", ".join(f"{k} = {_short(v)}" for k, v in best[0]["values"].items())
             value = f"{best[0]['outputs'][o['quantity']]:.6g}{spaced(o['unit'])}"
-            said.append(f"The {word} {o['quantity']} that was simulated within all limits is {value}, at {values}.")
+            said.append(f"The {word} {o['quantity']} that was simulated within all limits is {value}, at {at}.")
         else:
             said.append(f"No simulation keeps all limits: no {word} {o['quantity']} can be stated.")
     else:

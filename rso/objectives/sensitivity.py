@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.emulation.sensitivity import Morris, SobolIndices, morris, sobol
-from rso.pareto.plan import ParetoPlan
-from rso.pareto.surfaces import Surfaces
+from rso.objectives.plan import ParetoPlan
+from rso.objectives.surfaces import Surfaces
 
 STEPS = 41  # points of a slice along a range
 

@@ -12,13 +12,14 @@ import numpy as np
 
 from rso.doe import Space
 from rso.emulation import Scores, Surrogate, fit, multi_output, score
+from rso.emulation.common import powers
 from rso.emulation.polynomial import HIGHEST
 
 ALL = ()  # the key of a surface that holds for every category
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class QuantitySurface:
     """One quantity y(θ) in `unit`: a surrogate for all points, or one for each combination of categories."""
 
     space: Space
@@ -74,7 +75,7 @@ class Surfaces:
     """All quantities together, by their texts."""
 
     space: Space
-    each: Mapping[str, Surface]
+    each: Mapping[str, QuantitySurface]
 
     @cached_property
     def _together(self) -> Any:
@@ -111,9 +112,11 @@ def learn(
         n for n, v, t in zip(space.names, space.levels, space.labels, strict=True) if v and not t and len(v) <= HIGHEST
     ]
     if kind == "polynomial" and few:
-        degree = _allowed(space, degree)
+        least = min(len(rows) for rows in _by_category(space, U).values()) if apart else len(U)
+        degree = _allowed(space, degree, least)
     if kind == "auto" and (space.categories or few):
         kind = "kriging"
+    trends = (0,) if space.categories else (0, 1) if few else (0, 1, 2)
     found = {}
     for text, y in columns.items():
         try:
@@ -123,25 +126,31 @@ def learn(
                 seen = None if held is None or apart else (space.features(held[0]), held[1][text])
                 names = space.feature_names() if not apart else None
                 models[key] = fit(
-                    kind, X, y[rows], seed=seed, share=None, degree=degree, unit=units[text], names=names, held=seen
-                )
+                    kind, X, y[rows], seed=seed, share=None, degree=degree, unit=units[text], names=names, held=seen,
+                    trends=trends,
+                )  # fmt: skip
             if apart:
                 _whole(space, models, text)
         except ValueError as error:
             raise ValueError(f"surface of {text}: {error}") from error
         spread = float(np.sqrt(12.0) * np.std(y))
-        found[text] = Surface(space, text, units[text], models, max(spread, 1e-12 * float(np.abs(y).max()), 1e-300))
+        found[text] = QuantitySurface(
+            space, text, units[text], models, max(spread, 1e-12 * float(np.abs(y).max()), 1e-300)
+        )
     return Surfaces(space, found)
 
 
-def _allowed(space: Space, degree: int | None) -> int:
-    """The degree of a polynomial over levels; ValueError where one is stated that they do not carry."""
+def _allowed(space: Space, degree: int | None, runs: int) -> int:
+    """The degree of a polynomial over levels, of so many runs; ValueError for a stated one that they do not carry."""
     own = [(len(v) - 1, n) for n, v, t in zip(space.names, space.levels, space.labels, strict=True) if v and not t]
     most, name = min(own)
     if degree is not None and degree > most:
         text = f"surrogate.degree = {degree}: {name} has {most + 1} values, which carry degree {most}; choose kriging"
         raise ValueError(text)
-    return most if degree is None else degree
+    if degree is not None:
+        return degree
+    d = space.d - len(space.categories)
+    return max([q for q in range(1, most + 1) if len(powers(d, q)) < runs], default=1)
 
 
 def _whole(space: Space, models: Mapping[tuple[int, ...], Any], text: str) -> None:

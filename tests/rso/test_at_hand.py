@@ -1,0 +1,247 @@
+"""Small commands and what a terminal shows: first steps, examples, comparison, figures, colours, nearest names."""
+
+import copy
+import io
+import json
+import webbrowser
+
+import pytest
+from report_fixture import complete
+
+import rso
+from rso.api.exporting import bibtex
+from rso.api.run_result import RunResult
+from rso.cli import doctor, main, output
+from rso.cli.answer import between, condensed, number, shown, verdict_lines
+from rso.cli.compare import differences
+from rso.report.picture_files import every
+
+
+@pytest.fixture
+def results(tmp_path):
+    """A folder of results; the study beside it is text alone."""
+    (tmp_path / "study.toml").write_text('[study]\ntitle = "x"\n', "utf-8")
+    return written(tmp_path, complete())
+
+
+MISSED = {"experiment": "force_8mm", "verdict": "no", "p_value": 1e-5, "why": None}
+
+
+def missed():
+    """Results with an experiment that is not predicted."""
+    return {**complete(), "predictions": [MISSED]}
+
+
+def written(folder, found):
+    (folder / "results").mkdir(parents=True)
+    (folder / "results" / "results.json").write_text(json.dumps(found), "utf-8")
+    return folder
+
+
+def test_rso_alone_says_the_next_three_steps(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([]) == 0
+    said = capsys.readouterr().out
+    assert [line.split()[1] for line in said.splitlines()[1:4]] == ["example", "new", "run"]
+    (tmp_path / "study.toml").write_text("", "utf-8")
+    assert main([]) == 0
+    assert [line.split()[1] for line in capsys.readouterr().out.splitlines()[1:4]] == ["check", "run", "status"]
+
+
+@pytest.mark.parametrize(
+    "words, near",
+    [
+        (["rnu", "x"], "did you mean run?"),
+        (["run", "x", "--strct"], "did you mean --strict?"),
+        (["simulate"], "--help"),
+    ],
+)
+def test_a_typing_mistake_is_answered_with_the_nearest_word(capsys, words, near):
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    said = capsys.readouterr().err
+    assert near in said and "choose from" not in said
+
+
+def test_an_example_is_a_study_that_can_be_checked(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["example"]) == 0
+    assert "gel_slab" in capsys.readouterr().out
+    assert main(["example", "gel_slab"]) == 0 and main(["status", "gel_slab"]) == 0
+    assert "next: rso check gel_slab" in capsys.readouterr().out
+    before = (tmp_path / "gel_slab/study.toml").read_bytes()
+    assert main(["example", "gel_slab"]) == 2 and (tmp_path / "gel_slab/study.toml").read_bytes() == before
+    assert main(["example", "gel_slap"]) == 2
+    assert "did you mean 'gel_slab'" in capsys.readouterr().err
+
+
+def test_the_answer_has_a_mark_for_what_is_known_open_and_missed():
+    marks = dict((text.split()[0], mark) for mark, text in verdict_lines(missed()))
+    assert marks["μ"] == "good" and marks["D₁"] == "open" and marks["force_8mm"] == "bad"
+    assert list(verdict_lines({})) == []  # nothing is finished yet
+
+
+@pytest.mark.parametrize(
+    "value, span, text",
+    [
+        (0.0102, (0.0098, 0.0106), "10.2 kPa"),
+        (0.0102, (0.0060, 0.0140), "10 kPa"),
+        (2.5, (2.4, 2.6), "2.50 MPa"),
+        (12345.0, (12300.0, 12400.0), "12345 MPa"),
+    ],
+)
+def test_values_have_the_digits_that_are_known(value, span, text):
+    assert shown(value, span, "MPa") == text
+
+
+def test_numbers_have_no_exponent_where_people_write_none():
+    assert [number(x, 3) for x in (0.0, 123456.0, 0.00012345, 1e-9)] == ["0", "123456", "0.000123", "1.00e-09"]
+    assert between((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
+
+
+def test_two_runs_are_compared(results, tmp_path, capsys):
+    other = copy.deepcopy(complete())
+    row = next(p for p in other["identification"]["parameters"] if p["parameter"] == "mu")
+    row["interval"], row["value"] = [0.02, 0.03], 0.025
+    other["parameters"][0]["low"] = 0.001
+    folder = written(tmp_path / "other", other)
+    assert main(["compare", str(results), str(results)]) == 0
+    assert "are the same" in capsys.readouterr().out
+    assert main(["compare", str(results), str(folder / "results" / "results.json")]) == 0
+    said = capsys.readouterr().out
+    assert "✗ μ:" in said and "do not overlap" in said and "✓ μ" not in said
+    assert main(["compare", "--json", str(results), str(folder)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["disjoint"] == ["mu"] and len(told["differences"]) == 1
+    assert main(["compare", str(results), str(tmp_path / "nothing")]) == 2
+    assert differences(complete(), complete()) == []
+
+
+def test_a_page_is_opened_and_one_that_is_not_there_is_named(results, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(webbrowser, "open", lambda uri: asked.append(uri) or True)
+    assert main(["open", str(results)]) == 2
+    assert "rso run" in capsys.readouterr().err and not asked
+    (results / "results/report.html").write_text("<html>", "utf-8")
+    assert main(["open", str(results)]) == 0 and asked[0].endswith("results/report.html")
+    assert main(["open", str(results), "--page", "diagnosis"]) == 2
+    assert "rso diagnose" in capsys.readouterr().err
+
+
+def test_a_figure_is_written_as_a_file(results, capsys):
+    assert main(["plot", str(results)]) == 0
+    assert "curve-0:" in capsys.readouterr().out
+    file = results / "fit.svg"
+    assert main(["plot", str(results), "curve-0", "--to", str(file)]) == 0
+    assert "<svg" in file.read_text("utf-8")
+    assert main(["plot", str(results), "curve-0", "--to", str(results / "fit.gif")]) == 2
+    assert ".png" in capsys.readouterr().err
+    assert main(["plot", str(results), "curve"]) == 2
+    assert "did you mean 'curve-0'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix, head", [(".pdf", b"%PDF"), (".png", b"\x89PNG")])
+def test_a_figure_has_the_format_of_its_ending(results, suffix, head):
+    file = results / f"fit{suffix}"
+    assert main(["plot", str(results), "curve-0", "--to", str(file)]) == 0
+    assert file.read_bytes().startswith(head)
+
+
+def test_a_machine_is_examined(monkeypatch, capsys):
+    assert main(["doctor", "--fast"]) == 0
+    assert "✓ numpy" in capsys.readouterr().out
+    monkeypatch.setattr(doctor, "LIBRARIES", ("not-there-at-all",))
+    assert main(["doctor", "--fast", "--json"]) == 1
+    states = {row["text"]: row["state"] for row in json.loads(capsys.readouterr().out)}
+    assert states["not-there-at-all is not installed: pip install not-there-at-all"] == "bad"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_can_complete_every_command(capsys, shell):
+    pytest.importorskip("shtab")
+    assert main(["completion", shell]) == 0
+    said = capsys.readouterr().out
+    assert all(word in said for word in ("diagnose", "compare", "--strict"))
+
+
+class Terminal(io.StringIO):
+    """A terminal of some encoding."""
+
+    def __init__(self, encoding):
+        super().__init__()
+        self._encoding = encoding
+
+    @property
+    def encoding(self):
+        return self._encoding
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    "encoding, variables, line",
+    [
+        ("utf-8", {"TERM": "xterm"}, "  \x1b[31m✗\x1b[0m no\n"),
+        ("utf-8", {"TERM": "xterm", "NO_COLOR": "1"}, "  ✗ no\n"),
+        ("utf-8", {"TERM": "dumb"}, "  ✗ no\n"),
+        ("latin-1", {"NO_COLOR": "1"}, "  x no\n"),
+    ],
+)
+def test_marks_have_colours_where_they_are_wanted(monkeypatch, encoding, variables, line):
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    stream = Terminal(encoding)
+    monkeypatch.setattr("sys.stdout", stream)
+    output.marked("bad", "no")
+    assert stream.getvalue() == line
+
+
+def test_what_a_stranger_wrote_cannot_colour_a_line(monkeypatch):
+    stream = Terminal("utf-8")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr("sys.stdout", stream)
+    output.marked("good", "a\x1b[31mb")
+    assert "a\\x1b[31mb" in stream.getvalue()
+
+
+def test_errors_are_wrapped_at_words(monkeypatch):
+    monkeypatch.setattr(output, "_columns", lambda: 40)
+    text = "study.toml:3: a_rather_long_key = 'value': is not modelled, choose another one"
+    lines = output.wrapped(text, Terminal("utf-8")).split("\n")
+    assert max(map(len, lines)) <= 40 and " ".join(line.strip() for line in lines) == text
+
+
+def test_the_condensed_answer_is_strict_json():
+    told = json.loads(json.dumps(condensed(missed()), allow_nan=False))
+    assert told["parameters"]["mu"]["unit"] == "MPa" and told["predictions"][0]["experiment"] == "force_8mm"
+
+
+def test_figures_and_citations_are_exported(results):
+    found = RunResult(results / "results", complete())
+    text = bibtex(found)
+    assert "@software{rso," in text and "{deb2002," in text
+    assert "conn2000" not in text and rso.__version__ in text  # no Gauss–Newton was run
+    assert text.count("{") == text.count("}")
+    drawn = every(complete())
+    assert drawn["curve-0.svg"].startswith("<") and drawn["curve-0.pdf"].startswith(b"%PDF")
+
+
+def test_a_colleagues_folder_of_results_is_read_without_its_study(results, capsys):
+    """What needs the study is not proposed for it."""
+    place = results / "results"
+    assert main(["status", str(place)]) == 0
+    said = capsys.readouterr().out
+    assert "✓ μ" in said and said.splitlines()[-1] == f"  next: rso open {place}"
+    assert main(["plot", str(place)]) == 0 and "curve-0" in capsys.readouterr().out
+
+
+def test_the_row_that_looks_like_a_header_is_named(tmp_path, capsys):
+    rows = ["Report;Gel 7", "", "Weg Traverse;Kraft 1", "um;mN", *(f"{100 * k};{k**1.5:.3f}" for k in range(20))]
+    (tmp_path / "test.csv").write_text("\n".join(rows), "utf-8")
+    assert (
+        main(["new", str(tmp_path / "test.csv"), "--slab", "5", "--ball", "2", "--out", str(tmp_path / "s.toml")]) == 2
+    )
+    assert "its header seems to be line 3: 'Weg Traverse', 'Kraft 1'" in capsys.readouterr().err
