@@ -355,7 +355,9 @@ LAYERS = {
     ),
     "rso.results": (
         "keys",
-        "diagnosis_file ladder_file next_file",
+        "diagnosis_file ladder_file learnt next_file stated",
+        "searched",
+        "identified",
         "run_file",
         "__init__",
         "reference",
