@@ -149,7 +149,7 @@ LAYERS = {
         "deformed_body finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
-        "identification_stage results",
+        "identification_stage results search_results",
         "gauss_newton",
         "pipeline",
     ),
@@ -180,7 +180,7 @@ LAYERS = {
     ),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
-        "curve_shape preload",
+        "curve_shape measured_curve preload",
         "force_holds plausibility",
         "branches",
         "files",

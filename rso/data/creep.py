@@ -12,7 +12,7 @@ from rso.core.power_law import LEADING
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
 from rso.data.holds import FEWEST, SAME, SOONEST, Resting, bins_between, relaxing, within
-from rso.data.repeats import MeasuredCurve, Noise
+from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.scatter import of_record
 
 ALIKE = 0.05  # of the force by which repeats may be held at others
