@@ -11,7 +11,7 @@ import numpy as np
 from rso.core.power_law import LEADING
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
-from rso.data.holds import FEWEST, SAME, SOONEST, Resting, bins_between, relaxing, within
+from rso.data.holds import FEWEST, SAME, SOONEST, AtRest, bins_between, relaxing, within
 from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.scatter import of_record
 
@@ -21,7 +21,7 @@ LINEAR = 0.5  # of the share of a straight line in time that the other quantity 
 
 
 @dataclass(frozen=True, eq=False)
-class CreepHold(Resting):
+class CreepHold(AtRest):
     """A hold at a force (N), the same in all repeats of a test: how the indenter came there and what is read of it.
 
     `depth` mm is that at its first moment, `since` (m,) s are the moments since the force was reached, of readings in

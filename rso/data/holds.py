@@ -24,7 +24,7 @@ POWERS = 0.5, 4.0  # of force over depth, by which readings of a hold are carrie
 FALLS = 3.0  # standard errors by which the force must fall to be said to
 
 
-class Resting:
+class AtRest:
     """Readings at rest: `since` (m,) s are their moments, those of `spans` (m, 2) s each, from the beginning on."""
 
     since: np.ndarray
@@ -42,7 +42,7 @@ class Resting:
 
 
 @dataclass(frozen=True, eq=False)
-class Hold(Resting):
+class Hold(AtRest):
     """A rest at the deepest point of a test, the same in all of its repeats.
 
     `depth` mm; `since` (m,) s are the moments after the indenter came to rest for which readings stand, those of
