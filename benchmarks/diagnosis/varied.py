@@ -62,7 +62,7 @@ def _sizes(value: tuple, factor: float) -> tuple:
 
 def section(say: Say, bench: Shared, y: np.ndarray, cases: Cases, classes, seed: int) -> None:
     """One row a setting and factor, and the setting as it is."""
-    few = cases.picked(range(min(CASES, len(cases.Y))))
+    few = cases.picked(np.unique(np.linspace(0, len(cases.Y) - 1, CASES).astype(int)))  # cases of a kind stand together
     evidence = Evidence(bench, bench.library.effects)
     own = Table(evidence, few.Y)
     threshold = controls.threshold_of(evidence, y, seed)
@@ -77,12 +77,12 @@ def section(say: Say, bench: Shared, y: np.ndarray, cases: Cases, classes, seed:
         ]
     )
     lines = table(["setting", "value", "other verdict", *HEAD], [["as it is", "", "", *figures(usual)]])
-    say(lines)
+    say(lines[:-1] if not lines[-1] else lines)
     for name, factor, value, settings in variants():
         s = _judged(bench, evidence, own, usual, y, few, classes, seed, settings)
         other = [a != b or p != q for a, b, p, q in zip(s.verdict, usual.verdict, s.named, usual.named, strict=True)]
         row = [f"{name} × {factor:g}", f"{value:.3g}", f"{np.mean(other):.3f}", *figures(s)]
-        say(table(["setting", "value", "other verdict", *HEAD], [row])[2:])
+        say([f"| {' | '.join(row)} |"])
 
 
 def _judged(
