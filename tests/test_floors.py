@@ -123,7 +123,7 @@ LAYERS = {
         "__init__",
     ),
     "rso": (
-        "__init__ contract doe norms results",
+        "__init__ contract doe norms result_types",
         "benchmarks core",
         "data emulation evaluation",
         "store",
@@ -354,7 +354,7 @@ LAYERS = {
         "figures",
         "report",
     ),
-    "rso.results": (
+    "rso.result_types": (
         "keys",
         "diagnosis_file ladder_file learnt next_file stated",
         "searched",

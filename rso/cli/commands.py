@@ -171,7 +171,7 @@ def _flags(rest: list[str], first: int, known: Mapping[str, dict[str, Any] | Non
 
 
 def keys(options: argparse.Namespace, command: str) -> int:
-    from rso.results import reference as result_files
+    from rso.result_types import reference as result_files
     from rso.study.keys import reference, schema
 
     of_results = options.table.endswith(".json")

@@ -12,12 +12,12 @@ import sample_studies as studies
 
 from rso.calibration import result_files
 from rso.emulation import emulator
-from rso.results import FILES
+from rso.result_types import FILES
 
 
 @pytest.fixture(scope="session", autouse=True)
 def every_result_file_is_as_documented() -> Iterator[None]:
-    """Whatever a test makes the program write has the keys of `rso.results`, all of them and no other."""
+    """Whatever a test makes the program write has the keys of `rso.result_types`, all of them and no other."""
     write = result_files.write
 
     def checked(path: Path, found: Any) -> dict[str, Any]:

@@ -10,8 +10,8 @@ import pytest
 from pydantic import ValidationError
 
 from rso.cli import main
-from rso.results import FILES, NextFile, ResultBlock
-from rso.results.reference import page, schema
+from rso.result_types import FILES, NextFile, ResultBlock
+from rso.result_types.reference import page, schema
 
 PAGE = Path(__file__).parents[2] / "docs" / "results.md"
 

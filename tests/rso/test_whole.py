@@ -20,7 +20,7 @@ from rso.cli.checking import check
 from rso.evaluation import Evaluator
 from rso.evaluation.store import RunStore
 from rso.report.terminal import validated
-from rso.results import RunFile
+from rso.result_types import RunFile
 from rso.study.loader import load
 
 ONE = "runs = 8\nheld_out = 0"  # enough where another thing is tested
