@@ -12,6 +12,8 @@ from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
 from rso.report.layout.document import Picture
 from rso.report.layout.page import has_pdf
+from rso.report.pareto import figures as pareto_figures
+from rso.report.pareto import report as pareto_report
 
 SUFFIXES = (".svg", ".pdf", ".png")
 PPI = 300.0  # dots per inch of a PNG
@@ -19,7 +21,8 @@ PPI = 300.0  # dots per inch of a PNG
 
 def captions(results: Mapping[str, Any]) -> dict[str, str]:
     """Name → first sentence of the caption of every figure that the report of these results has."""
-    blocks = [b for s in report(results).sections for b in s.blocks if isinstance(b, Picture)]
+    made = pareto_report.report(results) if results.get("kind") == "pareto" else report(results)
+    blocks = [b for s in made.sections for b in s.blocks if isinstance(b, Picture)]
     return {b.name: re.split(r"(?<=\.) ", b.caption)[0] for b in blocks}
 
 
@@ -34,7 +37,8 @@ def written(results: Mapping[str, Any], name: str, file: Path) -> Path:
     """Write a figure in the format of the file's ending; ValueError for another ending."""
     if file.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{file}: a figure is written as {', '.join(SUFFIXES)}")
-    return disk.replace(file, converted(draw(results, name), file.suffix.lower()))
+    drawn = pareto_figures.draw(results, name) if results.get("kind") == "pareto" else draw(results, name)
+    return disk.replace(file, converted(drawn, file.suffix.lower()))
 
 
 def converted(svg: str, suffix: str) -> bytes | str:
