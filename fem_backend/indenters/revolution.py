@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,32 +25,19 @@ TIP = 0.2  # of the radius of a tip: the least element size there; finer ones tu
 GRID = np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
 
 
-class OfRevolution:
-    """A convex rigid body of revolution about its way; its reference point is its tip, the lowest on the axis."""
+class Axial:
+    """A rigid body of revolution about its way, of one length that all else scales with."""
 
     of_revolution: ClassVar[bool] = True
-    theory: ClassVar[str] = "Sneddon"
-    Knobs: ClassVar[type | None] = None
-    gauges: ClassVar[Mapping[str, float]] = {}
-
-    @property
-    def meridian(self) -> Meridian:
-        """Its outline."""
-        raise NotImplementedError
 
     @property
     def length(self) -> float:
         """What steps, penalties, forces and errors scale with (mm)."""
         raise NotImplementedError
 
-    def on(self, specimen: Any) -> Any:
+    def on(self, specimen: Any) -> Self:
         """Itself: it takes no size from the specimen."""
         return self
-
-    @property
-    def reach(self) -> float:
-        """Distance (mm) from the first contact within which facets may touch: three times its radius, if it has one."""
-        return 3.0 * self.meridian.widest
 
     @property
     def cover(self) -> float:
@@ -65,6 +52,24 @@ class OfRevolution:
     def planes(self) -> tuple[bool, bool]:
         """It is of revolution about its path."""
         return True, True
+
+
+class OfRevolution(Axial):
+    """A convex rigid body of revolution about its way; its reference point is its tip, the lowest on the axis."""
+
+    theory: ClassVar[str] = "Sneddon"
+    Knobs: ClassVar[type | None] = None
+    gauges: ClassVar[Mapping[str, float]] = {}
+
+    @property
+    def meridian(self) -> Meridian:
+        """Its outline."""
+        raise NotImplementedError
+
+    @property
+    def reach(self) -> float:
+        """Distance (mm) from the first contact within which facets may touch: three times its radius, if it has one."""
+        return 3.0 * self.meridian.widest
 
     def spacing(self, r: np.ndarray) -> np.ndarray:
         """Wanted element size (…) mm, at unit fineness, on the surface at distances r (…) mm from the axis.
