@@ -72,6 +72,9 @@ class Asked:
 def ask(study: Study) -> Asked:
     """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
     needs_data(study)
+    if study.backends:
+        text = "a diagnosis is of one backend; this study has several"
+        raise study_error(study.file, study.lines, [Problem(("backends",), text)])
     source = source_of(study)
     try:
         backend = source.load()
@@ -412,6 +415,8 @@ def judge(
             break
         result = discrepancy.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""
+    if len(result.named) == 2 and any(c.effect.flows for c in result.causes):
+        run = None  # what tells a flow from a relaxation is known: tests of another size
     further = "; tests that could decide it" if run is not None and len(result.named) > 1 else ""
     say(f"the verdict is {result.verdict}{named}{further}")
     title = asked.study.study.title
