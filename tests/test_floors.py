@@ -158,9 +158,10 @@ LAYERS = {
         "descent_results",
     ),
     "rso.cli": (
-        "answer output text_sketch",
+        "output text_sketch",
+        "answer example",
         "checking progress status",
-        "compare doctor example objectives pages",
+        "compare doctor objectives pages",
         "commands",
         "arguments",
         "__init__",
@@ -252,7 +253,7 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard guarded_process store",
+        "executor_loop fingerprints guard guarded_process joint store",
         "decks",
         "adapters",
         "pool",
@@ -323,7 +324,7 @@ LAYERS = {
     ),
     "rso.report.calibration": (
         "background closed_forms deformed derived displacements drawn_runs errors gap gauss_newton hold_panels",
-        "identification influence maps range_extension turning",
+        "identification influence maps range_extension turning use",
         "predictive_check responses",
         "predictions",
         "verdict",

@@ -21,6 +21,7 @@ USUAL = 3.0  # length (mm) that declared ranges of knobs are meant for
 WANTED = 1.0 / 3.0  # element size over a radius of curvature
 LARGEST = 0.12  # element size over the length, at the contact
 GROWS = 0.25  # of the distance from where the surface bends
+TIP = 0.05  # of the radius of a tip: the least element size there
 GRID = np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
 
 
@@ -69,7 +70,7 @@ class OfRevolution:
         """Wanted element size (…) mm, at unit fineness, on the surface at distances r (…) mm from the axis.
 
         0.12 of the length, finer where the surface bends: a third of an arc's radius, growing by a quarter of the
-        distance from it.
+        distance from it.  Below a rounded tip, whose contact begins with nothing, 0.12 r within 0.05 of its radius.
         """
         r = np.asarray(r, float)
         h = LARGEST * self.length + GROWS * np.maximum(r - self.length, 0.0)
@@ -78,6 +79,8 @@ class OfRevolution:
             if kind == ARC:
                 beside = np.maximum(np.maximum(starts[k] - r, r - starts[k + 1]), 0.0)
                 h = np.minimum(h, WANTED * size + GROWS * beside)
+                if starts[k] == 0.0:
+                    h = np.minimum(h, np.maximum(LARGEST * r, TIP * size))
         return h
 
     def gap(

@@ -72,6 +72,9 @@ class Asked:
 def ask(study: Study) -> Asked:
     """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
     needs_data(study)
+    if study.backends:
+        text = "a diagnosis is of one backend; this study has several"
+        raise study_error(study.file, study.lines, [Problem(("backends",), text)])
     source = source_of(study)
     try:
         backend = source.load()

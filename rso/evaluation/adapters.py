@@ -47,6 +47,7 @@ from rso.core.default_backend import USE
 from rso.evaluation.decks import Deck, load_deck
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
+from rso.evaluation.joint import joint
 
 SCHEMA_TIMEOUT_S = 60.0
 
@@ -61,14 +62,19 @@ class Source:
     keep_folder: str | None = None
     timeout_s: float | None = None
     deck: Deck | None = None
+    others: tuple[tuple[str, Source], ...] = ()
 
     @property
     def own(self) -> bool:
         """Whether nothing foreign runs when it is loaded: of this project's own backend, and of decks, only read."""
+        if not all(s.own for _, s in self.others):
+            return False
         return self.deck is not None or (self.use or "").partition(":")[0].partition(".")[0] == OWN
 
     def missing(self) -> str | None:
         """Why it cannot be loaded, as far as that can be said without its code; None if nothing shows."""
+        if why := next((why for _, s in self.others if (why := s.missing()) is not None), None):
+            return why
         root = Path.cwd() if self.base is None else Path(self.base).absolute()
         if self.command is not None:
             return no_program(self.command, root)
@@ -85,6 +91,10 @@ class Source:
     @functools.cache  # noqa: B019  one entry per backend of the process, for as long as the process lives
     def load(self) -> Backend:
         """The backend, loaded once per process."""
+        if self.others:
+            # its name cannot be set, as in load_backend
+            first = dataclasses.replace(self, others=()).load()
+            return joint(first, {name: s.load() for name, s in self.others})  # type: ignore[return-value]
         if self.deck is not None:
             assert self.command is not None
             root = Path.cwd() if self.base is None else Path(self.base).absolute()

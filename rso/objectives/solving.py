@@ -20,7 +20,7 @@ from rso.optimise.mixed import mixed_front
 from rso.study.errors import Problem, study_error
 
 FLOOR = 0.01  # of the spread of a quantity: below this size differences are measured against it
-LEAST = 1e-4  # of the spread of a quantity: a distance to its limit that is not worth another run
+LEAST = 2e-4  # of a quantity: a distance to its limit that is not worth another run
 OPTIMISM = 2.0  # standard deviations
 RISING = 0.005  # share of the hypervolume that the last fifth of the generations may add and count as converged
 Say = Callable[[str], None]
@@ -143,7 +143,8 @@ def _on_surfaces(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, say: Say
         say(f"  round {len(rounds)}: {rounds[-1]['words']}")
         now = _margins(plan, surfaces, candidates, tolerance)
         # Candidates that stand farther from a limit than predictions are off by now can come nearer.
-        loose = any(margins.get(t, 0.0) > max(5.0 * m, LEAST * surfaces.each[t].spread) for t, m in now.items())
+        worth = {t: max(5.0 * m, LEAST * _size_of(surfaces, candidates, t)) for t, m in now.items()}
+        loose = any(margins.get(t, 0.0) > least for t, least in worth.items())
         good = all(c.verified and not c.misses for c in candidates) and not (loose and left > 0)
         new = _new(runs, candidates, left)
         if left > 0 and good and len(plan.objectives) == 1:
@@ -205,9 +206,15 @@ def _margins(
         text = c.quantity.text
         pairs = [(k.predicted[text], k.run.y[text]) for k in candidates if k.predicted and k.run.y]
         if pairs:
-            size = max(abs(pairs[0][1]), FLOOR * surfaces.each[text].spread)
-            found[text] = min(max(abs(a - b) for a, b in pairs), tolerance * size)
+            most = tolerance * _size_of(surfaces, candidates, text)
+            found[text] = min(max(abs(a - b) for a, b in pairs), most)
     return found
+
+
+def _size_of(surfaces: Surfaces, candidates: list[ParetoCandidate], text: str) -> float:
+    """What differences of a quantity are measured by: its value at the first candidate with an answer."""
+    value = next((abs(c.run.y[text]) for c in candidates if c.run.y), 0.0)
+    return max(value, FLOOR * surfaces.each[text].spread)
 
 
 def _round(plan: ParetoPlan, candidates: list[ParetoCandidate]) -> dict[str, Any]:

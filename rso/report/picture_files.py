@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rso.core import disk
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
 from rso.report.layout.document import Picture
 from rso.report.layout.page import has_pdf
+from rso.report.pareto import figures as pareto_figures
+from rso.report.pareto import report as pareto_report
 
 SUFFIXES = (".svg", ".pdf", ".png")
 PPI = 300.0  # dots per inch of a PNG
@@ -19,7 +21,8 @@ PPI = 300.0  # dots per inch of a PNG
 
 def captions(results: Mapping[str, Any]) -> dict[str, str]:
     """Name → first sentence of the caption of every figure that the report of these results has."""
-    blocks = [b for s in report(results).sections for b in s.blocks if isinstance(b, Picture)]
+    made = pareto_report.report(results) if results.get("kind") == "pareto" else report(results)
+    blocks = [b for s in made.sections for b in s.blocks if isinstance(b, Picture)]
     return {b.name: re.split(r"(?<=\.) ", b.caption)[0] for b in blocks}
 
 
@@ -34,7 +37,8 @@ def written(results: Mapping[str, Any], name: str, file: Path) -> Path:
     """Write a figure in the format of the file's ending; ValueError for another ending."""
     if file.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{file}: a figure is written as {', '.join(SUFFIXES)}")
-    return disk.replace(file, converted(draw(results, name), file.suffix.lower()))
+    drawn = pareto_figures.draw(results, name) if results.get("kind") == "pareto" else draw(results, name)
+    return disk.replace(file, converted(drawn, file.suffix.lower()))
 
 
 def converted(svg: str, suffix: str) -> bytes | str:
@@ -46,6 +50,5 @@ def converted(svg: str, suffix: str) -> bytes | str:
     import typst
 
     page = '#set page(width: auto, height: auto, margin: 0pt)\n#image(bytes(sys.inputs.svg), format: "svg")'
-    made = typst.compile(page.encode(), format="png" if suffix == ".png" else "pdf", ppi=PPI, sys_inputs={"svg": svg})
-    assert isinstance(made, bytes)
-    return made
+    kind: Literal["pdf", "png"] = "pdf" if suffix == ".pdf" else "png"
+    return typst.compile(page.encode(), format=kind, ppi=PPI, sys_inputs={"svg": svg})

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from rso.data import Measurement, Noise, combine, fingerprint, read, value_at
+from rso.evaluation.joint import ROUTE
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.confusable_text import look_alikes
@@ -45,7 +46,7 @@ def load(path: str | Path) -> Study:
     problems += _check_search(raw, measurements)
     problems += _check_names(raw, file.parent)
     problems += _check_look_alikes(raw)
-    problems += [] if study is None else [*_check_deck(study), *_check_objectives(study)]
+    problems += [] if study is None else [*_check_deck(study), *_check_objectives(study), *_check_backends(study)]
     if problems or study is None:
         raise study_error(file, lines, problems)
     study._source = StudySource(file, lines, measurements)
@@ -60,6 +61,8 @@ def _with_files(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
         return {**table, "settings": located(settings, folder)} if isinstance(settings, dict) else table
 
     found = {**raw, "backend": here(raw["backend"])} if "backend" in raw else dict(raw)
+    if isinstance(raw.get("backends"), dict):
+        found["backends"] = {name: here(table) for name, table in raw["backends"].items()}
     experiments = raw.get("experiments")
     return {**found, "experiments": [here(e) for e in experiments]} if isinstance(experiments, list) else found
 
@@ -279,6 +282,28 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
     for _, doe in _valid(DoeTable, [raw.get("doe", {})]):
         if doe.file is not None and not (folder / doe.file).is_file():
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
+
+
+def _check_backends(study: Study) -> Iterator[Problem]:
+    """Experiments name backends that there are, and every further one has an experiment."""
+    for n, e in enumerate(study.experiments):
+        if e.backend is not None and e.backend not in study.backends:
+            yield Problem(("experiments", n, "backend"), choose(e.backend, study.backends), e.backend)
+        if ROUTE in e.settings:
+            place = ("experiments", n, "settings", ROUTE)
+            yield Problem(
+                place, f"the backend of an experiment stands beside its settings: backend = {e.settings[ROUTE]!r}"
+            )
+    used = {e.backend for e in study.experiments}
+    for name, table in study.backends.items():
+        if name not in used:
+            yield Problem(("backends", name), f'no experiment has it: give one backend = "{name}"')
+        if table.template is not None or study.backend.template is not None:
+            yield Problem(("backends", name), "a program with a template cannot stand beside other backends")
+    if study.backends and "diagnose" in study.model_fields_set:
+        yield Problem(("diagnose",), "a diagnosis is of one backend; this study has several ([backends])")
+    if study.backends and "ladder" in study.model_fields_set:
+        yield Problem(("ladder",), "a ladder is of one backend; this study has several ([backends])")
 
 
 MEASURED = {  # tables and keys that mean something only where there are data

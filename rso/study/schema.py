@@ -23,6 +23,7 @@ from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.emulation.polynomial import HIGHEST
 from rso.evaluation.decks import DELIMITERS, Deck
+from rso.evaluation.joint import ROUTE
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
@@ -105,6 +106,10 @@ class BackendTable(StudyFileTable):
         return self
 
 
+class NamedBackendTable(BackendTable):
+    """[backends]: a further backend, which answers for the experiments that name it."""
+
+
 class ParameterTable(StudyFileTable):
     """[parameters]: a range to search, or a value that fixes it."""
 
@@ -177,12 +182,14 @@ class ExperimentTable(StudyFileTable):
     """Those compared with the model; by default Fz, or uz for a profile."""
     branch: Literal["loading", "unloading"] = "loading"
     """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
+    backend: str | None = None
+    """Which of [backends] answers for it, by its name; by default the first, [backend]."""
     settings: Settings = Field(default_factory=dict)
     """Settings of the backend for this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
     """What its readings are uncertain by."""
     preload: Force | None = None
-    """Where its travel was set to 0 at a small force, that force, as "10 mN": contact is found before it, by the shape
+    """Where its travel was set to 0 at a small force, that force, as "10 mN". Contact is found before it, by the shape
     of Fz, or in its approach; Fz may have been set to 0 there, too."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
@@ -331,6 +338,8 @@ class Study(StudyFileTable):
 
     study: StudyTable
     backend: BackendTable
+    backends: dict[str, NamedBackendTable] = Field(default_factory=dict)
+    """Further backends by name, each for the experiments that name it; parameters of one name are one parameter."""
     parameters: dict[str, ParameterTable]
     experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)] = ()
     objectives: ObjectivesTable | None = None
@@ -363,7 +372,8 @@ class Study(StudyFileTable):
         """The files beside the study file from which it is read: data, points of a design, files that settings name."""
         names = [f for e in self.experiments for f in e.data] + ([] if self.doe.file is None else [self.doe.file])
         names += [*(self.backend.template or ()), *self.backend.files]
-        settings = [self.backend.settings, *(e.settings for e in self.experiments)]
+        settings = [b.settings for b in (self.backend, *self.backends.values())]
+        settings += [e.settings for e in self.experiments]
         found = (self.folder / f for each in settings for f in named(each))
         return [*(self.folder / name for name in names), *(f for f in dict.fromkeys(found) if f.is_file())]
 
@@ -412,7 +422,10 @@ class Study(StudyFileTable):
 
     def settings_of(self, name: str) -> dict[str, Any]:
         """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""
-        return {**self.backend.settings, **self.experiment(name).settings}
+        e = self.experiment(name)
+        if e.backend is None:
+            return {**self.backend.settings, **e.settings}
+        return {**self.backends[e.backend].settings, **e.settings, ROUTE: e.backend}
 
     def written(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Settings as results keep them: with paths of files relative to the study file."""

@@ -24,4 +24,6 @@ def source_of(study: Study) -> Source:
     if deck is not None:
         with contextlib.suppress(ValueError):  # what is wrong is said when it is loaded
             deck = dataclasses.replace(deck, fingerprint=load_deck(deck, b.command or (), study.folder).fingerprint)
-    return Source(b.use, b.command, str(study.folder), None, b.timeout, deck)
+    folder = str(study.folder)
+    others = ((name, Source(o.use, o.command, folder, None, o.timeout)) for name, o in study.backends.items())
+    return Source(b.use, b.command, folder, None, b.timeout, deck, tuple(others))
