@@ -185,7 +185,7 @@ def test_the_way_back_after_a_hold_is_used_where_times_tell_how_long_it_was(seco
     )
     plan = make_plan([toy.experiment("a", (held,))])
     assert plan.tests[0].returns == kept and bool(plan.places[0].peaks) == kept
-    assert any("way back" in note for note in plan.notes) != kept
+    assert any("unloading after a hold" in note for note in plan.notes) != kept
     assert plan.tests[0].count[plan.tests[0].held].sum() == (4 if seconds else 0)
     assert plan.tests[0].rest == pytest.approx(30.0 if seconds == 30.0 else 0.0, rel=0.01)
 
