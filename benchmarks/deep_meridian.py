@@ -54,7 +54,7 @@ class Deep:
 
 
 def cases() -> list[Deep]:
-    """Held spheres and spheres in bowls, slabs, a flat end, a half-space."""
+    """Held spheres and spheres in bowls, slabs, a flat end, a cone, layers, a half-space."""
     out, to_eight, to_twelve = [], (2.0, 4.0, 5.0, 6.0, 7.0, 7.5, 8.0), (2.0, 4.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0)
     sphere = {"specimen": {"shape": "sphere", "radius": 35.0}}
     for k, values in enumerate(SETS):
@@ -73,6 +73,12 @@ def cases() -> list[Deep]:
     flat = {"shape": "flat", "radius": R, "fillet": 0.15}
     slab = {"specimen": {"shape": "slab", "thickness": 4.0 * R}, "support": {"kind": "bonded"}, "indenter": flat}
     out.append(Deep("flat", slab, SETS[0], tuple(R * d for d in (0.2, 0.4, 0.6, 0.8, 1.0)), {}))
+    thin, values, fifths = {"specimen": {"shape": "slab", "thickness": 9.0}}, (0.01, 4.0), (0.2, 0.4, 0.6, 0.8, 1.0)
+    cone = {**thin, "support": {"kind": "bonded"}, "indenter": {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.6}}
+    out.append(Deep("cone", cone, values, tuple(1.3 * d for d in fifths), {}))
+    layers = {"shape": "slab", "thickness": 9.0, "layers": [{"thickness": 1.0, "ratio": 4.0}]}
+    layered = {"specimen": layers, "support": {"kind": "bonded"}, "indenter": SHAFT}
+    out.append(Deep("layers", layered, values, tuple(R * d for d in fifths), {}))
     half = {"specimen": {"shape": "half_space"}, "support": {"kind": "bonded"}, "indenter": SHAFT}
     out.append(Deep("half_space", half, SETS[0], tuple(R * d for d in (0.5, 1.0, 1.5, 2.0, 2.25, 2.5)), {}))
     return out

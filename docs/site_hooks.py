@@ -50,7 +50,9 @@ def _equation(match: re.Match[str]) -> str:
     return convert(match[1].strip(), display="block").replace("\n", " ")
 
 
-def on_post_page(output: str, page: Any, config: Any) -> str:
+def on_post_build(config: Any) -> None:
     """No page asks another host: without this script the search of pages opened from the disk is off, that of a served
     site is not."""
-    return re.sub(r'<script src="https://unpkg\.com/[^"]*"></script>', "", output)
+    for path in Path(config["site_dir"]).rglob("*.html"):
+        text = path.read_text("utf-8")
+        path.write_text(re.sub(r'<script src="https://unpkg\.com/[^"]*"></script>', "", text), "utf-8")

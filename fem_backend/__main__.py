@@ -3,6 +3,7 @@
 --vtu FOLDER        one VTU file per asked instant
 --pictures FOLDER   sections and the surface from above as PNG per asked instant, no display needed
 --schema            what requests and responses hold, every knob with unit and range
+--compile           compile now what a first simulation would have to wait for
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 from fem_backend import output
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import experiment
+from fem_backend.specimens import SPECIMENS
 from rso.contract import CAUSES, Case, SimulationFailed
 from rso.contract.segments import CONTROLS
 
@@ -107,6 +109,20 @@ def _read(file: Path) -> Any:
         raise ValueError("request: brackets are nested too deeply") from error
 
 
+def compile_kernels() -> None:
+    """Solve a body of revolution and one in space: what they need is then kept beside the code for every process."""
+    ready = [
+        m.Table() for m in SPECIMENS.members.values() if not any(f.is_required() for f in m.Table.model_fields.values())
+    ]
+    round_one = next(t for t in ready if t.build().of_revolution)
+    mapped = {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}}
+    for settings in ({"specimen": round_one.build().plain()}, mapped):
+        programme = {"time_s": [0, 1], "travel_mm": [0, 1], "asked_mm": [1]}
+        answer(
+            {"values": {"mu": 0.01, "D1": 5.8}, "case": {"name": "any", "programme": programme, "settings": settings}}
+        )
+
+
 def _writable(response: Path, folders: list[Path]) -> None:
     """OSError before anything is solved where an answer would have no place."""
     if not response.parent.is_dir():
@@ -125,6 +141,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--vtu", type=Path, metavar="FOLDER", help="write a VTU file per asked instant")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw sections and the surface")
     parser.add_argument("--schema", action="store_true", help="print what requests and responses hold")
+    parser.add_argument("--compile", action="store_true", help="compile what a first simulation would wait for")
     try:
         options = parser.parse_args(arguments)
     except SystemExit as end:
@@ -134,6 +151,9 @@ def main(arguments: list[str]) -> int:
             print(json.dumps(schema(), indent=2), flush=True)
         except BrokenPipeError:  # whoever reads has read enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    if options.compile:
+        compile_kernels()
         return 0
     if options.response is None:
         parser.print_usage(sys.stderr)

@@ -69,6 +69,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
             placement.planes,
             title,
             spikes,
+            float(solved.result.channels["peak_pressure"][k]),
         )
         paths.append(folder / f"{k:03d}_surface.png")
         pictures.draw_surface(

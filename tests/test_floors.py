@@ -123,7 +123,7 @@ LAYERS = {
         "__init__",
     ),
     "rso": (
-        "__init__ contract doe norms",
+        "__init__ contract doe norms result_types",
         "benchmarks core",
         "data emulation evaluation",
         "store",
@@ -149,7 +149,7 @@ LAYERS = {
         "deformed_body finished_runs held_out joined_runs sensitivity_stage",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
-        "identification_stage results",
+        "identification_stage results search_results",
         "gauss_newton",
         "pipeline",
     ),
@@ -181,7 +181,7 @@ LAYERS = {
     ),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
-        "curve_shape preload",
+        "curve_shape measured_curve preload",
         "force_holds plausibility",
         "branches",
         "files",
@@ -324,7 +324,7 @@ LAYERS = {
     ),
     "rso.report.calibration": (
         "background closed_forms deformed derived displacements drawn_runs errors gap gauss_newton hold_panels",
-        "identification influence maps range_extension turning",
+        "identification influence maps range_extension turning use",
         "predictive_check responses",
         "predictions",
         "verdict",
@@ -353,6 +353,15 @@ LAYERS = {
         "__init__ reading",
         "figures",
         "report",
+    ),
+    "rso.result_types": (
+        "keys",
+        "diagnosis_file ladder_file learnt next_file stated",
+        "searched",
+        "identified",
+        "run_file",
+        "__init__",
+        "reference",
     ),
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",

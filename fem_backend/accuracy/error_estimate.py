@@ -92,6 +92,7 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
     h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
     Beyond a travel of 1.5 lengths of the indenter s_j ≤ 1.1 s_k: errors grow fast there.
+    Beyond a travel w at which a mesh was outworn and no other was made, r grows by (s/w)⁶, too.
     Where the mesh was remade within a quarter of s, at least half of what the force changed by counts.
 
     With pore flow steps are twice as long there, too, and neighbours are also near in the time since a rest began.
@@ -127,6 +128,8 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
             last = int(known.sum()) - 1
             mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** UNKNOWN
         mean = np.maximum(mean, np.abs(rough)) if settings.large_strain else mean
+        if result.outworn is not None:
+            mean = mean * np.maximum(travel / result.outworn, 1.0) ** UNKNOWN
         out[name] = share * largest * mean
     if knobs.adhesion:
         out |= attracted(result)

@@ -21,7 +21,8 @@ from rso.contract import DeformedBody, DeformedFrame, DeformedSurface
 
 MOST = 10  # frames
 UNITS = {"von Mises stress": "MPa", "pressure": "MPa"}
-AROUND = np.linspace(0.0, np.pi, 25)  # where a meridian stands in the surface of its body, one half of it
+AROUND = np.linspace(0.0, np.pi, 19)  # where a meridian stands in the surface of its body, one half of it
+MANY = 40  # edges of a meridian that are drawn as one straight piece each
 STRAIGHT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # pieces of a quadratic triangle
 
 
@@ -150,7 +151,8 @@ def _surface(placement: Placement, point: LoadPoint, on: InitialState) -> Deform
     if not isinstance(body, MeridianBody):
         rows, triangles = _kept(facets[:, STRAIGHT].reshape(-1, 3))
         return DeformedSurface(rows @ x, triangles, {k: rows @ v for k, v in nodal.items()}, placement.planes)
-    pairs = np.vstack([facets[:, [0, 2]], facets[:, [2, 1]]])  # the middle of an edge is its third node
+    halves = np.vstack([facets[:, [0, 2]], facets[:, [2, 1]]])  # the middle of an edge is its third node
+    pairs = halves if len(facets) < MANY else facets[:, :2]
     used, inverse = np.unique(pairs, return_inverse=True)
     pairs, many, n = inverse.reshape(-1, 2), len(AROUND), len(used)
     r, z = x[used, 0], x[used, 2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,35 +21,23 @@ USUAL = 3.0  # length (mm) that declared ranges of knobs are meant for
 WANTED = 1.0 / 3.0  # element size over a radius of curvature
 LARGEST = 0.12  # element size over the length, at the contact
 GROWS = 0.25  # of the distance from where the surface bends
+TIP = 0.05  # of the radius of a tip: the least element size there
 GRID = np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
 
 
-class OfRevolution:
-    """A convex rigid body of revolution about its way; its reference point is its tip, the lowest on the axis."""
+class Axial:
+    """A rigid body of revolution about its way, of one length that all else scales with."""
 
     of_revolution: ClassVar[bool] = True
-    theory: ClassVar[str] = "Sneddon"
-    Knobs: ClassVar[type | None] = None
-    gauges: ClassVar[Mapping[str, float]] = {}
-
-    @property
-    def meridian(self) -> Meridian:
-        """Its outline."""
-        raise NotImplementedError
 
     @property
     def length(self) -> float:
         """What steps, penalties, forces and errors scale with (mm)."""
         raise NotImplementedError
 
-    def on(self, specimen: Any) -> Any:
+    def on(self, specimen: Any) -> Self:
         """Itself: it takes no size from the specimen."""
         return self
-
-    @property
-    def reach(self) -> float:
-        """Distance (mm) from the first contact within which facets may touch: three times its radius, if it has one."""
-        return 3.0 * self.meridian.widest
 
     @property
     def cover(self) -> float:
@@ -65,11 +53,29 @@ class OfRevolution:
         """It is of revolution about its path."""
         return True, True
 
+
+class OfRevolution(Axial):
+    """A convex rigid body of revolution about its way; its reference point is its tip, the lowest on the axis."""
+
+    theory: ClassVar[str] = "Sneddon"
+    Knobs: ClassVar[type | None] = None
+    gauges: ClassVar[Mapping[str, float]] = {}
+
+    @property
+    def meridian(self) -> Meridian:
+        """Its outline."""
+        raise NotImplementedError
+
+    @property
+    def reach(self) -> float:
+        """Distance (mm) from the first contact within which facets may touch: three times its radius, if it has one."""
+        return 3.0 * self.meridian.widest
+
     def spacing(self, r: np.ndarray) -> np.ndarray:
         """Wanted element size (…) mm, at unit fineness, on the surface at distances r (…) mm from the axis.
 
         0.12 of the length, finer where the surface bends: a third of an arc's radius, growing by a quarter of the
-        distance from it.
+        distance from it.  Below a rounded tip, whose contact begins with nothing, 0.12 r within 0.05 of its radius.
         """
         r = np.asarray(r, float)
         h = LARGEST * self.length + GROWS * np.maximum(r - self.length, 0.0)
@@ -78,6 +84,8 @@ class OfRevolution:
             if kind == ARC:
                 beside = np.maximum(np.maximum(starts[k] - r, r - starts[k + 1]), 0.0)
                 h = np.minimum(h, WANTED * size + GROWS * beside)
+                if starts[k] == 0.0:
+                    h = np.minimum(h, np.maximum(LARGEST * r, TIP * size))
         return h
 
     def gap(

@@ -15,10 +15,10 @@ from fem_backend import closed_forms, members
 from fem_backend.contact.tractions import ContactSurface
 from fem_backend.geometry import STILL, arrays
 from fem_backend.indenters.indenter import INDENTERS
+from fem_backend.indenters.revolution import USUAL, Axial
 from fem_backend.indenters.spherical_patch import Patch, contact_patch
 from rso.contract import knob
 
-USUAL = 3.0  # radius (mm) that declared ranges of knobs are meant for
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
 GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
@@ -29,7 +29,7 @@ VERIFIED = 2.0  # of R: depth up to which runs reach more than that
 
 @INDENTERS.register
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Axial):
     """Rigid sphere of radius R (mm), with a shaft: continued by a cylinder of radius R opposite to `direction`.
 
     Its surface is the zero of the gap g(x) = |x − c| − R, beside the shaft of the distance from the axis − R; the
@@ -73,7 +73,6 @@ class Sphere:
     theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.5, 2.5)  # Hertz, and the first of what stiffens or softens
     gauges: ClassVar[Mapping[str, float]] = {"delta_R": 0.01}
-    of_revolution: ClassVar[bool] = True
     options: ClassVar[tuple[members.SettingsOption, ...]] = tuple(
         members.SettingsOption(
             name,
@@ -104,10 +103,6 @@ class Sphere:
             )
         return replace(self, R=R)
 
-    def on(self, specimen: Any) -> Sphere:
-        """Itself: it takes no size from the specimen."""
-        return self
-
     def spacing(self, r: np.ndarray) -> np.ndarray:
         """Wanted element size (…) mm at distances r (…) mm from the axis: 0.12 r within 0.05 R and 0.12 R.
 
@@ -136,20 +131,6 @@ class Sphere:
     def reach(self) -> float:
         """Distance (mm) from the first contact within which facets may touch."""
         return REACH * self.R
-
-    @property
-    def cover(self) -> float:
-        """Distance (mm) from the axis up to which a camera from above sees no surface."""
-        return 5.0 / 3.0 * self.R
-
-    @property
-    def ratio(self) -> float:
-        """R over the usual one."""
-        return self.R / USUAL
-
-    def planes(self) -> tuple[bool, bool]:
-        """It is of revolution about its path."""
-        return True, True
 
     def gap(
         self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL

@@ -128,12 +128,14 @@ def draw_section(
     planes: tuple[bool, bool] = (False, False),
     title: str = "",
     contact: tuple[np.ndarray, np.ndarray] | None = None,
+    peak: float | None = None,
 ) -> None:
     """PNG of the deformed body cut through the indenter's reference point (3,) mm: all of it, and from near.
 
     `values` (n,) with their `label`, e.g. "von Mises stress (MPa)"; `planes` as in `contact_patch`: a cut of a part
     model is completed by its mirror image; `contact` = positions (k, 3) mm and pressures (k,) of points in contact,
-    drawn as spikes into the indenter if they lie within 0.15 of its length of the plane.
+    drawn as spikes into the indenter if they lie within 0.15 of its length of the plane.  Points scatter about the mean
+    over an element, whose largest value `peak` (MPa) is the one that a run answers, and the legend then says.
     """
     x = body.nodes + u
     n = np.asarray(normal, float) / np.linalg.norm(normal)
@@ -165,7 +167,7 @@ def draw_section(
         axes.set_ylabel(f"{_name(across[1])} (mm)")
     if contact is not None:
         inward = -indenter.gap(contact[0], centre, direction)[1]
-        _spikes(near, contact, inward, centre, radius, n, across, signs)
+        _spikes(near, contact, inward, centre, radius, n, across, signs, peak)
     whole.autoscale_view()
     near.set_xlim(middle[0] - 2.5 * radius, middle[0] + 2.5 * radius)
     near.set_ylim(middle[1] - 3.0 * radius, middle[1] + 1.2 * radius)
@@ -183,6 +185,7 @@ def _spikes(
     normal: np.ndarray,
     across: np.ndarray,
     signs: tuple[float, ...],
+    peak: float | None = None,
 ) -> None:
     """Contact pressure as lines from the surface along `inward` (k, 3), the longest half of the length `radius`."""
     points, pressure = contact
@@ -195,7 +198,9 @@ def _spikes(
     for sign in signs:
         lines = np.stack([a, b], axis=1) * np.array([sign, 1.0])
         axes.add_collection(LineCollection(lines, colors="tab:red", linewidths=1.0, zorder=4))
-    axes.plot([], [], color="tab:red", label=f"contact pressure, at most {pressure.max():.3g} MPa")
+    at_most = pressure.max() if peak is None else peak
+    mean = "" if peak is None else " as the mean of an element"
+    axes.plot([], [], color="tab:red", label=f"contact pressure, at most {at_most:.3g} MPa{mean}")
     axes.legend(loc="lower right", fontsize=8)
 
 

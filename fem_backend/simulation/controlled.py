@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation import indentation
+from fem_backend.simulation import indentation, rezoning
 from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
-from fem_backend.simulation.indentation import FINAL, SHORTER, Result
+from fem_backend.simulation.indentation import FINAL, Result
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
+from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.solver import controlled_steps
 from fem_backend.solver.controlled_steps import OUT_OF_REACH, Bench, Drive, Followed
 from fem_backend.solver.load_steps import Instant, Stopped
@@ -40,10 +41,9 @@ def solve(
         if stopped.cause in (*FINAL, OUT_OF_REACH):
             raise
         first = stopped
-    control = settings.control
-    shorter = replace(control, **{n: SHORTER * getattr(control, n) for n in ("first", "largest", "path")})
+    patient = indentation.again(settings, first.reached)
     try:
-        return _attempt(replace(settings, control=shorter), knobs, placement, model, drive, started)
+        return _attempt(patient, knobs, placement, model, drive, started)
     except Stopped as stopped:
         raise (stopped if len(stopped.points) > len(first.points) else first) from None
 
@@ -53,28 +53,30 @@ def _attempt(
 ) -> tuple[Result, list[Instant]]:
     counters = Counters(deadline=started + settings.control.time_limit_s)
     at = initial_state(settings, knobs, placement, model, counters)
+    legs = [MeshLeg(at, None)]
     try:
         u, history, touching = indentation.begun(at, counters)
-        followed = controlled_steps.follow(_bench(at, counters), drive, u, history, touching)
+        followed = controlled_steps.follow(_bench(at, counters, legs), drive, u, history, touching)
     except Stopped as stopped:
         reached = stopped.reached if isinstance(stopped.reached, Followed) else Followed([], [], [], [], [])
-        stopped.reached = _collected(at, reached, counters, time.process_time() - started)
+        stopped.reached = _collected(at, reached, counters, time.process_time() - started, legs)
         raise
-    return _collected(at, followed, counters, time.process_time() - started), followed.way
+    return _collected(at, followed, counters, time.process_time() - started, legs), followed.way
 
 
-def _bench(at: InitialState, counters: Counters) -> Bench:
+def _bench(at: InitialState, counters: Counters, legs: list[MeshLeg]) -> Bench:
     share, prony = float(modelling.multiplicity(at.placement)), at.system.material.prony
 
     def along(force: np.ndarray) -> float:
         return -share * float(force @ at.placement.direction)
 
     tau = np.inf if prony is None else min(prony.tau)
-    return Bench(at.system, at.start, at.settings.control, counters, along, share, tau)
+    renew = rezoning.renewals(legs, counters)
+    return Bench(at.system, at.start, at.settings.control, counters, along, share, tau, renew)
 
 
-def _collected(at: InitialState, followed: Followed, counters: Counters, cpu_s: float) -> Result:
-    result = indentation.collect(at, followed.points, counters, cpu_s)
+def _collected(at: InitialState, followed: Followed, counters: Counters, cpu_s: float, legs: list[MeshLeg]) -> Result:
+    result = indentation.collect(at, followed.points, counters, cpu_s, None, legs)
     return replace(
         result, given=np.array(followed.given, bool), slopes=np.array(followed.slopes), left=np.array(followed.left)
     )

@@ -320,9 +320,14 @@ def on_axis(settings: Settings) -> bool:
 
 def remeshed_from(settings: Settings) -> float:
     """Travel (mm) up to which no mesh is remade: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
-    smooth = np.isinf(settings.indenter.finest[1])
     if settings.remesh == "never" or not on_axis(settings) or not settings.multipliers:
         return np.inf
+    return watched_from(settings)
+
+
+def watched_from(settings: Settings) -> float:
+    """The same where a mesh is only looked at."""
+    smooth = np.isinf(settings.indenter.finest[1])
     return (SMOOTH_FROM if smooth else EDGED_FROM) * settings.indenter.length
 
 

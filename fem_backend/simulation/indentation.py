@@ -45,6 +45,7 @@ class Result:
     `coarser` are the channels of the same run on a coarser mesh, where that was made, `unchecked` says how errors are
     told where that ended early, `finer` how many times as many nodes this one has; `on` says with what each point was
     solved, `legs` at which travels (mm) the mesh was remade, and the share that the force changed by.
+    `outworn` (k,) mm says from which travel on the mesh of each point was outworn and kept; ∞ without.
     `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
     the share of the force that is not met there; None without any.
     """
@@ -64,6 +65,7 @@ class Result:
     finer: float = 4.0
     on: tuple[InitialState, ...] = field(default=(), repr=False)
     legs: tuple[tuple[float, float], ...] = ()
+    outworn: np.ndarray | None = None
     given: np.ndarray | None = None
     slopes: np.ndarray | None = None
     left: np.ndarray | None = None
@@ -86,6 +88,7 @@ class Result:
             residual=self.residual[:k],
             points=self.points[:k],
             on=self.on[:k],
+            outworn=None if self.outworn is None else self.outworn[:k],
             given=None if self.given is None else self.given[:k],
             slopes=None if self.slopes is None else self.slopes[:k],
             left=None if self.left is None else self.left[:k],
@@ -109,7 +112,7 @@ def solve(
     """Curves at the asked instants of a programme; raises Stopped with the result so far, and model.NotModelled.
 
     `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.  Where it ends early for
-    want of an equilibrium it is tried once more from the start in shorter steps, without a guess: what is found must
+    want of an equilibrium it is tried once more from the start, as `again` says, without a guess: what is found must
     not depend on which travels are asked for.  The deeper of the two counts.
     """
     started = time.process_time()
@@ -120,13 +123,24 @@ def solve(
         if stopped.cause in FINAL:
             raise
         first = stopped
-    control = settings.control
-    shorter = {n: SHORTER * getattr(control, n) for n in ("first", "largest", "path")}
-    patient = replace(settings, control=replace(control, **shorter))
+    patient = again(settings, first.reached)
     try:
         return _attempt(patient, knobs, placement, model, instants, None, gradients, started, deadline)
     except Stopped as stopped:
         raise (stopped if len(stopped.points) > len(first.points) else first) from None
+
+
+def again(settings: Settings, reached: Result | None) -> Settings:
+    """The settings of a second attempt after what was `reached`: shorter steps, or with friction no new meshes.
+
+    On the way back what sticks and what slips is not always found on a new mesh.
+    """
+    if reached is not None and reached.legs and reached.system is not None:
+        if any(pair.friction for pair in reached.system.pairs):
+            return replace(settings, remesh="never")
+    control = settings.control
+    shorter = {n: SHORTER * getattr(control, n) for n in ("first", "largest", "path")}
+    return replace(settings, control=replace(control, **shorter))
 
 
 def _attempt(
@@ -238,12 +252,14 @@ def along(
     u, history, touching = begun(at, counters)
     control = at.settings.control
     groups, begin_at = together(instants), _begin_at(instants)
+    legs = [] if legs is None else legs
+    legs.append(MeshLeg(at, None))
     if at.knobs.permeability:
-        return _draining(at, groups, counters, history)
+        points = _draining(at, groups, counters, history)
+        rezoning.note_worn(legs, points)
+        return points
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
     try:
-        legs = [] if legs is None else legs
-        legs.append(MeshLeg(at, None))
         points = rezoning.follow(legs, way, counters, u, history, touching, jumps, begin_at)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
@@ -388,6 +404,9 @@ def collect(
     notes |= {} if jumps is None else of_jumps(at, jumps)
     if len(legs) > 1:
         notes |= {"meshes": float(len(legs)), "largest_jump": max(leg.jump for leg in legs)}
+    outworn = np.array([legs[p.leg].outworn if legs else np.inf for p in points])
+    if (outworn < np.inf).any():
+        notes["outworn_mm"] = float(outworn.min())
     if at.system.loose and points:
         carried = [np.abs((at.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
@@ -407,4 +426,5 @@ def collect(
         at.system,
         on=tuple(on),
         legs=tuple((leg.began, leg.jump) for leg in legs[1:]),
+        outworn=outworn,
     )

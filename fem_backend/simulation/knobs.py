@@ -20,7 +20,8 @@ class Common:
     """Zones of another stiffness, weight, friction, adhesion and pore flow; lengths in mm, moduli in MPa.
 
     Defaults and plausible ranges that hold a length are those of the usual specimen and indenter; at another size they
-    go in proportion, see `fem_backend.adapter.priors`.
+    go in proportion, see `fem_backend.adapter.priors`.  With `pore_D1` and a permeability `D1` is that of the body
+    before liquid leaves; without it that of the drained body, whose liquid gives way to no pressure.
     """
 
     skin_ratio: float = knob(
@@ -125,8 +126,7 @@ class Common:
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e6, default=0.2, group="adhesion")
     pore_D1: float = knob(
-        "compressibility that a body with a permeability gains as liquid leaves: D1 is then that before it does; "
-        "0: D1 is that of the drained body, the liquid gives way to no pressure",
+        "compressibility that the body gains as liquid leaves its pores",
         "1/MPa",
         0.0,
         1e6,

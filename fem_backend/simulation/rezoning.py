@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from fem_backend import meshing, post
 from fem_backend.contact import tractions
@@ -16,28 +17,30 @@ from fem_backend.remeshing import location
 from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.experiment import remeshed_from
+from fem_backend.simulation.experiment import remeshed_from, watched_from
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
+from fem_backend.solver.controlled_steps import Renew, Renewed
 from fem_backend.solver.history_steps import Reached
 from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
-LONGER = 3.8  # times the wanted length: an edge of the first mesh that the indenter may touch is too long
-LONGER_AT_EDGES = 3.3  # the same below an indenter with an edge or a tip
-AGAIN_LONGER = 1.7  # the same of later ones, which have no rows along the surface that thin out as it stretches
-FINER = 0.7  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
+LONGER = 3.3  # times the wanted length: an edge of the first mesh that the indenter may touch is too long
+AGAIN_LONGER = 2.2  # the same of later ones, which have no rows along the surface that thin out as it stretches
+FINER = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
+AGAIN_LONGER_AT_EDGES, FINER_AT_EDGES = 1.7, 0.7  # the same below an indenter with an edge or a tip
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
+NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
 
 
 @dataclass(frozen=True)
 class MeshLeg:
     """A part of the way on one mesh: what is solved there, who watches, where it began (mm), by which share the force
-    changed there with the mesh, and u (n, 3) there; None of the first.  `watches` says who
-    watches on the next mesh."""
+    changed there with the mesh, and u (n, 3) there; None of the first.  `watches` says who watches on the next mesh,
+    `outworn` (mm) from which travel on it was outworn and kept, as none was made."""
 
     at: InitialState
     watch: Watch | None
@@ -45,11 +48,17 @@ class MeshLeg:
     jump: float = 0.0
     u: np.ndarray | None = None
     watches: Callable[[InitialState], Watch] | None = None
+    outworn: float = np.inf
 
 
 def allowed(at: InitialState) -> bool:
     """Whether the mesh of a run may be remade: a meridian with exact contact, no weight carried by multipliers."""
     return at.placement.meridian and at.carrying is None and np.isfinite(remeshed_from(at.settings))
+
+
+def renewable(at: InitialState) -> bool:
+    """Whether that of a run whose way counts may be: what attracts stays with its points."""
+    return allowed(at) and not any(p.adhesion for p in at.system.pairs)
 
 
 def travel(
@@ -69,7 +78,7 @@ def travel(
         try:
             found = load_steps.travel(
                 leg.at.system, leg.at.start, left, control, counters, u, guess if known == 0 else None, leg.watch,
-                here, wear(leg, since) if allowed(leg.at) else None,
+                here, wear(leg, since) if allowed(leg.at) else _noting(legs),
             )  # fmt: skip
             return points + [replace(p, leg=known) for p in found]
         except Worn as worn:
@@ -82,10 +91,38 @@ def travel(
             except (NoMesh, NotConverged) as error:
                 if isinstance(error, NotConverged) and error.cause == "time_limit":
                     raise load_steps.stopped(error, here, points, counters) from error
-                since = here + AGAIN * leg.at.placement.indenter.length
+                since = _kept(legs, here)
         except Stopped as stopped:
             stopped.points = points + [replace(p, leg=known) for p in stopped.points]
             raise
+
+
+def _kept(legs: list[MeshLeg], here: float) -> float:
+    """Take note that a mesh outworn at a travel (mm) is kept; the travel from which a new one is tried again."""
+    legs[-1] = replace(legs[-1], outworn=min(legs[-1].outworn, here))
+    return here + AGAIN * legs[-1].at.placement.indenter.length
+
+
+def _noting(legs: list[MeshLeg]) -> Wear | None:
+    """What takes note of where a mesh is outworn that is never remade; None where that is not known."""
+    if not legs[-1].at.placement.meridian or legs[-1].at.carrying is not None:
+        return None
+    worn = wear(legs[-1])
+
+    def note(u: np.ndarray, travel: float) -> bool:
+        if travel < legs[-1].outworn and worn(u, travel):
+            _kept(legs, travel)
+        return False
+
+    return note
+
+
+def note_worn(legs: list[MeshLeg], points: Sequence[LoadPoint]) -> None:
+    """Take note of it by the `points` alone, of a way that is followed elsewhere."""
+    note = _noting(legs)
+    for point in points:
+        if note is not None:
+            note(point.evaluation.u, point.travel)
 
 
 def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tuple[MeshLeg, np.ndarray]:
@@ -111,46 +148,71 @@ def follow(
     jumps: JumpRecord | None = None,
     begin_at: float = 0.0,
 ) -> list[LoadPoint]:
-    """As `history_steps.follow` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped.
-
-    Only bodies without friction and attraction get new meshes: what sticks stays with its points.
-    """
+    """As `history_steps.follow` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped."""
     points: list[LoadPoint] = []
     control, since, begin = legs[0].at.settings.control, 0.0, None
     while True:
         at, known = legs[-1].at, len(legs) - 1
-        plain = allowed(at) and not any(p.friction or p.adhesion for p in at.system.pairs)
         left = [i for i in way if begin is None or i.time > begin.time]
         try:
             found = history_steps.follow(
                 at.system, at.start, left, control, counters, u, history, touching, jumps, begin_at, begin,
-                wear(legs[-1], since) if plain else None,
+                wear(legs[-1], since) if renewable(at) else _noting(legs),
             )  # fmt: skip
             return points + [replace(p, leg=known) for p in found]
         except Worn as worn:
             points += [replace(p, leg=known) for p in worn.points]
-            begin = worn.reached
             try:
-                new, begin = _carried(legs[-1], begin, counters)
-                legs.append(new)
-                u, since = begin.u, begin.travel
-            except (NoMesh, NotConverged) as error:
-                if isinstance(error, NotConverged) and error.cause == "time_limit":
-                    raise load_steps.stopped(error, worn.travel, points, counters) from error
-                since = worn.travel + AGAIN * at.placement.indenter.length
+                begin, since, _ = _renewed_at(legs, worn.reached, counters)
+                u = begin.u
+            except NotConverged as error:
+                raise load_steps.stopped(error, worn.travel, points, counters) from error
         except Stopped as stopped:
             stopped.points = points + [replace(p, leg=known) for p in stopped.points]
             raise
 
 
-def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, Reached]:
-    """The next leg and what its path goes on from; equilibrium is found again at once, in no time.
+def renewals(legs: list[MeshLeg], counters: Counters) -> Renew | None:
+    """What remakes the mesh on a way that is followed elsewhere, and takes note of it in `legs`; None where none may
+    be made."""
+    since, note = 0.0, None if renewable(legs[-1].at) else _noting(legs)
+    if note is None and not renewable(legs[-1].at):
+        return None
+
+    def renew(here: Reached) -> Renewed | None:
+        nonlocal since
+        if not (note or wear(legs[-1], since))(here.u, here.travel):
+            return None
+        known = len(legs)
+        new, since, ratio = _renewed_at(legs, here, counters)
+        at = legs[-1].at
+        return Renewed(at.system, at.start, new, ratio) if len(legs) > known else None
+
+    return renew
+
+
+def _renewed_at(legs: list[MeshLeg], here: Reached, counters: Counters) -> tuple[Reached, float, float]:
+    """Where a path goes on, on a new mesh if one is made; the travel (mm) before which it is not looked at again, and
+    the force there over that before.  Raises NotConverged where time is up."""
+    try:
+        new, reached, ratio = _carried(legs[-1], here, counters)
+    except (NoMesh, NotConverged) as error:
+        if isinstance(error, NotConverged) and error.cause == "time_limit":
+            raise
+        return here, _kept(legs, here.travel), 1.0
+    legs.append(new)
+    return reached, here.travel, ratio
+
+
+def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, Reached, float]:
+    """The next leg, what its path goes on from, and its force over that before.
 
     Histories are carried by `location.at_points`: stresses and overstresses at the quadrature points of the new mesh
-    are those of the old one's cells, as linear functions.  Raises NoMesh and NotConverged.
+    are those of the old one's cells, as linear functions; friction by `rubbing`.  Equilibrium is found again at once,
+    in no time: nothing slips but what the new mesh lets slip.  Raises NoMesh and NotConverged.
     """
-    at, control = leg.at, leg.at.settings.control
-    old = newton.evaluate(at.system, here.u, replace(at.start(here.travel), history=here.history, dt=0.0))
+    at, goal = leg.at, Instant(here.time, here.travel, False)
+    old = newton.evaluate(at.system, here.u, history_steps.loaded(at.system, at.start, here, goal))
     new, u = renewed(at, old)
     body, other = at.model.body, new.model.body
     X = location.quadrature_points(other.nodes[:, [0, 2]], other.cells, bodies.shape_functions(other))
@@ -164,33 +226,59 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
     if history is not None:
         terms = np.array([field(h) for h in history.h]).reshape(len(history.h), *X.shape[:2], 6)
         history = History(field(history.S_iso), terms, field(history.W_max))
-    load = replace(new.start(here.travel), history=history, dt=0.0)
-    found = load_steps.find(new.system, u, load, control.between, counters).evaluation
-    x = other.nodes + found.u
-    pairs = zip(new.system.pairs, load.touches, found.contacts, strict=True)
-    before = tuple(tractions.contact_history(pair, x, touch, contact) for pair, touch, contact in pairs)
-    way = at.placement.direction
-    first, after = (abs(float(state.contact.force @ way)) for state in (old, found))
-    jump = abs(after - first) / max(first, 1e-300)
-    reached = replace(
-        here, u=found.u, rate=np.zeros_like(found.u), history=found.history, before=before,
-        pressures=[c.pressure for c in found.contacts],
+    rubbed = [rubbing(at, new, u, here, k) for k in range(len(at.system.pairs))]
+    begun = replace(
+        here, u=u, rate=np.zeros_like(u), history=history,
+        before=tuple(b for b, _ in rubbed), pressures=[p for _, p in rubbed],
     )  # fmt: skip
-    return MeshLeg(new, None, here.travel, jump, reached.u), reached
+    control, patient = at.settings.control, load_steps.PATIENT
+    found, load, _ = history_steps.attempt(new.system, new.start, begun, goal, u, control, counters, patient)
+    reached = history_steps.arrived(new.system, load, found, goal)
+    way = at.placement.direction
+    first, after = (abs(float(state.contact.force @ way)) for state in (old, found.evaluation))
+    ratio = after / max(first, 1e-300)
+    return MeshLeg(new, None, here.travel, abs(ratio - 1.0), reached.u), replace(reached, rate=begun.rate), ratio
+
+
+def rubbing(
+    at: InitialState, new: InitialState, u: np.ndarray, here: Reached, k: int
+) -> tuple[tractions.Before, np.ndarray]:
+    """How pair k touches at points of the new mesh with u (n, 3), and its pressures (f, q) MPa.
+
+    Tractions and pressures are per undeformed area, so fields on the undeformed surface: linear between the nearest
+    point of the old mesh there and the next on the other side.
+    """
+    old, pair, before = at.system.pairs[k], new.system.pairs[k], here.before[k]
+    X = tractions.contact_points(old.surface, at.model.body.nodes).reshape(-1, 3)
+    places = tractions.contact_points(pair.surface, new.model.body.nodes)
+    near = cKDTree(X).query(places.reshape(-1, 3), min(NEIGHBOURS, len(X)))[1]
+    way, off = X[near[:, 1:]] - X[near[:, :1]], places.reshape(-1, 1, 3) - X[near[:, :1]]
+    shares = (off * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-300)
+    rows, other = np.arange(len(near)), (shares > 0.0).argmax(1)
+    a, b, share = near[:, 0], near[rows, 1 + other], np.clip(shares[rows, other], 0.0, 1.0)[:, None]
+
+    def field(values: np.ndarray) -> np.ndarray:
+        flat = values.reshape(len(X), -1)
+        return ((1.0 - share) * flat[a] + share * flat[b]).reshape(*places.shape[:2], *values.shape[2:])
+
+    points = tractions.contact_points(pair.surface, new.model.body.nodes + u)
+    touch = new.start(here.travel).touches[k]
+    gap = pair.rigid.gap(points, before.centre, touch.direction)[0]
+    return tractions.Before(points, before.centre, field(before.traction), gap), field(here.pressures[k])
 
 
 def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
-    An edge that the indenter may touch has grown to 3.8 times the length that is wanted where it is now (3.3 below an
-    edge or a tip, 1.7 of a mesh remade) and was not so long when the mesh was made; or the corners of a cell, well
-    shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
+    An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (2.2 times of a
+    mesh remade, 1.7 below an edge or a tip) and was not so long when the mesh was made; or the corners of a cell,
+    well shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
-    at, since = leg.at, max(since, remeshed_from(leg.at.settings))
+    at, since = leg.at, max(since, watched_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
     begun = at.seated if leg.u is None else leg.u
-    first = LONGER if np.isinf(at.settings.indenter.finest[1]) else LONGER_AT_EDGES
-    limit = (first if leg.u is None else AGAIN_LONGER) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
+    again = AGAIN_LONGER if _smooth(at) else AGAIN_LONGER_AT_EDGES
+    limit = (LONGER if leg.u is None else again) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
     upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
 
     def worn(u: np.ndarray, travel: float) -> bool:
@@ -202,6 +290,10 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
         return bool((quality(x[:, [0, 2]][body.cells[:, :3]])[upright] <= 0.0).any())
 
     return worn
+
+
+def _smooth(at: InitialState) -> bool:
+    return bool(np.isinf(at.settings.indenter.finest[1]))
 
 
 def _lengths(at: InitialState, edges: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -219,7 +311,8 @@ def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarr
     """The experiment on a new mesh, and the displacement (n, 3) carried over to it; raises NoMesh."""
     body = at.model.body
     section = _section(at, state.u)
-    new = rezoned(section, _near(at, section, state), lambda x: FINER * _wanted(at, x), GROWTH)
+    finer = FINER if _smooth(at) else FINER_AT_EDGES
+    new = rezoned(section, _near(at, section, state), lambda x: finer * _wanted(at, x), GROWTH)
     try:
         model = modelling.remeshed(at.settings, at.knobs, at.placement, new)
         cell, xi = location.located(section.X, section.cells, new.points)

@@ -97,6 +97,18 @@ class Trial(NamedTuple):
     rough: float
 
 
+class Renewed(NamedTuple):
+    """A body on a new mesh: its system and loads, where its way goes on, the force there over that on the old mesh."""
+
+    system: System
+    start: Start
+    here: Reached
+    ratio: float
+
+
+Renew = Callable[[Reached], Renewed | None]  # the new mesh of a state that has outworn its own
+
+
 class Wanted(NamedTuple):
     """A force (N) to be met, where it is looked for first (mm), dF/ds (N/mm) as known, and when (s).
 
@@ -118,7 +130,8 @@ class Wanted(NamedTuple):
 @dataclass(frozen=True)
 class Bench:
     """What every step needs: `measure` is the force (N) of the whole specimen along the way of that (3,) N of the
-    modelled part, `share` of which is the whole; `tau` (s) the shortest relaxation time, ∞ without any."""
+    modelled part, `share` of which is the whole; `tau` (s) the shortest relaxation time, ∞ without any; `renew` remakes
+    meshes on the way."""
 
     system: System
     start: Start
@@ -127,6 +140,7 @@ class Bench:
     measure: Callable[[np.ndarray], float]
     share: float
     tau: float
+    renew: Renew | None = None
 
     @property
     def path_dependent(self) -> bool:
@@ -162,6 +176,7 @@ class _Walk:
         self.out = Followed([], [], [], [], [])
         self._first, self._aim, self._on_the_way = first, 0.0, False
         self._floor = 0.0, 0.0  # relative residual that round-off left, at a force (N)
+        self._meshes = 0  # remade
 
     # ------------------------------------------------------------------------------------------------------- legs
 
@@ -447,10 +462,15 @@ class _Walk:
         self.out.way.append(replace(goal, asked=asked))
         if asked:
             assert trial.point is not None  # of an instant that is asked for
-            self.out.points.append(history_steps.light(trial.point))
+            self.out.points.append(replace(history_steps.light(trial.point), leg=self._meshes))
             self.out.given.append(given)
             self.out.slopes.append(trial.slope)
             self.out.left.append(max(TIGHT, HARDLY * trial.rough))
+        new = None if b.renew is None else b.renew(self.here)
+        if new is not None:  # a force that is held is met again by the next step
+            self.bench = replace(b, system=new.system, start=new.start)
+            self.here, self.force = new.here, new.ratio * self.force
+            self._meshes += 1
 
     def _cut(self, share: float, error: NotConverged) -> float:
         """The share of a step to try after one without equilibrium; raises it where that is too short."""

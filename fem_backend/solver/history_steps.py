@@ -43,6 +43,29 @@ class Reached:
     branch: OnBranch | None = None
 
 
+@dataclass(frozen=True)
+class Gait:
+    """How a path steps: numerical settings, iterations of Newton at most, share of what is left to an instant, and the
+    longest step (mm) that is likely to succeed."""
+
+    control: Control
+    limit: int = load_steps.BRISK
+    share: float = 1.0
+    longest: float = np.inf
+
+    def within(self, left: float) -> Gait:
+        """Of what is left to an instant (mm), no more than the longest step."""
+        return replace(self, share=min(self.share, self.longest / max(left, 1e-300)))
+
+    def shorter(self, ds: float) -> Gait:
+        """After a step of `ds` mm that failed."""
+        return replace(self, share=0.5 * self.share, longest=0.5 * ds or self.longest)
+
+    def longer(self, ds: float) -> Gait:
+        """After a step of `ds` mm that succeeded."""
+        return replace(self, share=1.0, longest=1.5 * max(self.longest, ds))
+
+
 def follow(
     system: System,
     start: Start,
@@ -71,75 +94,112 @@ def follow(
     It may go on from a state that was reached, `going_on`, and raises Worn at one that is `worn`.
     """
     here, first = begin(system, start, control, counters, u, history, touching, begin_at)
-    rest = here.u
-    points: list[LoadPoint] = []
+    rest, points = here.u, list[LoadPoint]()
     if jumps is not None:
         here = _attracted(system, start(begin_at), here, jumps, control, counters)
-    limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
+    gait = Gait(control)
     here = here if going_on is None else going_on
     for instant in instants:
-        share, began = 1.0, here.time  # of what is left to this instant
+        gait, began = replace(gait, share=1.0), here.time
         while here.time < instant.time:
             if worn is not None and worn(here.u, here.travel):
                 raise Worn(points, here.u, here.travel, here)
-            share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
-            last = share >= 0.9
-            goal = instant if last else _between(here, instant, share)
+            gait = gait.within(abs(instant.travel - here.travel))
+            goal = instant if gait.share >= 0.9 else _between(here, instant, gait.share)
             guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
-            worked = counters.iterations
+            ds, worked = abs(goal.travel - here.travel), counters.iterations
             try:
                 if jumps is not None and here.branch is None:
-                    guess = _drawn_in(system, _loaded(system, start, here, goal), guess, control, counters)
-                found, load, point = attempt(system, start, here, goal, guess, control, counters, limit)
+                    guess = _drawn_in(system, loaded(system, start, here, goal), guess, gait.control, counters)
+                found, load, point = attempt(system, start, here, goal, guess, gait.control, counters, gait.limit)
             except NotConverged as error:
                 counters.cutbacks += 1
-                ds = abs(goal.travel - here.travel)
-                share *= 0.5
-                pace = 0.5 * ds or pace
-                least = 1 / 8 if system.loose else 1 / 64
-                lost = share * (instant.time - here.time) < least * (instant.time - began)
-                lost = lost if jumps is None or ds == 0.0 else ds <= jumps.shortest
-                if (lost or error.cause == "time_limit") and not _lets_go(jumps, here, error):
-                    rough = rougher(control, error) if goal.asked else None
-                    if rough is not None:  # as tight as round-off lets it be: the way goes on from there
-                        control, limit, share, pace = rough, load_steps.PATIENT, 1.0, np.inf
-                        continue
-                    if not load_steps.may_go_on(system, limit, error):
-                        raise load_steps.stopped(error, here.travel, points, counters) from error
-                    limit, share, pace = load_steps.PATIENT, 1.0, np.inf
-                if share < 0.3:
-                    here = replace(here, rate=np.zeros_like(here.rate))
-                if not lost or not _lets_go(jumps, here, error):
+                gait = gait.shorter(ds)
+                lost = _lost(system, gait, here, instant, began, ds, jumps)
+                if not lost and error.cause != "time_limit":
+                    here = here if gait.share >= 0.3 else replace(here, rate=np.zeros_like(here.rate))
                     continue
-                if jumps is None or not sudden.at_fold(jumps, here.branch):  # the branch goes on: no answer is no jump
-                    raise load_steps.stopped(error, here.travel, points, counters) from error
-                try:
-                    found, load, point = _landed(system, start, rest, here, goal, control, counters)
-                except NotConverged as worse:
-                    raise load_steps.stopped(worse, here.travel, points, counters) from worse
-            now, jumped = None, False
-            if jumps is not None:
-                now = sudden.on_branch(system, found, load, goal.travel).after(here.branch)
-            if jumps is not None and now is not None and sudden.unexplained(jumps, here.branch, now):
-                if abs(goal.travel - here.travel) > jumps.shortest:
+                if not _lets_go(jumps, here, error):
+                    gait = _insisting(system, gait, here, goal, error, points, counters)
+                    continue
+                found, load, point = _beyond(
+                    system, start, rest, here, goal, gait.control, counters, jumps, points, error
+                )
+            now = None if jumps is None else sudden.on_branch(system, found, load, goal.travel).after(here.branch)
+            jumped = jumps is not None and now is not None and sudden.unexplained(jumps, here.branch, now)
+            if jumps is not None and now is not None and jumped:
+                if ds > jumps.shortest:
                     counters.cutbacks += 1
-                    share, pace = 0.5 * share, 0.5 * abs(goal.travel - here.travel)
+                    gait = replace(gait, share=0.5 * gait.share, longest=0.5 * ds)
                     continue
                 assert here.branch is not None
                 jumps.found.append(sudden.jump(here.time, here.branch, now))
-                jumped = True
             counters.steps += 1
             load_steps.proper(system, found, here.travel, goal.travel, points, counters)
             points += [] if point is None else [light(point)]
-            share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
+            gait = gait.longer(ds)
             if jumps is not None and now is not None:
                 jumps.passed(now)
-                each = (counters.iterations - worked) / (1 + control.augmentations * goal.asked)
-                longer = sudden.longer(each) * abs(goal.travel - here.travel)
-                pace = np.inf if jumped else min(pace, sudden.longest(jumps, here.branch, now), longer or np.inf)
+                each = (counters.iterations - worked) / (1 + gait.control.augmentations * goal.asked)
+                ahead = min(sudden.longest(jumps, here.branch, now), sudden.longer(each) * ds or np.inf)
+                gait = replace(gait, longest=np.inf if jumped else min(gait.longest, ahead))
             here = replace(arrived(system, load, found, goal), branch=now)
     return points
+
+
+def _lost(
+    system: System, gait: Gait, here: Reached, instant: Instant, began: float, ds: float, jumps: JumpRecord | None
+) -> bool:
+    """Whether a step of `ds` mm that failed is not to be halved any more: an eighth of the way to an instant of a loose
+    body, a 64th of another; of an attracted one that moves, what is as short as a jump."""
+    if jumps is not None and ds > 0.0:
+        return ds <= jumps.shortest
+    least = 1 / 8 if system.loose else 1 / 64
+    return gait.share * (instant.time - here.time) < least * (instant.time - began)
+
+
+def _insisting(
+    system: System,
+    gait: Gait,
+    here: Reached,
+    goal: Instant,
+    error: NotConverged,
+    points: list[LoadPoint],
+    counters: Counters,
+) -> Gait:
+    """How a step is tried that no shorter one helps: as tight as round-off lets it be, or with patience.
+
+    Raises Stopped where neither applies.
+
+    What is left of a residual is counted in the stated errors (`LoadPoint.residual`); the way goes on from there.
+    """
+    rough = rougher(gait.control, error) if goal.asked else None
+    if rough is None and not load_steps.may_go_on(system, gait.limit, error):
+        raise load_steps.stopped(error, here.travel, points, counters) from error
+    return Gait(rough or gait.control, load_steps.PATIENT)
+
+
+def _beyond(
+    system: System,
+    start: Start,
+    rest: np.ndarray,
+    here: Reached,
+    goal: Instant,
+    control: Control,
+    counters: Counters,
+    jumps: JumpRecord | None,
+    points: list[LoadPoint],
+    error: NotConverged,
+) -> tuple[Equilibrium, Load, LoadPoint | None]:
+    """What an attracted body comes to beyond the end of its branch.  Raises Stopped; so where it is no fold: then the
+    branch goes on, and no answer is no jump."""
+    if jumps is None or not sudden.at_fold(jumps, here.branch):
+        raise load_steps.stopped(error, here.travel, points, counters) from error
+    try:
+        return _landed(system, start, rest, here, goal, control, counters)
+    except NotConverged as worse:
+        raise load_steps.stopped(worse, here.travel, points, counters) from worse
 
 
 def rougher(control: Control, error: NotConverged) -> Control | None:
@@ -191,7 +251,7 @@ def _landed(
     except NotConverged as error:
         if error.cause == "time_limit":
             raise
-        near = _drawn_in(system, _loaded(system, start, here, goal), here.u, control, counters)
+        near = _drawn_in(system, loaded(system, start, here, goal), here.u, control, counters)
         return attempt(system, start, here, goal, near, control, counters, patient)
 
 
@@ -240,7 +300,7 @@ def attempt(
 
     Raises NotConverged.
     """
-    load = _loaded(system, start, here, goal)
+    load = loaded(system, start, here, goal)
     try:
         return _step(system, load, guess, here, goal, control, counters, limit)
     except NotConverged as error:
@@ -250,8 +310,8 @@ def attempt(
         return _step(system, load, guess, here, goal, control, counters, limit)
 
 
-def _loaded(system: System, start: Start, here: Reached, goal: Instant) -> Load:
-    """Load of a step to an instant."""
+def loaded(system: System, start: Start, here: Reached, goal: Instant) -> Load:
+    """Load of a step from a state to an instant."""
     return _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
 
 

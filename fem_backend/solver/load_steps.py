@@ -99,8 +99,15 @@ class LoadPoint:
 
     @property
     def residual(self) -> float:
-        """What is left of the outer forces, as a share, at the worst of the stages."""
-        return max(stage.equilibrium.history[-1] for stage in self.stages)
+        """What may be missing in the force, as a share of it, for what is left out of balance at the worst stage.
+
+        The residual R over the outer forces, and what it makes of the force at least: F = ∂Π/∂s, so to first order
+        δF = R : du/ds of an elastic body.
+        """
+        force = float(np.linalg.norm(self.force))
+        left = [s.equilibrium for s in self.stages]
+        moved = max(abs(float((e.evaluation.residual * e.rate).sum())) for e in left)
+        return max(moved / force if force else 0.0, *(e.history[-1] for e in left))
 
     @property
     def previous_force(self) -> np.ndarray:

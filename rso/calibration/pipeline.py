@@ -24,6 +24,7 @@ from rso.calibration import (
     required_runs,
     result_files,
     results,
+    search_results,
     search_stage,
     sensitivity_stage,
     stages,
@@ -72,7 +73,7 @@ def run_study(
         return _directly(bench, notes, say, strict)
     ranges = _learn(bench, notes, say)
     bench, searches = _search(ranges, notes, say)
-    chosen = results.best(bench.plan, searches)
+    chosen = search_results.best(bench.plan, searches)
     determination = _identify(bench, searches, chosen, notes, say)
     return _validate(bench, ranges.design, search_stage.chosen(searches, chosen), determination, notes, say, strict)
 
@@ -161,10 +162,10 @@ def _search(ranges: ExtendedRanges, notes: _Notes, say: Say) -> tuple[Runner, li
         _warn_of_reach(one, found)
         _warn_of_extrapolation(plan, one, found)
         found["runs"] += results.candidate_runs(plan, one)
-        for c in results.of_searches(plan, [one], audit)["searches"][0]["candidates"]:
+        for c in search_results.of_searches(plan, [one], audit)["searches"][0]["candidates"]:
             state = "verified" if c["verified"] else "not verified" if c["state"] == "done" else c["state"]
             say(f"  {c['name']}: {_values(plan, c['values'])} ({state})")
-        notes.write("search", **results.of_searches(plan, searches, audit))
+        notes.write("search", **search_results.of_searches(plan, searches, audit))
     found["warnings"] += [f"Ranges of the main search: {s.why}" for s in audit[-1:] if s.what == "stopped"]
     found["warnings"] += rough(found["searches"][0]["candidates"])
     return bench, searches
@@ -235,7 +236,7 @@ def _validate(
         notes.clock.stop(before["timings"])
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
-    found.update(**results.of_validation(checked), **predictive_check.of_predictions(foretold), counts=counts)
+    found.update(**search_results.of_validation(checked), **predictive_check.of_predictions(foretold), counts=counts)
     deformed_body.write_deformed(picture, notes.path.parent)
     code, reason = ended(found, plan.study.identify.require, strict)
     return notes.write("validate", end=True, exit_code=code, exit_reason=reason)
@@ -364,7 +365,7 @@ def _warn_of_reach(one: SearchResult, found: dict[str, Any]) -> None:
 
 def _warn_of_extrapolation(plan: Plan, one: SearchResult, found: dict[str, Any]) -> None:
     emulator = one.result.emulator
-    count = sum(results.extrapolated(plan, emulator, c.values) for c in one.result.candidates)
+    count = sum(search_results.extrapolated(plan, emulator, c.values) for c in one.result.candidates)
     if count:
         found["warnings"].append(
             f"search {one.plan.name!r}: {count} of {len(one.result.candidates)} candidates lie outside the convex "

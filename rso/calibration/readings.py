@@ -53,6 +53,11 @@ def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
     return place_of(name, curve, curve.compared)
 
 
+def position(places: np.ndarray | None) -> list[list[float]]:
+    """Places (n, 2) of a profile as lists, none of a force curve."""
+    return [] if places is None else [[float(x), float(y)] for x, y in places]
+
+
 def place_of(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
     """Where the readings to `keep` (n,) of a curve were measured, none deeper than `deepest` (mm)."""
     since = None if curve.since is None else curve.since[keep]

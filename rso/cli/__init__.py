@@ -117,4 +117,5 @@ def _fault(error: Exception) -> str:
 def _tell(text: str) -> None:
     """A message for people, as far as somebody reads."""
     with contextlib.suppress(OSError, ValueError):
-        print(wrapped(text, sys.stderr), file=sys.stderr, flush=True)
+        lines = (wrapped(line, sys.stderr) for line in text.split("\n"))  # a problem each
+        print("\n".join(lines), file=sys.stderr, flush=True)

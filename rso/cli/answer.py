@@ -94,7 +94,10 @@ def shown(value: float, span: tuple[float, float], unit: str) -> str:
 def between(span: tuple[float, float], unit: str) -> str:
     """An interval in the unit that people use."""
     label, factor = people(unit, max(map(abs, span)))
-    low, high = (number(x * factor, 3) for x in span)
+    for digits in range(3, 7):  # as many as the ends need to differ
+        low, high = (number(x * factor, digits) for x in span)
+        if low != high or span[0] == span[1]:
+            break
     return f"{low} to {high}{_behind(label)}"
 
 

@@ -92,10 +92,11 @@ def parser(arguments: Sequence[str] = ()) -> argparse.ArgumentParser:
     _blind(known)
     _in_and_out(known)
     _at_hand(known)
-    text = "list what a study file may hold: every table and key, its values, default and meaning"
+    text = "list what a study file may hold, or a result file holds: every key and its meaning"
     keys = known.add_parser("keys", help=text, description=text)
-    keys.add_argument("table", nargs="?", default="", help="one table and those within, for example search")
-    keys.add_argument("--schema", action="store_true", help="the JSON schema of a study file, for editors")
+    which = "one table of a study file, results, or one result file as results.json"
+    keys.add_argument("table", nargs="?", default="", help=which)
+    keys.add_argument("--schema", action="store_true", help="the JSON schema of a study file, or of the result file")
     keys.set_defaults(call=commands.keys)
     for command in known.choices.values():
         command.set_defaults(parser=command)

@@ -171,13 +171,19 @@ def _flags(rest: list[str], first: int, known: Mapping[str, dict[str, Any] | Non
 
 
 def keys(options: argparse.Namespace, command: str) -> int:
+    from rso.result_types import reference as result_files
     from rso.study.keys import reference, schema
 
-    if options.schema:
-        print(json.dumps(schema(), indent=1, ensure_ascii=False))
-        return 0
+    of_results = options.table.endswith(".json")
     try:
-        lines = reference(options.table)
+        if options.schema:
+            found = result_files.schema(options.table) if of_results else schema()
+            print(json.dumps(found, indent=1, ensure_ascii=False))
+            return 0
+        if of_results or options.table == "results":
+            lines = result_files.page(options.table if of_results else "")
+        else:
+            lines = reference(options.table)
     except ValueError as error:
         output.complain(error)
         return EXIT_BAD_INPUT

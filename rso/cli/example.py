@@ -28,8 +28,8 @@ def write_example(options: argparse.Namespace) -> int:
     known = examples()
     if options.name is None:
         output.say("examples; rso example NAME writes one into a folder of that name:")
-        for name, there in known.items():
-            title = tomllib.loads((there / "study.toml").read_text("utf-8"))["study"]["title"]
+        for name, place in known.items():
+            title = tomllib.loads((place / "study.toml").read_text("utf-8"))["study"]["title"]
             output.lines([f"  {name:16}{title}"])
         return 0
     if options.name not in known:

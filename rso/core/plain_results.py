@@ -23,8 +23,23 @@ def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
     data = plainly(results)
-    disk.replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
+    disk.replace(path, _lines(data))
     return data
+
+
+def _lines(data: Any, inner: str = "\n ") -> str:
+    """JSON with a line for each key and for each row of a table; json's own indentation takes twice as long."""
+    end = inner[:-1]
+    if isinstance(data, dict) and data:
+        each = (f"{inner}{_line(k)}: {_lines(v, inner + ' ')}" for k, v in data.items())
+        return f"{{{','.join(each)}{end}}}"
+    if isinstance(data, list) and data and isinstance(data[0], dict | list):
+        return f"[{','.join(inner + _line(v) for v in data)}{end}]"
+    return _line(data)
+
+
+def _line(data: Any) -> str:
+    return json.dumps(data, ensure_ascii=False, allow_nan=False)
 
 
 def written_cell(value: Any) -> Any:

@@ -10,8 +10,9 @@ from rso.data.files.workbook import sheet_of
 from rso.data.holds import Hold, hold_of
 from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.data.loading_rate import recorded_speed
+from rso.data.measured_curve import MeasuredCurve, Noise, StatedNoise
 from rso.data.outliers import kept, step_of, without_spikes
-from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, pulls_off, value_at
+from rso.data.repeats import combine, pulls_off, value_at
 from rso.data.scatter import autocorrelation
 
 __all__ = [

@@ -11,8 +11,8 @@ import numpy as np
 from rso.core.power_law import LEADING
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
-from rso.data.holds import FEWEST, SAME, SOONEST, bins_between, relaxing, within
-from rso.data.repeats import MeasuredCurve, Noise
+from rso.data.holds import FEWEST, SAME, SOONEST, AtRest, bins_between, relaxing, within
+from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.scatter import of_record
 
 ALIKE = 0.05  # of the force by which repeats may be held at others
@@ -21,7 +21,7 @@ LINEAR = 0.5  # of the share of a straight line in time that the other quantity 
 
 
 @dataclass(frozen=True, eq=False)
-class CreepHold:
+class CreepHold(AtRest):
     """A hold at a force (N), the same in all repeats of a test: how the indenter came there and what is read of it.
 
     `depth` mm is that at its first moment, `since` (m,) s are the moments since the force was reached, of readings in
@@ -37,16 +37,6 @@ class CreepHold:
     control: str
     rate: float
     grows: float = 0.0
-
-    @property
-    def moments(self) -> tuple[float, ...]:
-        """The times since the force was reached as numbers."""
-        return tuple(map(float, self.since))
-
-    @property
-    def lasts(self) -> float:
-        """Time (s) from the beginning of the hold to its last reading."""
-        return float(self.spans[-1, 1])
 
 
 def creep_of(measurement: Measurement, speed: float) -> CreepHold | str:

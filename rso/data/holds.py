@@ -24,8 +24,25 @@ POWERS = 0.5, 4.0  # of force over depth, by which readings of a hold are carrie
 FALLS = 3.0  # standard errors by which the force must fall to be said to
 
 
+class AtRest:
+    """Readings at rest: `since` (m,) s are their moments, those of `spans` (m, 2) s each, from the beginning on."""
+
+    since: np.ndarray
+    spans: np.ndarray
+
+    @property
+    def moments(self) -> tuple[float, ...]:
+        """The times since the beginning as numbers."""
+        return tuple(map(float, self.since))
+
+    @property
+    def lasts(self) -> float:
+        """Time (s) from the beginning to the last reading."""
+        return float(self.spans[-1, 1])
+
+
 @dataclass(frozen=True, eq=False)
-class Hold:
+class Hold(AtRest):
     """A rest at the deepest point of a test, the same in all of its repeats.
 
     `depth` mm; `since` (m,) s are the moments after the indenter came to rest for which readings stand, those of
@@ -38,16 +55,6 @@ class Hold:
     spans: np.ndarray
     speed: float
     fall: float = 0.0
-
-    @property
-    def moments(self) -> tuple[float, ...]:
-        """The same as numbers."""
-        return tuple(map(float, self.since))
-
-    @property
-    def lasts(self) -> float:
-        """Time (s) from the beginning of the hold to its last reading."""
-        return float(self.spans[-1, 1])
 
 
 def at_peak(r: Repeat) -> np.ndarray:

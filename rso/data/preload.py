@@ -1,4 +1,4 @@
-"""Records whose depth counts from a preload: where the body was touched before, told by the shape of the force.
+"""Records whose depth counts from a preload: where the body was touched before, found from the shape of the force.
 
 A machine that goes on to a small force P, the preload, and takes its travel there for 0 leaves out the first part of
 the curve.  With the force of the body F(u) = Σ_p a_p (u − c)^p, F(0) = P, the contact lies at c < 0.
@@ -30,8 +30,8 @@ def tared(depth: np.ndarray, force: np.ndarray, preload: float) -> bool:
     if abs(start - preload) <= slack:
         return False
     raise ValueError(
-        f"preload = {preload:.3g} N: Fz is {start:.3g} N where the depth begins to grow, neither that nor 0; "
-        "is its unit right, and does the depth count from it?"
+        f"preload = {preload:.3g} N: Fz is {start:.3g} N where the depth begins to grow, neither that nor 0. Is its "
+        "unit right, and does the depth count from it?"
     )
 
 
@@ -40,13 +40,13 @@ def contact(depth: np.ndarray, force: np.ndarray, preload: float) -> Onset:
 
     Average and deviation over the families of :mod:`rso.core.power_law` and over contacts, with weights
     π exp(−χ²/2 − k ln n/2); the bias is by how much half of the force says another, or that of two powers.  ValueError
-    where too few readings tell it.
+    where too few readings show it.
     """
     order = np.argsort(depth, kind="stable")
     u, F = means(depth[order], force[order])
     whole, half = (_averaged(u, F, share) for share in SHARES)
     if whole is None:
-        raise ValueError(f"preload = {preload:.3g} N: fewer than {FEWEST} readings tell where contact was before it")
+        raise ValueError(f"preload = {preload:.3g} N: fewer than {FEWEST} readings show the contact before it")
     c, variance, way = whole
     bias = BIAS * (way - c)
     if half is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -85,8 +85,9 @@ class Kriging:
     def _moments(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) of this process alone."""
         X = inside(X, self.d)
-        k = self._covariance(X)
-        a = legendre(X, powers(self.d, self.trend))
+        return self._moments_of(legendre(X, powers(self.d, self.trend)), self._covariance(X))
+
+    def _moments_of(self, a: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         m = a @ self.beta + k @ self.weights
         v = triangular(self.L, k.T)
         u = triangular(self.LH, a.T - self.LA.T @ v)
@@ -95,10 +96,12 @@ class Kriging:
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
-        if self.log:
-            return self._moments(X)[0]
         X = inside(X, self.d)
-        return legendre(X, powers(self.d, self.trend)) @ self.beta + self._covariance(X) @ self.weights
+        return self.mean_of(legendre(X, powers(self.d, self.trend)), self._covariance(X))
+
+    def mean_of(self, a: np.ndarray, k: np.ndarray) -> np.ndarray:
+        """Mean (n,) from the basis of the trend a (n, terms) and covariances with the observations k (n, N)."""
+        return self._moments_of(a, k)[0] if self.log else a @ self.beta + k @ self.weights
 
     def gradient(self, X: np.ndarray) -> np.ndarray:
         """∂/∂x (n, d) of the mean; where `log`, of its median e^m."""
@@ -171,32 +174,19 @@ class KrigingBatch:
         mask = None if model.slopes is None else _kept(model.slopes).tobytes()
         return model.kernel, model.trend, model.X.shape, model.X.tobytes(), mask
 
-    @cached_property
-    def _stacked(self) -> tuple[np.ndarray, ...]:
-        """Lengths (m, d), variances (m, 1, 1), coefficients of the trend (terms, m), weights (m, N, 1)."""
-        each: Sequence[Kriging] = self.models
-        lengths, variance = np.array([k.lengths for k in each]), np.array([k.variance for k in each])
-        return (
-            lengths,
-            variance[:, None, None],
-            np.array([k.beta for k in each]).T,
-            np.array([k.weights for k in each])[:, :, None],
-        )
-
     def mean(self, X: np.ndarray) -> np.ndarray:
-        """Means (n, m) at X (n, d) in the unit cube, those of :meth:`Kriging.mean` to round-off."""
-        first = self.models[0]
-        lengths, variance, beta, weights = self._stacked
-        K = variance * covariances(first.kernel, X, first.X, lengths, first.slopes is not None)[..., first._columns]
+        """Means (n, m) at X (n, d) in the unit cube, to the bits of :meth:`Kriging.mean`: a search follows them."""
+        first, m = self.models[0], np.empty((len(X), len(self.models)))
+        G = covariances(first.kernel, X, first.X, self._lengths, first.slopes is not None)
         A = legendre(X, powers(first.d, first.trend))
-        m = A @ beta + np.matmul(K, weights)[:, :, 0].T
         for j, model in enumerate(self.models):
-            if model.log:
-                v = triangular(model.L, K[j].T)
-                u = triangular(model.LH, A.T - model.LA.T @ v)
-                rest = model.variance - np.einsum("ij,ij->j", v, v) + np.einsum("ij,ij->j", u, u)
-                m[:, j] = np.exp(m[:, j] + 0.5 * np.maximum(rest, 0.0))
+            m[:, j] = model.mean_of(A, (model.variance * G[j])[:, first._columns])
         return m
+
+    @cached_property
+    def _lengths(self) -> np.ndarray:
+        """(m, d)."""
+        return np.array([k.lengths for k in self.models])
 
 
 def fit_kriging(

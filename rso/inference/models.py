@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from rso.contract import Response
 from rso.core.curves import Resampling, at_readings
@@ -68,8 +67,13 @@ def emulated_together(emulator: Emulator, places: Sequence[CurvePlace]) -> Model
     ValueError as :func:`emulated`.
     """
     each = [_at(emulator, p) for p in places]
-    outputs, R = [o for mine, _ in each for o in mine], block_diag(*(R for _, R in each))
-    return Model(emulator.box, lambda X: emulator.means(outputs, np.asarray(X, float)) @ R.T)
+    outputs, ends = [o for mine, _ in each for o in mine], np.cumsum([len(mine) for mine, _ in each])
+
+    def predict(X: np.ndarray) -> np.ndarray:
+        parts = np.split(emulator.means(outputs, np.asarray(X, float)), ends[:-1], axis=1)
+        return np.concatenate([part @ R.T for part, (_, R) in zip(parts, each, strict=True)], axis=1)
+
+    return Model(emulator.box, predict)
 
 
 def spread_of(emulator: Emulator, place: CurvePlace, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

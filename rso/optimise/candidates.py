@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import cdist, pdist, squareform
 
 from rso.core.units import spaced
@@ -148,18 +148,15 @@ def story(choice: Choice, box: Box, targets: Sequence[Target]) -> str:
 
 def _pieces(A: np.ndarray) -> tuple[int, float]:
     """Number of connected pieces of the acceptable points, and the longest side of the box around any of them."""
-    # The same point twice is no edge of a tree in scipy's sparse form.
     A = np.unique(np.round(A, 9), axis=0)
     A = A[:: len(A) // 1000 + 1]
     if len(A) < 2:
         return 1, 0.0
-    tree = minimum_spanning_tree(squareform(pdist(A)))
+    tree = linkage(pdist(A), "single")  # the edges of a minimum spanning tree, without sorting all pairs
     # A gap is an edge far longer than the usual distance between neighbours in the sample.
-    gap = max(0.1, 5 * float(np.median(tree.data)))
-    tree.data[tree.data > gap] = 0.0
-    tree.eliminate_zeros()
-    n, label = connected_components(tree, directed=False)
-    return n, max(float(np.ptp(A[label == k], axis=0).max()) for k in range(n))
+    gap = max(0.1, 5 * float(np.median(tree[:, 2])))
+    label = fcluster(tree, gap, "distance")
+    return int(label.max()), max(float(np.ptp(A[label == k], axis=0).max()) for k in np.unique(label))
 
 
 def _polished(X: np.ndarray, goal: Goal) -> np.ndarray:

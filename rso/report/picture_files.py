@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rso.core import disk
 from rso.report.calibration.figures import draw
@@ -50,6 +50,5 @@ def converted(svg: str, suffix: str) -> bytes | str:
     import typst
 
     page = '#set page(width: auto, height: auto, margin: 0pt)\n#image(bytes(sys.inputs.svg), format: "svg")'
-    made = typst.compile(page.encode(), format="png" if suffix == ".png" else "pdf", ppi=PPI, sys_inputs={"svg": svg})
-    assert isinstance(made, bytes)
-    return made
+    kind: Literal["pdf", "png"] = "pdf" if suffix == ".pdf" else "png"
+    return typst.compile(page.encode(), format=kind, ppi=PPI, sys_inputs={"svg": svg})

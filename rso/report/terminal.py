@@ -30,7 +30,7 @@ def summary(found: Mapping[str, Any]) -> list[str]:
         values = _values(candidate["values"], units)
         lines.append(f"  best verified candidate ({best['candidate']}) for the targets: {values}; {scores}")
         if apart := [k for k, v in candidate["values"].items() if _outside(v, found["determined"].get(k))]:
-            lines.append(f"    outside what agrees with the whole curves: its {' and '.join(apart)}")
+            lines.append(f"    outside what agrees with the whole curves: its {' and '.join(map(symbol, apart))}")
     elif near := found.get("closest"):
         every = [c for s in found["searches"] for c in s["candidates"] if s["name"] == near["search"]]
         candidate = next(c for c in every if c["name"] == near["candidate"])

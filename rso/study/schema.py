@@ -189,7 +189,7 @@ class ExperimentTable(StudyFileTable):
     noise: NoiseTable = NoiseTable()
     """What its readings are uncertain by."""
     preload: Force | None = None
-    """Where its travel was set to 0 at a small force, that force, as "10 mN": contact is found before it, by the shape
+    """Where its travel was set to 0 at a small force, that force, as "10 mN". Contact is found before it, by the shape
     of Fz, or in its approach; Fz may have been set to 0 there, too."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""

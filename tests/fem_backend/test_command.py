@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import fem_backend.__main__
 from fem_backend.__main__ import main, schema
 from fem_backend.backend import BACKEND
 from rso.contract import CAUSES, Case, Programme, Response
@@ -285,3 +286,12 @@ def test_who_reads_the_schema_may_stop():
         asked.stdout.close()  # before anything is written
         assert asked.stderr.read() == ""
     assert asked.returncode == 0
+
+
+def test_compiling_solves_what_it_compiles_for(monkeypatch):
+    """A body of revolution and one in space, both with an answer; a meridian has fewer unknowns."""
+    solve, solved = fem_backend.__main__.answer, []
+    monkeypatch.setattr("fem_backend.__main__.answer", lambda request: solved.append(solve(request)))
+    assert main(["--compile"]) == 0
+    assert [response["status"] for response in solved] == ["done", "done"]
+    assert solved[0]["info"]["dofs"] < solved[1]["info"]["dofs"]

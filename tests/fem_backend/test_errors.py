@@ -14,10 +14,12 @@ from fem_backend.accuracy.calibration import UNKNOWN, calibration, known, uncali
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
 from fem_backend.meshing import LEVELS
-from fem_backend.simulation import assembly, experiment
+from fem_backend.simulation import assembly, experiment, indentation
 from fem_backend.simulation.experiment import profile_name
 from fem_backend.simulation.indentation import Result
-from fem_backend.solver.newton import Counters
+from fem_backend.solver import load_steps, mixed_newton
+from fem_backend.solver.load_steps import Instant
+from fem_backend.solver.newton import Counters, NotConverged
 from rso.contract import Case, Programme, SimulationFailed
 
 VALUES = {"mu": 0.01, "D1": 5.8}
@@ -543,6 +545,46 @@ def test_what_friction_takes_of_a_lateral_force_errs_as_the_pressures_do(monkeyp
     run = states.call_args.args
     monkeypatch.setattr(error_estimate, "taken", lambda *run: {n: np.zeros(1) for n in ("Fx", "Fy")})
     assert error_estimate.stated(*run)["Fx"][-1] < off
+
+
+@pytest.mark.parametrize(("more", "left"), [({"prony_g": 0.4, "prony_tau": 1.0}, 1e-2), ({"friction": 0.3}, 1e-3)])
+def test_what_round_off_leaves_out_of_balance_is_stated(more, left, monkeypatch):
+    """Of a path that goes on from a residual that no step lowers: its forces are off by less than `residual` says.
+
+    With friction later steps would be others, which moves a force by more.
+    """
+    at = experiment.read_settings(
+        {
+            "specimen": {"shape": "slab", "thickness": 6.0},
+            "support": {"kind": "bonded"},
+            "indenter": {"radius": 3.0},
+            "mesh": {"level": "coarse"},
+        }
+    )
+    values = BACKEND.knobs({"mu": 0.01, "D1": 0.2, **more}, at)
+    place = assembly.place(at, values)
+    model = assembly.model_for(at, values, place, None)
+
+    asked, tight = ((0.5,) if values.friction else (0.5, 1.0)), load_steps.equilibrate
+
+    def run(left):
+        def stuck(system, starts, load, target, control, *rest, **named):
+            if control.tight == at.control.tight:
+                raise NotConverged("instability", "round-off", (1.0, 2e-6))
+            return tight(system, starts, load, target, replace(control, tight=left, medium=left), *rest, **named)
+
+        monkeypatch.setattr(load_steps, "equilibrate", stuck)
+        monkeypatch.setattr(mixed_newton, "TIGHT", left)
+        monkeypatch.setattr(mixed_newton, "BEFORE", left)
+        return indentation.solve(at, values, place, model, [Instant(s, s, True) for s in asked])
+
+    exact, rough = run(1e-9), run(left)
+    true = np.abs(rough.Fz / exact.Fz - 1.0)
+    assert exact.residual.max() < 1e-8
+    assert true.max() > 5e-10 and (true <= rough.residual).all()
+    spared = error_estimate.run_terms(at, values, replace(rough, residual=np.zeros(len(asked))))["Fz"]
+    more = error_estimate.run_terms(at, values, rough)["Fz"] - spared
+    assert more == pytest.approx(rough.residual * rough.Fz)
 
 
 def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():

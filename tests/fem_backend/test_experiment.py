@@ -14,11 +14,13 @@ from fem_backend.laws import LAWS
 from fem_backend.meshing import LIMIT
 from fem_backend.simulation.experiment import MARKS, read_settings
 from fem_backend.simulation.knobs import Knobs
-from rso.contract import Case, Programme, SimulationFailed
+from rso.contract import Case, Programme, Segment, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
 VALUES = {"mu": 0.01, "D1": 5.8}
 BOWL = {"support": {"kind": "bowl"}}
+CONE = {"shape": "cone", "half_angle": 60.0, "tip_radius": 1.0}
+ROUND = {"specimen": {"shape": "sphere", "radius": 35.0}}
 
 
 def case(asked=(0.5, 1.0), **settings) -> Case:
@@ -184,6 +186,10 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({}, {"material": {"law": "linear_elastic"}}, Programme.ramp((1.0,)), True),
         ({}, {}, Programme.ramp((4.6,)), True),
         ({}, {}, Programme.ramp((4.5,)), False),
+        ({}, {**ROUND, "indenter": CONE}, Programme.ramp((0.1,)), True),
+        ({}, {"indenter": {**CONE, "tip_radius": 2.0}}, Programme.ramp((0.1,)), False),
+        ({}, ROUND, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), True),
+        ({}, {}, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), False),
     ],
 )
 def test_answers_that_were_mended_have_another_key(values, settings, programme, marked):
@@ -242,6 +248,7 @@ def test_a_mesh_of_a_similar_body_is_that_of_the_specimen(monkeypatch):
     force = []
     for k in (1.0, 0.5):
         table = {"specimen": {"semi_axes": [30.0 * k, 24.0 * k, 21.0 * k]}, "indenter": {"radius": 3.0 * k}}
+        table |= {"derivatives": False}
         force.append(BACKEND({"mu": 0.01, "D1": 5.8}, Case("c", Programme.ramp((k,)), table)).channels["Fz"])
     np.testing.assert_allclose(force[1], force[0] / 4.0, rtol=1e-8)
 

@@ -245,12 +245,14 @@ def test_the_drawn_outline_is_the_surface(name):
 
 
 def test_elements_are_small_where_a_surface_bends():
-    """A third of the fillet at the edge, and growing from there; never needlessly fine at the axis; as the unit."""
+    """A third of the fillet at the edge, and growing from there; at a tip as at a ball, whose contact begins with a
+    point; never needlessly fine at the axis; as the unit."""
     r = np.linspace(0.0, 6.0, 400)
     flat = Flat(2.0, 0.1).spacing(r)
     assert abs(r[np.argmin(flat)] - 1.95) < 0.06 and flat.min() == pytest.approx(0.1 / 3.0) and flat[0] == 0.24
     cone, ball = Cone(60.0, 0.05).spacing(r), Sphere(3.0).spacing(r)
-    assert np.argmin(cone) == 0 and np.all(np.diff(cone) >= 0.0) and cone[0] == pytest.approx(0.05 / 3.0)
+    assert np.argmin(cone) == 0 and np.all(np.diff(cone) >= 0.0) and cone[0] == pytest.approx(0.05 * 0.05)
+    assert (cone <= np.maximum(0.12 * r, 0.0025) + 1e-12).all()
     assert (
         ball[0] == pytest.approx(0.15) and ball[199] == pytest.approx(0.36, abs=1e-3) and np.all(np.diff(ball) >= 0.0)
     )

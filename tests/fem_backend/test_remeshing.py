@@ -8,15 +8,20 @@ import pytest
 from fem_backend.accuracy import two_grid
 from fem_backend.accuracy.error_estimate import stated
 from fem_backend.backend import BACKEND
+from fem_backend.contact import tractions
 from fem_backend.contact.self_contact import met_itself
 from fem_backend.kinematics import axisymmetric
 from fem_backend.meshing import triangulated
 from fem_backend.remeshing import location
 from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import NoTriangles, filled, inside, quality, size_field
-from fem_backend.simulation import assembly, indentation, rezoning
+from fem_backend.simulation import assembly, controlled, indentation, rezoning
 from fem_backend.simulation.experiment import read_settings
+from fem_backend.simulation.initial_state import initial_state
+from fem_backend.solver import history_steps
+from fem_backend.solver.controlled_steps import Drive, Leg
 from fem_backend.solver.load_steps import Instant
+from fem_backend.solver.newton import Counters
 
 
 def grid(n: int = 8):
@@ -198,6 +203,62 @@ def test_histories_are_carried_over(monkeypatch):
     np.testing.assert_allclose(new.Fz, old.Fz, rtol=0.02)
 
 
+def test_friction_is_carried_over(monkeypatch):
+    """A ball that sticks, on crude elements: within 2 % of the run on one mesh."""
+    knobs = {**SOFT, "friction": 1.0}
+    way = [Instant(3.0, 3.0, True), Instant(5.0, 5.0, True)]
+    old = run("never", (), knobs, programme=way)
+    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "FINER", 0.7)
+    new = run("when_needed", (), knobs, programme=way)
+    assert new.legs and all(jump < 0.015 for _, jump in new.legs)
+    np.testing.assert_allclose(new.Fz, old.Fz, rtol=0.02)
+    assert new.channels["slipping"][-1] < 0.2
+
+
+def test_a_traction_between_points_of_contact_is_that_of_its_neighbours():
+    """Linear along an undeformed line: exact on other points of it."""
+    at = initial_state(*ready("when_needed", {**SOFT, "friction": 0.5}), Counters())
+    other = replace(at, model=assembly.model_for(replace(at.settings, fineness=2.0), at.knobs, at.placement, None))
+    other = replace(other, system=assembly.system(at.settings, at.knobs, at.placement, other.model))
+    here = history_steps.begin(at.system, at.start, at.settings.control, Counters(), at.seated)[0]
+    r = tractions.contact_points(at.system.pressing.surface, at.model.body.nodes)[..., :1]
+    before = replace(here.before[0], traction=np.concatenate([2.0 + r, 0.0 * r, 1.0 - 0.5 * r], axis=-1))
+    here = replace(here, before=(before, *here.before[1:]), pressures=[r[..., 0], *here.pressures[1:]])
+    found, pressure = rezoning.rubbing(at, other, np.zeros_like(other.model.body.nodes), here, 0)
+    R = tractions.contact_points(other.system.pressing.surface, other.model.body.nodes)[..., 0]
+    inside = R < r.max()  # beyond the last point it stays
+    np.testing.assert_allclose(found.traction[inside, 0], 2.0 + R[inside], atol=0.02)
+    np.testing.assert_allclose(pressure[inside], R[inside], atol=0.02)
+
+
+def test_a_force_leads_over_a_new_mesh(monkeypatch):
+    """A body that creeps, pressed by a force that rests: it is met, travels are those of one mesh within 2 %."""
+    knobs = {**SOFT, "prony_g": 0.4, "prony_tau": 0.5}
+    drive = Drive((Leg(True, 0.2, to_N=0.6), Leg(True, lasts=0.5, asked=(0.5,))), (), (0.3, 0.6), 10.0, "the end")
+    old, _ = controlled.solve(*ready("never", knobs), drive)
+    monkeypatch.setattr(rezoning, "LONGER", 1.3)
+    monkeypatch.setattr(rezoning, "FINER", 0.7)
+    new, _ = controlled.solve(*ready("when_needed", knobs), drive)
+    assert new.legs and new.points[0].leg == 0 and new.points[-1].leg == len(new.legs)
+    np.testing.assert_allclose(new.Fz, [0.3, 0.6, 0.6], rtol=1e-6)
+    np.testing.assert_allclose(new.travel, old.travel, rtol=0.02)
+
+
+def test_an_outworn_mesh_that_is_kept_is_said_and_states_more(renewed):
+    """On one mesh, allowed or not: errors grow with the sixth power of the travel from where it is outworn."""
+    experiment = ready("never", SOFT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rezoning, "LONGER", 1.7)
+        kept = two_grid.checked(*experiment, [Instant(d, d, True) for d in DEPTHS])
+    began = kept.notes["outworn_mm"]
+    assert began == kept.outworn[-1] and 4.5 < began < 6.0 and "outworn_mm" not in renewed[0].notes
+    mine, other = (stated(*experiment[:2], r)["Fz"] for r in (kept, replace(kept, outworn=None)))
+    grown = (DEPTHS[1] / began) ** 6
+    assert mine[0] == other[0]
+    assert 0.9 * grown < mine[1] / other[1] < grown  # contact and steps leave the same
+
+
 def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(renewed, monkeypatch):
     """The mesh is made anew after other steps, so at other travels."""
     monkeypatch.setattr(rezoning, "LONGER", 1.7)
@@ -218,4 +279,4 @@ def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
     monkeypatch.setattr(rezoning, "rezoned", none)
     kept = run("when_needed", DEPTHS, SOFT)
     np.testing.assert_allclose(kept.Fz, renewed[1].Fz, rtol=1e-6)
-    assert not kept.legs
+    assert not kept.legs and kept.notes["outworn_mm"] == kept.outworn[-1] < DEPTHS[1]

@@ -3,13 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration import result_files
 from rso.emulation import emulator
+from rso.result_types import FILES
+
+
+@pytest.fixture(scope="session", autouse=True)
+def every_result_file_is_as_documented() -> Iterator[None]:
+    """Whatever a test makes the program write has the keys of `rso.result_types`, all of them and no other."""
+    write = result_files.write
+
+    def checked(path: Path, found: Any) -> dict[str, Any]:
+        data = write(path, found)
+        if path.name in FILES:
+            FILES[path.name].model_validate_json(path.read_text("utf-8"))
+        return data
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(result_files, "write", checked)
+        yield
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from rso.api.run_result import RunResult
 from rso.cli import doctor, main, output
 from rso.cli.answer import between, condensed, number, shown, verdict_lines
 from rso.cli.compare import differences
+from rso.report.calibration.use import use_section
 from rso.report.picture_files import every
 
 
@@ -97,6 +98,7 @@ def test_values_have_the_digits_that_are_known(value, span, text):
 def test_numbers_have_no_exponent_where_people_write_none():
     assert [number(x, 3) for x in (0.0, 123456.0, 0.00012345, 1e-9)] == ["0", "123456", "0.000123", "1.00e-09"]
     assert between((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
+    assert between((0.0119991, 0.0120012), "MPa") == "11.999 to 12.001 kPa"  # ends that differ look so
 
 
 def test_two_runs_are_compared(results, tmp_path, capsys):
@@ -208,10 +210,13 @@ def test_what_a_stranger_wrote_cannot_colour_a_line(monkeypatch):
 
 
 def test_errors_are_wrapped_at_words(monkeypatch):
+    """A path that is longer than a line stays whole; everything else fits."""
     monkeypatch.setattr(output, "_columns", lambda: 40)
-    text = "study.toml:3: a_rather_long_key = 'value': is not modelled, choose another one"
+    path = "measured/" + "long-name-" * 6 + ".csv"
+    text = f"study.toml:3: data = '{path}': is not there, choose another one of the same folder"
     lines = output.wrapped(text, Terminal("utf-8")).split("\n")
-    assert max(map(len, lines)) <= 40 and " ".join(line.strip() for line in lines) == text
+    assert all(len(line) <= 40 or path in line for line in lines) and any(path in line for line in lines)
+    assert " ".join(line.strip() for line in lines) == text
 
 
 def test_the_condensed_answer_is_strict_json():
@@ -245,3 +250,12 @@ def test_the_row_that_looks_like_a_header_is_named(tmp_path, capsys):
         main(["new", str(tmp_path / "test.csv"), "--slab", "5", "--ball", "2", "--out", str(tmp_path / "s.toml")]) == 2
     )
     assert "its header seems to be line 3: 'Weg Traverse', 'Kraft 1'" in capsys.readouterr().err
+
+
+def test_the_report_says_how_to_use_it():
+    """Commands have the study's file; nothing is offered before there is an answer."""
+    found = complete()
+    rows = {cell.text for s in use_section(found) for b in s.blocks for row in b.rows for cell in row}
+    file = found["study"]["file"]
+    assert {f"rso export {file} --cards", f"rso next {file}", found["provenance"]["command"]} <= rows
+    assert use_section({**found, "stage": "design"}) == ()

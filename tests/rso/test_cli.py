@@ -80,7 +80,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "low above high": ({"parameters": MU.replace("6 kPa", "60 kPa") + "\n" + D1}, {}, "must be below high"),
     "beyond hard bounds": ({"parameters": MU.replace("20 kPa", "20 GPa") + "\n" + D1}, {}, "outside its hard bounds"),
     "log of zero": ({"parameters": MU + "\n" + D1.replace("10,", "0,")}, {}, "a log scale needs low > 0"),
-    "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: give low and high"),
+    "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: low and high must be given"),
     "a fixed one with a range": (
         {"parameters": MU + "\nD1 = { value = 60, low = 10, high = 150 }"},
         {},
@@ -468,7 +468,7 @@ def test_failures_and_crashes_end_with_3_and_a_message(tmp_path, capsys):
     found = studies.read(tmp_path)
     assert found["exit_code"] == 3 and {r["state"] for r in found["runs"]} == {"done", "failed", "crashed"}
     main(["status", path])
-    assert re.search(r"  failed \w{12} \(μ = .* kPa\): too soft", capsys.readouterr().out)
+    assert re.search(r"  failed \w{12} \(μ = .*\): too soft", capsys.readouterr().out)
     every = studies.write(tmp_path / "b", backend__settings="thickness = 8\ncrash_above = 0.001")
     assert main(["run", str(every), "--jobs", "2"]) == 3
     said = capsys.readouterr()

@@ -11,7 +11,7 @@ from rso.calibration.plan import make_plan
 from rso.calibration.results import begin
 from rso.cli.checking import check
 from rso.data import Column, combine, read
-from rso.data.repeats import Noise
+from rso.data.measured_curve import Noise
 from rso.study.cases import measured_curves
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import StudyError

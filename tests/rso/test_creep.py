@@ -13,7 +13,7 @@ from rso.calibration.readings import curve_data, placed
 from rso.contract import Segment
 from rso.data import creep_curve, creep_of
 from rso.data import read as read_file
-from rso.data.repeats import Noise
+from rso.data.measured_curve import Noise
 from rso.discrepancy.library.test_plan import _usable
 from rso.evaluation.store import RunStore
 from rso.model_selection.candidate_models import axes_of, levels_of

@@ -114,6 +114,8 @@ def test_a_body_is_completed_by_its_mirror_images():
     solid = turning.body_solid(with_body())
     np.testing.assert_allclose(np.sort(solid.points[:, 0]), np.sort(-solid.points[:, 0]), atol=1e-9)
     assert len(solid.triangles) == 2 * len(deformed()["surface"]["triangles"])
+    wide, _, tall = np.ptp(solid.points, axis=0)
+    assert wide == pytest.approx(2.0 * tall)  # 12 mm to either side, 12 mm high
 
 
 def test_what_is_called_fitted_is_the_most_likely_run_else_the_best_candidate():

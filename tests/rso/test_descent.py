@@ -267,11 +267,12 @@ def test_check_and_the_end_of_a_run_describe_it(tmp_path, capsys):
     assert "30 at most (18 iterates, 12 ends of intervals)" in said and "design:" not in said
     assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
+    assert out.count(", χ² = ") >= 3 and "  μ = 9 kPa, D₁ = " in out  # a line for each iterate
     assert "best verified candidate (main 1)" in out and "outside what agrees" not in out
-    assert out.index("most likely by the whole curves: mu = ") < out.index("best verified candidate")
+    assert out.index("most likely by the whole curves: μ = ") < out.index("best verified candidate")
     found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     found["determined"]["mu"]["interval"] = [1.0, 2.0]  # as where three targets pull elsewhere than whole curves
-    assert "    outside what agrees with the whole curves: its mu" in summary(found)
+    assert "    outside what agrees with the whole curves: its μ" in summary(found)
 
 
 def test_the_report_shows_every_point(known, tmp_path):

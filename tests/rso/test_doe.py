@@ -13,6 +13,7 @@ from rso.doe import (
     extend_design,
     extend_latin,
     factorial,
+    latin,
     read_condition,
     registry,
     samplers,
@@ -31,6 +32,15 @@ def test_latin_hypercubes_have_one_point_per_row_of_cells(d, runs):
     for X in (design("lhs", d, runs, 0), design("lhs", d, runs, 0, optimise=False), design("osf", d, runs, 0)):
         assert X.shape == (runs, d)
         assert is_latin(X)
+
+
+@pytest.mark.parametrize("d,runs,optimise", [(1, 9, True), (2, 1, True), (2, 40, True), (3, 13, True), (4, 8, False)])
+def test_latin_hypercubes_are_those_of_scipy_to_the_bit(d, runs, optimise):
+    """Designs of stored studies were made by scipy, whose import is slow."""
+    for seed in range(3):
+        how = "random-cd" if optimise and d > 1 else None
+        own = qmc.LatinHypercube(d, optimization=how, rng=np.random.default_rng(seed)).random(runs)
+        assert np.array_equal(latin(d, runs, seed, optimise), own)
 
 
 def test_a_sobol_sample_is_not_latin_at_an_odd_count():

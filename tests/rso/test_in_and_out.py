@@ -68,9 +68,8 @@ def test_arviz_finds_groups_variables_and_coordinates(made, tmp_path):
 
 
 def test_formats_are_listed_and_others_refused(made, tmp_path):
-    with pytest.raises(
-        ValueError, match=re.escape("format 'cvs': did you mean 'csv'? choose from arviz, csv, parquet")
-    ):
+    known = "did you mean 'csv'? choose from arviz, bibtex, csv, figures, parquet"
+    with pytest.raises(ValueError, match=re.escape(f"format 'cvs': {known}")):
         made.export(tmp_path, "cvs")
     assert not list(tmp_path.iterdir())
 
@@ -88,7 +87,7 @@ def test_a_command_that_has_nothing_to_write_says_so(tmp_path, capsys):
     assert main(["export", str(folder), "--csv"]) == 2
     assert "there are no results; rso run" in capsys.readouterr().err
     assert main(["export", str(folder), "febio", "--csv"]) == 2
-    assert "format 'febio': choose from arviz, csv, parquet" in capsys.readouterr().err
+    assert "format 'febio': choose from arviz, bibtex, csv, figures, parquet" in capsys.readouterr().err
 
 
 def table(mus, travels, unit=1e3):

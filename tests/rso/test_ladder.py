@@ -164,11 +164,12 @@ def test_numerical_error_counts_as_noise(tmp_path):
     assert found.climb.chosen == "rough" and verdicts(found)["neo"] == "not_needed"
 
 
-def test_the_threshold_is_what_the_truth_stays_below(tmp_path):
+@pytest.mark.parametrize("count,least", [(4, 2), pytest.param(8, 5, marks=pytest.mark.verification)])
+def test_the_threshold_is_what_the_truth_stays_below(tmp_path, count, least):
     """At the true level the NRMSE that noise leaves is below its threshold in about 95 %, and of its size."""
     below, ratio = 0, []
     table = 'levels = [{ name = "exact", alone = true, settings = { law = "neo", error = 0.0 } }]'
-    for seed in range(8):
+    for seed in range(count):
         _, data = climbed(
             tmp_path / str(seed),
             "neo",
@@ -180,7 +181,7 @@ def test_the_threshold_is_what_the_truth_stays_below(tmp_path):
         (error,) = found_level(data, "exact")["errors"]
         below += error["nrmse"] <= error["threshold"]
         ratio.append(error["nrmse"] / error["threshold"])
-    assert below >= 5  # of 8 at 95 %: fewer have a chance of 4e-4
+    assert below >= least  # at 95 %: fewer than 5 of 8 have a chance of 4e-4, fewer than 2 of 4 one of 5e-4
     # About 0.82 for 40 points of white noise; less where the polynomial of six runs is not settled.
     assert 0.2 < np.mean(ratio) < 1.0
 

@@ -16,6 +16,7 @@ from rso.emulation import (
     from_dict,
     held_out,
     model_choice,
+    multi_output,
     pooled,
     refit,
     score,
@@ -110,6 +111,23 @@ def test_noise_of_a_logarithm_is_relative():
     y = decades(X)
     model = fit_kriging(X, y, seed=0, log=True, noise_sd=0.05 * y)
     np.testing.assert_allclose(model.noise, 0.05, rtol=1e-12)  # one division
+
+
+@pytest.mark.parametrize("d,slopes", [(1, False), (2, True)])
+def test_processes_asked_together_answer_to_the_bits_of_each_alone(d, slopes):
+    """Of the logarithm or not, with slopes of which some are unknown, and beside one through other points."""
+    rng = np.random.default_rng(d)
+    X, models = rng.random((12, d)), []
+    for k in range(4):
+        Q = X[:-1] if k == 3 else X
+        y = np.exp(Q.sum(axis=1) + 0.3 * np.sin(3 * Q[:, 0] + k))
+        G = np.where(np.arange(len(Q))[:, None] == 3, np.nan, 0.5 * y[:, None] * np.ones(d)) if slopes else None
+        noisy = {"noise_sd": 1e-3, "share": None, "gradients": G, "gradient_sd": 0.3}
+        models.append(fit_kriging(Q, y, seed=k, log=k != 1, restarts=0, **noisy))
+    together = multi_output(models)
+    assert sorted(len(columns) for columns, _ in together.batches) == [1, 3]
+    for X in (rng.random((1, d)), rng.random((30, d))):
+        assert np.array_equal(together.mean(X), np.stack([m.mean(X) for m in models], axis=1))
 
 
 def test_kriging_error_falls_with_the_number_of_points():

@@ -1,8 +1,8 @@
 """Whole studies on a closed form: what is true is found, what is not known is said, what fails is never a number."""
 
 import dataclasses
+import json
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import indentation_backend
 import numpy as np
 import pytest
 import sample_studies as studies
+from pydantic import ValidationError
 
 from rso.calibration import stages
 from rso.calibration.exit_codes import ended
@@ -19,215 +20,13 @@ from rso.cli.checking import check
 from rso.evaluation import Evaluator
 from rso.evaluation.store import RunStore
 from rso.report.terminal import validated
+from rso.result_types import RunFile
 from rso.study.loader import load
 
-DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 ONE = "runs = 8\nheld_out = 0"  # enough where another thing is tested
 QUICK_SEARCH = "repair = false\npopulation = 20\ngenerations = 10"
 TOP = studies.SECTIONS["[experiments]"]
 FULL = "runs = 16\nheld_out = 3\nreduce = false"
-
-# The layout of results.json: a dictionary lists its keys, a list holds the layout of its elements, None is a leaf.
-SCORES = dict.fromkeys(("rmse", "max_abs", "relative_rmse", "q2", "n"))
-METRICS = dict.fromkeys(("rmse", "nrmse", "mre", "mape", "rrmse", "n", "excluded", "floor"))
-VALUES = {"mu": None, "D1": None}
-AXIS = {"parameter": None, "values": [None]}
-LAYOUT: dict[str, Any] = {
-    "schema": None,
-    "stage": None,
-    "study": dict.fromkeys(("title", "file", "seed", "units")),
-    "backend": {"name": None, "numerics": None, "settings": {"thickness": None}},
-    "parameters": [{**dict.fromkeys(("name", "description", "unit", "low", "high", "log", "fixed")), "stated": [None]}],
-    "experiments": [
-        {
-            **dict.fromkeys(("name", "role", "kind", "channel", "unit", "file", "n_repeats", "remarks")),
-            "settings": {"thickness": None},
-            "notes": [None],
-            "measured": {"depth": [None], "value": [None], "sigma": [None], "position": [[None]]},
-            "others": [{"channel": None, "unit": None, "measured": None}],
-        }
-    ],
-    "sketches": [
-        {
-            "experiments": [None],
-            "words": None,
-            "plane": None,
-            "drawn": [{"role": None, "points": [[None]], "text": None}],
-        }
-    ],
-    "formulas": [
-        {
-            **{"experiment": None, "depth": [None], "simulated": [None], "error": [None]},
-            "formulas": [{**dict.fromkeys(("name", "source", "modulus")), "force": [None], "invalid": [None]}],
-        }
-    ],
-    "outputs": [dict.fromkeys(("id", "experiment", "channel", "depth_mm", "unit"))],
-    "verify": dict.fromkeys(("tolerance", "max_infill")),
-    "metric": None,
-    "design": {
-        **dict.fromkeys(("kind", "asked", "held_out")),
-        "points": [VALUES],
-        "similarity": {
-            **dict.fromkeys(("applied", "story", "reference", "runs_saved")),
-            "proof": [{"values": VALUES, "direct": None, "similar": None, "relative_difference": None}],
-        },
-    },
-    "runs": [
-        {
-            **dict.fromkeys(("key", "purpose", "state", "cause", "reason", "wall_s", "cpu_s")),
-            "values": VALUES,
-            "outputs": None,
-        }
-    ],
-    "surrogates": [
-        {
-            **dict.fromkeys(("output", "unit", "kind", "story", "n", "spread")),
-            "cross_validation": SCORES,
-            "held_out": SCORES,
-        }
-    ],
-    "surfaces": [{"output": None, "unit": None, "x": AXIS, "y": AXIS, "mean": [[None]], "sd": [[None]], "others": {}}],
-    "sensitivity": {
-        "ranges": {"mu": [None], "D1": [None]},
-        "ranges_are": None,
-        "at": VALUES,
-        "curves": [{"output": None, "parameter": None, "x": [None], "y": [None]}],
-        "morris": [dict.fromkeys(("output", "parameter", "mu", "mu_star", "sigma"))],
-        "along": [
-            {
-                **dict.fromkeys(("experiment", "channel", "depth_mm", "output", "parameter", "first", "total")),
-                **dict.fromkeys(("low", "high", "change", "elasticity")),
-                "first_interval": [None],
-                "total_interval": [None],
-            }
-        ],
-        "excluded": None,
-        "local": [dict.fromkeys(("output", "parameter", "low", "high", "change", "elasticity"))],
-        "sobol": [
-            {
-                **dict.fromkeys(("output", "parameter", "first", "total")),
-                "first_interval": [None],
-                "total_interval": [None],
-            }
-        ],
-        "story": None,
-    },
-    "searches": [
-        {
-            **dict.fromkeys(("name", "kind", "reachable", "story", "infill", "verified", "met")),
-            "targets": [dict.fromkeys(("experiment", "channel", "depth_mm", "value", "sigma", "unit", "read"))],
-            "ranges": {"mu": [None], "D1": [None]},
-            "audit": [dict.fromkeys(("round", "what", "why", "parameter", "end", "from", "to", "unit", "runs"))],
-            "front": {"values": [VALUES], "objectives": [[None]]},
-            "candidates": [
-                {
-                    **dict.fromkeys(("name", "state", "agreement", "verified", "worst", "meets")),
-                    "demands": [
-                        {
-                            **dict.fromkeys(("kind", "output", "demand", "value", "miss")),
-                            **dict.fromkeys(("tolerance", "unit", "met", "words")),
-                        }
-                    ],
-                    "values": VALUES,
-                    "outputs": [
-                        dict.fromkeys(("output", "predicted", "sd", "recomputed", "numerical_error", "target"))
-                    ],
-                    "curves": {
-                        "top": {"experiment": None, "channel": None, "depth": [None], "value": [None], "error": [None]}
-                    },
-                    "metrics": {"top": METRICS},
-                    "at_bound": [None],
-                    "extrapolated": None,
-                }
-            ],
-        }
-    ],
-    "best": {"search": None, "candidate": None},
-    "closest": None,
-    "joined": {"points": [VALUES], "outside": None, "other": None, "left": None, "story": None},
-    "baseline": {"top": METRICS},
-    "mean_over_runs": {"top": METRICS},
-    "validation": [
-        {
-            **dict.fromkeys(("experiment", "channel", "unit", "search", "candidate", "state", "cause", "reason")),
-            **{k: [None] for k in ("depth", "measured", "sigma", "predicted", "numerical_error")},
-            "metrics": METRICS,
-            "position": [[None]],
-        }
-    ],
-    "predictions": [
-        {
-            **dict.fromkeys(("experiment", "verdict", "why", "chi2", "points", "p_value", "alone")),
-            "values": VALUES,
-            "channels": [
-                {
-                    **dict.fromkeys(("channel", "unit", "chi2", "p_value", "missed")),
-                    **{k: [None] for k in ("depth", "measured", "sigma", "predicted", "numerical_error", "spread")},
-                    "metrics": METRICS,
-                }
-            ],
-        }
-    ],
-    "counts": dict.fromkeys(("asked", "fe_runs", "done", "failed", "crashed", "from_store", "saved_by_similarity")),
-    "timings": None,
-    "feasible": dict.fromkeys(("failed", "causes", "share_infeasible", "story", "map")),
-    "determined": {n: {"determined": None, "interval": [None], "story": None} for n in VALUES},
-    "identification": {
-        **dict.fromkeys(("level", "chi2", "degrees", "p_value", "noise_degrees", "scale", "story")),
-        "values": VALUES,
-        "data": [{**dict.fromkeys(("experiment", "channel", "points")), "errors": None}],
-        "recomputed": dict.fromkeys(("agreement", "chi2", "chi2_bare", "p_value_bare", "verified", "open")),
-        "other_minima": [{"values": VALUES, "chi2": None}],
-        "parameters": [
-            {
-                **dict.fromkeys(("parameter", "value", "verdict", "digits", "sd_log", "agreement", "noise_factor")),
-                "as_stated": None,
-                "usual_errors": None,
-                **{key: [None] for key in ("interval", "bounds", "laplace", "mcmc")},
-                "profile": {key: [None] for key in ("values", "rise", "change", "sigma")},
-                "story": None,
-                "reason": None,
-            }
-        ],
-        "derived": [
-            {
-                **dict.fromkeys(("name", "letter", "description", "unit", "value", "known", "unlikely")),
-                "interval": [None],
-                "ends_by": [[None]],
-            }
-        ],
-        "directions": [{"change": VALUES, "sd": None, "story": None}],
-        "gains": [{"test": None, "before": VALUES, "after": VALUES, "information": None, "price": None}],
-        "mcmc": dict.fromkeys(("method", "draws", "steps", "tau", "independent", "r_hat", "converged")),
-        "weightings": [{"weighting": None, "values": VALUES}],
-        "metrics": [{"metric": None, "minima": [{"values": VALUES, "value": None}]}],
-    },
-    "exit_code": None,
-    "exit_reason": None,
-    "warnings": [None],
-    "provenance": {
-        **dict.fromkeys(("rso", "python", "packages", "command", "study_sha256", "data_sha256", "artefacts")),
-        **dict.fromkeys(("started", "finished", "cores", "jobs", "solver")),
-    },
-}
-
-
-def departures(data: Any, layout: Any, place: str = "results") -> list[str]:
-    """Where data and layout differ."""
-    if layout is None:
-        return []
-    if isinstance(layout, list):
-        if not isinstance(data, list):
-            return [f"{place} is no list"]
-        return [d for k, x in enumerate(data) for d in departures(x, layout[0], f"{place}[{k}]")]
-    if not isinstance(data, dict) or set(data) != set(layout):
-        return [f"{place} has {sorted(data) if isinstance(data, dict) else data}, not {sorted(layout)}"]
-    return [d for k in layout for d in departures(data[k], layout[k], f"{place}.{k}")]
-
-
-def keys_of(layout: Any) -> set[str]:
-    inner = layout.values() if isinstance(layout, dict) else layout or ()
-    return {*(layout if isinstance(layout, dict) else ()), *(k for x in inner for k in keys_of(x))}
 
 
 def numbers(data: Any) -> list[float]:
@@ -279,11 +78,15 @@ def test_what_was_kept_for_the_end_is_predicted(known):
 
 
 def test_the_file_has_the_documented_layout_and_only_finite_numbers(known):
-    assert departures(known, LAYOUT) == []
+    whole = RunFile.model_validate_json(json.dumps(known))
+    assert {f.alias for n, f in RunFile.model_fields.items() if n not in whole.model_fields_set} <= {
+        "descent",
+        "diagnosis",
+    }
     assert all(math.isfinite(x) for x in numbers(known))
-    assert departures({**known, "best": {"search": "main"}}, LAYOUT)  # negative control
-    documented = set(re.findall(r"[A-Za-z_0-9]+", " ".join(re.findall(r"`([^`]*)`", DOCS.read_text(encoding="utf-8")))))
-    assert keys_of(LAYOUT) - {"thickness", "top", "mu", "D1"} <= documented
+    for wrong in ({"best": {"search": "main"}}, {"more": 1}, {"verify": known["verify"] | {"tolerance": "much"}}):
+        with pytest.raises(ValidationError):
+            RunFile.model_validate_json(json.dumps({**known, **wrong}))
 
 
 def test_counts_are_those_of_the_runs(known):
@@ -688,7 +491,7 @@ def test_a_check_says_the_range_of_a_profile_and_what_is_doubtful_of_it(marked):
 def test_a_profile_kept_for_the_end_is_predicted(marked):
     experiments = TOP + PROFILE.format("validate") + 'noise = { uz = "1 um" }'
     found = studies.run(marked, experiments=experiments, **MARKED)
-    assert departures(found, LAYOUT) == [] and found["exit_code"] == 0
+    assert RunFile.model_validate_json(json.dumps(found)) and found["exit_code"] == 0
     assert [v["candidate"] for v in found["validation"]] == ["main 1", "main 2", "main 3"]
     assert sum(r["purpose"] == "validate" for r in found["runs"]) == 3
     for v, c in zip(found["validation"], found["searches"][0]["candidates"], strict=True):

@@ -10,8 +10,8 @@ import numpy as np
 from rso.calibration.gauss_newton.iteration import GaussNewtonRun
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan, limited
-from rso.calibration.results import at_bound, curves_of, demand, goal
-from rso.calibration.search_stage import curve_metrics, demands
+from rso.calibration.search_results import at_bound, demand, goal
+from rso.calibration.search_stage import curve_metrics, curves_of, demands
 from rso.calibration.stages import Design
 from rso.calibration.unstated_errors import unstated
 from rso.emulation.emulator import Output

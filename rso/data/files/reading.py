@@ -331,7 +331,9 @@ def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset
     """A repeat whose depth is 0 at a preload (N), counted from contact; and what to say."""
     if "Fz" not in r.channels or table.found:
         why = (
-            "zero = 'contact' counts from there already" if table.found else "Fz tells the contact, which is not there"
+            "zero = 'contact' counts from there already"
+            if table.found
+            else "the contact is found from Fz, which is missing"
         )
         raise ValueError(f"{table.path}: preload = {force:g} N: {why}; leave one of them out")
     own, at, F = dict(r.channels), r.segment == "loading", r.channels["Fz"]

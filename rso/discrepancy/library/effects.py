@@ -139,7 +139,7 @@ class Effect:
 
     @property
     def flows(self) -> bool:
-        """Whether it goes on in a rest for a time that hangs on the size of what is pressed: a shape is a rate.
+        """Whether it goes on in a rest for a time that depends on the size of what is pressed: a shape is a rate.
 
         Its rests are simulated; those of a time of its own are exponentials.
         """

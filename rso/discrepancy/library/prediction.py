@@ -7,7 +7,7 @@ While the indenter rests, t after it came, only what relaxes goes on, δ the rel
 
     δ(t) = δ_∞ + (δ(0) − δ_∞) exp(−t/τ),    δ_∞ = δ(0) for τ → 0 (:meth:`Library.relaxed`).
 
-What flows has tables of its rests (`LibraryTable.rests`), whose times hang on the size of what is pressed.
+What flows has tables of its rests (`LibraryTable.rests`), whose times depend on the size of what is pressed.
 
 Exact for one exponential of relaxation where the strain rests too, which contact makes nearly true: each stress decays
 as its hereditary integral does (Simo & Hughes 1998, §10.3).

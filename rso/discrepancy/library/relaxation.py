@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from rso.discrepancy.library.effects import Effect
-from rso.discrepancy.library.interpolation import Nodes, timed
+from rso.discrepancy.library.interpolation import Nodes
 from rso.discrepancy.library.simulations import Pass
 
 FINE = 0.3  # of ln τ from one node of a dense table to the next, at most
@@ -41,7 +41,7 @@ def relaxes(effect: Effect) -> bool:
         and effect.place is None
         and share
         and len(effect.shape) == 1
-        and timed(effect.shape[0])
+        and effect.shape[0].power_of_time == 1
     )
 
 

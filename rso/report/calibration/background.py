@@ -242,9 +242,11 @@ def _study(results: Results) -> list[tuple[str, str]]:
 
 
 def _settings(value: object) -> str:
-    """Settings as they are written in a study: name = value, lists in brackets."""
+    """Settings as they are written in a study: name = value, lists in brackets, tables by name with a colon."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{clean(k)} = {_settings(v)}" for k, v in value.items())
+        tables = [f"{clean(k)}: {_settings(v)}" for k, v in value.items() if isinstance(v, Mapping)]
+        single = [f"{clean(k)} = {_settings(v)}" for k, v in value.items() if not isinstance(v, Mapping)]
+        return "; ".join([*([", ".join(single)] if single else []), *tables])
     if isinstance(value, list | tuple):
         return f"[{', '.join(_settings(v) for v in value)}]"
     return shortest(value) if known(value) else clean(value)

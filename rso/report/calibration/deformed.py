@@ -227,7 +227,7 @@ def _scale_bar(place: Mapping[str, float]) -> list[str]:
     room = 0.22 * place["wide"] / place["scale"]
     size = 10.0 ** math.floor(math.log10(room))
     mm = next(k * size for k in (5, 2, 1) if k * size <= room)
-    y, x = place["tall"] - 12, 10
+    y, x = place["tall"] - 24, 10
     return [
         f'<path stroke="{DARK}" stroke-width="2" fill="none" d="M{x},{y:.1f}h{mm * place["scale"]:.1f}"/>',
         _text(x + mm * place["scale"] / 2, y - 6, f"{shortest(mm)} mm", anchor="middle", colour=DARK),

@@ -19,6 +19,7 @@ from rso.report.calibration.predictions import off, prediction_sentences, predic
 from rso.report.calibration.range_extension import range_blocks
 from rso.report.calibration.responses import front_section, sensitivity_section, surface_section
 from rso.report.calibration.turning import turning_sections
+from rso.report.calibration.use import use_section
 from rso.report.calibration.verdict import (
     determined_blocks,
     fit_sentences,
@@ -416,4 +417,5 @@ SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
     _behind(_how_found),
     _behind(_one(runs)),
     _behind(_one(provenance)),
+    _behind(use_section),
 )

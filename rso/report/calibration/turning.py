@@ -170,16 +170,26 @@ def seen_from(x: np.ndarray, yaw: float, pitch: float) -> np.ndarray:
     return np.column_stack([a, up, np.cos(pitch) * b - np.sin(pitch) * x[:, 2]])
 
 
-def shades(solid: Solid) -> np.ndarray:
-    """How bright each triangle is (t,): by the angle between its normal and the light, whichever way it is numbered."""
-    if not solid.shaded:
-        return np.ones(len(solid.triangles))
+def normals(solid: Solid) -> np.ndarray:
+    """Unit normals (t, 3) out of a body, whichever way its triangles are numbered: it lies about the origin."""
     a, b, c = (solid.points[solid.triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1)
-    normal /= np.where(length > 0.0, length, 1.0)[:, None]
-    outward = np.where(((a + b + c) * normal).sum(1) < 0.0, -1.0, 1.0)  # the body lies about the origin
-    return np.round(DARKEST + (1.0 - DARKEST) * np.clip(outward * (normal @ LIGHT), 0.0, 1.0), 2)
+    outward = np.where(((a + b + c) * normal).sum(1) < 0.0, -1.0, 1.0)
+    return np.asarray(normal * (outward / np.where(length > 0.0, length, 1.0))[:, None])
+
+
+def towards(solid: Solid) -> np.ndarray:
+    """Which triangles (t,) may be seen from the first angles."""
+    viewer = np.array([-np.sin(YAW) * np.cos(PITCH), -np.cos(YAW) * np.cos(PITCH), np.sin(PITCH)])
+    return np.asarray(normals(solid) @ viewer > -0.5)  # a dent may look away from the middle
+
+
+def shades(solid: Solid) -> np.ndarray:
+    """How bright each triangle is (t,), by the angle between its normal and the light."""
+    if not solid.shaded:
+        return np.ones(len(solid.triangles))
+    return np.round(DARKEST + (1.0 - DARKEST) * np.clip(normals(solid) @ LIGHT, 0.0, 1.0), 2)
 
 
 def _drawn(solid: Solid, name: str) -> str:
@@ -187,11 +197,16 @@ def _drawn(solid: Solid, name: str) -> str:
     q = seen_from(solid.points, YAW, PITCH)
     place = np.round(np.column_stack([HALF + q[:, 0], TALL / 2 - q[:, 1]]), 1)
     order = np.argsort(-q[solid.triangles, 2].sum(1), kind="stable")
-    parts, bright = [], shades(solid)
-    for k in order:
-        d = "L".join(f"{a:g},{b:g}" for a, b in place[solid.triangles[k]])
+    parts, bright = ['<g fill="currentColor" stroke="currentColor" stroke-width=".6">'], shades(solid)
+    a, b, c = (place[solid.triangles[:, k]] for k in range(3))
+    facing = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) > 0.1  # others are lines
+    facing &= bright > 0.0 if not solid.shaded else towards(solid)
+    for k in order[facing[order]]:
+        (x0, y0), (x1, y1), (x2, y2) = place[solid.triangles[k]]
+        d = f"{x0:g},{y0:g}l{x1 - x0:.1f},{y1 - y0:.1f} {x2 - x1:.1f},{y2 - y1:.1f}"
         colour = to_hex(bright[k] * np.array(to_rgb(solid.colours[int(solid.bands[k])])))
-        parts.append(f'<path d="M{d}Z" fill="{colour}" stroke="{colour}" stroke-width=".5"/>')
+        parts.append(f'<path color="{colour}" d="M{d}z"/>')
+    parts.append("</g>")
     for line, strong in solid.lines:
         r = seen_from(line, YAW, PITCH)
         d = "L".join(f"{HALF + a:.1f},{TALL / 2 - b:.1f}" for a, b in r[:, :2])

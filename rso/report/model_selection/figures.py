@@ -76,13 +76,16 @@ def curve(found: Found, k: int) -> Figure:
     rows = [(v["name"], c) for v in fitted(found) for c in v["curves"] if c["name"] == names[k]]
     holds = next((c for n, c in rows if n == found.get("chosen")), rows[-1][1])
     rest = at_rest(holds).get("since") or []
-    figure = canvas(5.4 if rest else 2.9)
-    grid = figure.subplots(2 if rest else 1, 2, squeeze=False)
-    _panels(found, grid[0], [(n, on_the_way(c)) for n, c in rows], on_the_way(holds), "depth")
+    way = bool(on_the_way(holds).get("depth")) or not rest  # creep has none: its loading is an experiment of its own
+    figure = canvas(5.4 if rest and way else 2.9)
+    grid = figure.subplots(2 if rest and way else 1, 2, squeeze=False)
+    if way:
+        _panels(found, grid[0], [(n, on_the_way(c)) for n, c in rows], on_the_way(holds), "depth")
+    if rest:
+        _panels(found, grid[-1], [(n, at_rest(c)) for n, c in rows], at_rest(holds), "since", not way)
     grid[0, 0].set_title(short(clean(names[k]), 40), color=GREY)
     if rest:
-        _panels(found, grid[1], [(n, at_rest(c)) for n, c in rows], at_rest(holds), "since")
-        for axes in grid[1]:
+        for axes in grid[-1]:
             axes.set_xscale("log")
             axes.set_xlabel("time at rest (s)")
             axes.xaxis.set_major_locator(LogLocator(numticks=8))
@@ -97,8 +100,11 @@ def _panels(
     rows: list[tuple[str, Mapping[str, Any]]],
     holds: Mapping[str, Any],
     along: str,
+    alone: bool = False,
 ) -> None:
-    """Data and levels, and what each leaves, of loading along the `depth` or of a hold along the time `since`."""
+    """Data and levels, and what each leaves, of loading along the `depth` or of a hold along the time `since`.
+
+    A hold that stands `alone` has the legend."""
     left, right = pair_of
     u, y = (np.array(v) for v in points(holds.get(along), holds.get("measured")))
     unit = shown(clean(holds.get("unit")), largest(list(map(float, y))))
@@ -119,7 +125,7 @@ def _panels(
     handles = [Line2D([], [], **marks)] + [Line2D([], [], **look[n]) for n, _ in rows]
     titles = {v["name"]: title(v) for v in fitted(found)}
     texts = ["measured", *(short(titles[n], 24) for n, _ in rows)]
-    if along == "depth":
+    if along == "depth" or alone:
         left.legend(handles, texts, frameon=False, fontsize=8, loc="upper left", handlelength=2.4, borderaxespad=0.1)
     right.set_title("what a level leaves", color=GREY)
     left.set_ylabel(f"{channel_text(holds.get('channel'))}{unit.bracket}")

@@ -178,8 +178,8 @@ def sensitivity(found: Found) -> Section:
     blocks: list[Block] = []
     if indices:
         caption = (
-            "Sobol indices over the ranges: the share of the variance that a parameter causes alone (dark) and in all "
-            "(light), with the 90 % interval of the latter."
+            "Sobol indices over the ranges: share of the variance due to a parameter alone (dark) and in all "
+            "(light, with its 90 % interval)."
         )
         blocks.append(Picture("sensitivity", caption))
     for text, rows in effects.items():

@@ -1,0 +1,16 @@
+"""What lies in the result files: every key once, with unit and meaning; schemas and docs/results.md are made of it."""
+
+from rso.result_types.diagnosis_file import DiagnosisFile
+from rso.result_types.keys import ResultBlock
+from rso.result_types.ladder_file import LadderFile
+from rso.result_types.next_file import NextFile
+from rso.result_types.run_file import RunFile
+
+FILES: dict[str, type[ResultBlock]] = {
+    "results.json": RunFile,
+    "ladder.json": LadderFile,
+    "next.json": NextFile,
+    "diagnosis.json": DiagnosisFile,
+}
+
+__all__ = ["FILES", "DiagnosisFile", "LadderFile", "NextFile", "ResultBlock", "RunFile"]
