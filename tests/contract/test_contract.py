@@ -225,7 +225,7 @@ import json, sys
 from rso.contract import Case, digest
 from rso.evaluation import Source
 source, values, case = json.loads(sys.stdin.read())
-source["command"] = tuple(source["command"]) if source["command"] else None
+source["command"], source["others"] = tuple(source["command"]) if source["command"] else None, ()
 r = Source(**source).load()(values, Case.from_json(case)).to_json()
 print(digest({k: v for k, v in r.items() if k != "info"}))
 """
