@@ -277,7 +277,8 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     at, since = leg.at, max(since, watched_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
     begun = at.seated if leg.u is None else leg.u
-    limit = (LONGER if leg.u is None and _smooth(at) else AGAIN_LONGER) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
+    longer = LONGER if leg.u is None and _smooth(at) else AGAIN_LONGER
+    limit = longer * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
     upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
 
     def worn(u: np.ndarray, travel: float) -> bool:
