@@ -35,7 +35,7 @@ THROUGH = 0.6  # of the thickness: the same of thin specimens
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 SEALED, POROUS = DRAINAGE = "sealed", "porous"
 RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
-SMOOTH_FROM, EDGED_FROM = 1.5, 0.5  # lengths of the indenter, see `remeshed_from`
+SMOOTH_FROM, EDGED_FROM = 1.5, 0.1  # lengths of the indenter, see `remeshed_from`
 REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
@@ -319,7 +319,7 @@ def on_axis(settings: Settings) -> bool:
 
 
 def remeshed_from(settings: Settings) -> float:
-    """Travel (mm) up to which no mesh is remade: 1.5 lengths of a smooth indenter, 0.5 of one with an edge."""
+    """Travel (mm) up to which no mesh is remade: 1.5 lengths of a smooth indenter, 0.1 of one with an edge."""
     if settings.remesh == "never" or not on_axis(settings) or not settings.multipliers:
         return np.inf
     return watched_from(settings)

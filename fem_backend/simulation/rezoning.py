@@ -26,10 +26,10 @@ from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
-LONGER = 3.3  # times the wanted length: an edge of the first mesh that the indenter may touch is too long
-AGAIN_LONGER = 2.2  # the same of later ones, which have no rows along the surface that thin out as it stretches
+LONGER = 3.3  # times the wanted length: an edge of the first mesh that a smooth indenter may touch is too long
+AGAIN_LONGER = 2.2  # the same of later ones, without rows along the surface that thin out, and of all below an edge
 FINER = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
-AGAIN_LONGER_AT_EDGES, FINER_AT_EDGES = 1.7, 0.7  # the same below an indenter with an edge or a tip
+FINER_AT_EDGES = 0.7  # the same below an indenter with an edge or a tip
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
 NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
@@ -270,15 +270,15 @@ def rubbing(
 def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     """The measure of a mesh: whether a state beyond a travel `since` (mm) has outworn it.
 
-    An edge that the indenter may touch has grown to 3.3 times the length that is wanted where it is now (2.2 times of a
-    mesh remade, 1.7 below an edge or a tip) and was not so long when the mesh was made; or the corners of a cell,
+    An edge that the indenter may touch has grown to 2.2 times the length that is wanted where it is now (3.3 times of
+    the first mesh below a smooth indenter) and was not so long when the mesh was made; or the corners of a cell,
     well shaped in the undeformed body, have turned over.  Elements of length ℓ miss a force by about ℓ^2.5.
     """
     at, since = leg.at, max(since, watched_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
     begun = at.seated if leg.u is None else leg.u
-    again = AGAIN_LONGER if _smooth(at) else AGAIN_LONGER_AT_EDGES
-    limit = (LONGER if leg.u is None else again) * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
+    longer = LONGER if leg.u is None and _smooth(at) else AGAIN_LONGER
+    limit = longer * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
     upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
 
     def worn(u: np.ndarray, travel: float) -> bool:

@@ -170,7 +170,7 @@ def test_a_wrong_type_is_exit_code_2_and_names_key_value_and_what_is_expected(tm
         ("indenter", {"radius": 20.0}, "indenter.radius = 20.0 mm: this specimen is meshed for indenters much"),
         ("indenter", {"radius": 20.0}, "at most 17.5 mm"),
         ("indenter", {"radius": 0}, "indenter.radius = 0.0 mm: must be positive"),
-        ("indenter", {"radius": 0.8}, "no mesh is made for so small a ball on this specimen, at least 0.857 mm"),
+        ("indenter", {"radius": 0.8}, "no mesh is made for so small a ball on this specimen. At least 0.857 mm"),
         ("material", {"prony": [[0.5, 1], [0.6, 2]]}, "material.prony = [[0.5, 1.0], [0.6, 2.0]]: g >= 0"),
         ("material", {"law": "ogden", "ogden": [[0, 0.2]]}, "material.ogden = [[0.0, 0.2]]: exponents"),
     ],

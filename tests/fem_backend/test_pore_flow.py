@@ -290,14 +290,16 @@ def test_the_coupled_tangent():
     random = np.random.default_rng(3)
     u = 0.1 * random.normal(size=(len(points), 3)) * [1, 0, 1]
     u[points[:, 0] == 0.0, 0] = 0.0
-    p, flow, unit = random.normal(size=len(space.vertices)), 0.7, 1.3
+    p, flow, unit, storage = random.normal(size=len(space.vertices)), 0.7, 1.3, 0.4
 
     def missing(u, p):
         H = axisymmetric.displacement_gradients(body, u)
-        return pore_pressure.mass(space, H + np.eye(3), pore_pressure.volume_change(H, False), p, flow)
+        held = storage * (p[space.corners] @ axisymmetric.linear_functions().T)
+        v = pore_pressure.volume_change(H, False) + held
+        return pore_pressure.mass(space, H + np.eye(3), v, p, flow)
 
     H = axisymmetric.displacement_gradients(body, u)
-    data = pore_pressure.coupling(space, H + np.eye(3), p, flow, unit, False)
+    data = pore_pressure.coupling(space, H + np.eye(3), p, flow, storage, unit, False)
     rows = np.repeat(np.arange(space.pattern.size), np.diff(space.pattern.indptr))
     matrix = np.zeros((space.pattern.size,) * 2)
     matrix[rows, space.pattern.indices] = data

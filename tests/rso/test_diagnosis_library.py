@@ -426,7 +426,7 @@ def test_a_base_that_fails_is_an_error():
 
 def test_a_base_that_relaxes_is_refused_where_the_tests_have_several_rates():
     """One loading run stands for all rates: that must not be assumed silently."""
-    with pytest.raises(ValueError, match="depends on the rate"):
+    with pytest.raises(ValueError, match="more than one share and time of relaxation"):
         make(names=("stiff",), base=toy.base(g=0.3))
 
 

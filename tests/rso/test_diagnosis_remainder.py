@@ -173,7 +173,7 @@ def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
     rest = found["diagnosis"]["remainder"]
     assert rest["there"] and rest["score"] > rest["threshold"] and rest["of"] == "skin"
     like = next(e["label"] for e in found["effects"] if e["name"] == rest["looks_like"])
-    said = f"What skin alone leaves is more than noise: it looks most like {like}"
+    said = f"What skin alone leaves is more than noise and looks most like {like}"
     assert any(said in w for w in found["words"]), found["words"]
     assert {"skin + " + rest["looks_like"], rest["looks_like"] + " + skin"} & set(d.probabilities)
 

@@ -143,7 +143,7 @@ def test_curves_of_every_channel_have_metrics(tmp_path):
 
 def test_a_curve_to_select_by_that_is_missed_is_said(tmp_path):
     stiff, true = (deeper(tmp_path / str(c), 1, c, role="select") for c in (0.03, 0.0))
-    assert any("deep, which is not fitted but selects, is missed" in w for w in stiff["warnings"])
+    assert any("deep (role select, not fitted) is not predicted" in w for w in stiff["warnings"])
     assert not any("deep" in w for w in true["warnings"])
     assert "that is beyond its errors" in render(stiff, tmp_path / "a", pdf=False)[0].read_text()
     assert "that is beyond its errors" not in render(true, tmp_path / "b", pdf=False)[0].read_text()

@@ -51,7 +51,7 @@ def test_what_is_verified_has_the_misfit_that_was_predicted(tmp_path, monkeypatc
     found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0")
     again = found["identification"]["recomputed"]
     assert again["agreement"] < found["verify"]["tolerance"] and again["verified"] == (settled > 1e-6)
-    assert again["verified"] != any("not good enough" in w for w in found["warnings"])
+    assert again["verified"] != any("not accurate enough" in w for w in found["warnings"])
     # |χ²(f + δ) − χ²(f)| ≤ |δ|² + 2 |δ| |r| with |δ|² ≤ 0.5
     assert abs(again["chi2"] - found["identification"]["chi2"]) <= 0.5 + 2 * np.sqrt(0.5 * again["chi2"])
 

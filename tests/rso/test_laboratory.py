@@ -220,7 +220,8 @@ def test_all_that_the_generator_of_blind_cases_says_is_accepted(tmp_path):
     assert "semi_axes = [60.0, 35.0, 35.0]" in made and "gain = 0.01" in made
     generator = (Path(__file__).parents[2] / "benchmarks" / "blind" / "generate.py").read_text()
     names = [n for n in ast.parse(generator).body if isinstance(n, ast.Assign) and n.targets[0].id == "NOMINAL"]
-    folder(tmp_path, **ast.literal_eval(names[0].value))
+    nominal = {**ast.literal_eval(names[0].value), "noise": GENERATED["noise"]}  # each case has a noise of its own
+    folder(tmp_path, **nominal)
     assert text(tmp_path) == made
 
 
