@@ -54,10 +54,10 @@ def deformed_blocks(results: Results) -> tuple[Picture, ...]:
     blocks = (Picture(NAME, caption, share=3),)
     if pressed_data(results) is None:
         return blocks
-    return (
-        *blocks,
-        Picture(CURVE, f"Measured {name} and fitted model; the ring is the depth of the section.", share=2),
-    )
+    beside = f"Measured {name} and fitted model; the ring is the depth of the section."
+    if (model := fitted_model(results)) is not None and not model.search:
+        beside += " The curve may run beside the readings: an error that moves all of them counts once."
+    return (*blocks, Picture(CURVE, beside, share=2))
 
 
 def body(results: Results) -> Mapping[str, Any] | None:

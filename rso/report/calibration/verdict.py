@@ -365,6 +365,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
             whose = "best candidate" if best.search else "fitted model"
             note = f"NRMSE of the {whose}; {percent(base)} for the mean of the curve"
+            if not best.search:
+                note += "; errors that move the whole curve are in it"
             facts.append(Fact("Fit", percent(number(best.metrics(name).get("nrmse"))), note))
     facts += [*prediction_fact(results), *gap_fact(results)]
     if finished(results, "verify") and candidates(results):
