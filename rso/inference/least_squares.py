@@ -88,7 +88,8 @@ def slopes(misfit: Misfit, x: np.ndarray) -> np.ndarray:
         return tangent
     J = tangent
     for _ in range(ROUNDS):
-        σ = np.sqrt(np.diag(np.linalg.inv(J.T @ J + np.eye(len(x)) / WIDEST**2)))
+        _, s, Vt = np.linalg.svd(np.vstack([J, np.eye(len(x)) / WIDEST]), full_matrices=False)
+        σ = np.sqrt(np.sum((Vt / s[:, None]) ** 2, axis=0))  # also of a JᵀJ singular to round-off
         J = misfit.white(misfit.model.jacobians(x[None], step=np.maximum(σ, STEP))[0].T).T
     off = np.linalg.norm(tangent - J, axis=0) * σ
     return np.where(off > BENT, J, tangent)

@@ -12,7 +12,7 @@ from report_fixture import complete, deformed, draws
 from rso.calibration.deformed_body import as_plain, begin_deformed, draw_deformed, fitted_values, write_deformed
 from rso.contract import DeformedBody, DeformedFrame
 from rso.report.calibration import turning
-from rso.report.calibration.deformed import body, levels, outline, superlevel, turned
+from rso.report.calibration.deformed import _without_axis, body, levels, outline, superlevel, turned
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
 from rso.report.calibration.report import with_files
@@ -198,3 +198,12 @@ def test_a_report_reads_what_lies_in_its_folder(tmp_path):
     (tmp_path / "deformed.json").write_text("no JSON")
     (tmp_path / "posterior.csv").write_text("mu,D1\n1,x\n")
     assert with_files(complete(), tmp_path) == complete()
+
+
+def test_an_outline_that_meets_the_axis_in_a_point_stays_closed():
+    place = {"scale": 1.0, "x": 0.0, "high": 1.0, "tall": 1.0, "wide": 2.0}
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    half = _without_axis(square, place)
+    assert len(half) == 4 and {tuple(half[0]), tuple(half[-1])} == {(0.0, 0.0), (0.0, 1.0)}  # open along the axis
+    tip = np.array([[0.0, 0.5], [1.0, 0.0], [1.0, 1.0]])
+    np.testing.assert_array_equal(_without_axis(tip, place), [*tip, tip[0]])

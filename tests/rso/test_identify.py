@@ -1,6 +1,7 @@
 """Likelihood, fits, intervals and verdicts, on closed forms and published fits."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from rso.core.curves import metrics
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation.emulator import Output, Sample, learn
-from rso.inference import Data, Misfit, Model, determine
+from rso.inference import Data, Misfit, Model, determine, least_squares
 from rso.inference.intervals import Interval, pieces
 from rso.inference.verdict import judge, sentences
 
@@ -632,3 +633,14 @@ def test_whether_a_model_fits_is_said_by_its_p_and_the_limits(share, said):
     found = determine(Misfit(soft_ball.model(), (missed,)), seed=0, mcmc=False)
     assert found.p_value == pytest.approx(share, rel=0.1)
     assert said in found.story
+
+
+def test_secants_of_two_parameters_that_move_very_quiet_readings_alike():
+    """(JᵀJ + I/w²)⁻¹ of J = a [1 1] with a = 1e10 is w²/2 [[1, −1], [−1, 1]]; JᵀJ is singular to round-off."""
+    J, steps = 1e10 * np.ones((5, 2)), []
+    model = SimpleNamespace(
+        derivative=None, jacobian=lambda x: J, jacobians=lambda x, step: steps.append(step) or J[None]
+    )
+    found = least_squares.slopes(SimpleNamespace(model=model, white=lambda v: v), np.array([0.5, 0.5]))
+    np.testing.assert_allclose(found, J)
+    np.testing.assert_allclose(steps, least_squares.WIDEST / np.sqrt(2.0) * np.ones((len(steps), 2)), rtol=1e-6)

@@ -210,11 +210,11 @@ def _without_axis(line: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
     on = np.abs(line[:, 0] + place["x"] * place["scale"]) < 1e-6 * place["wide"]
     if not on.any() or on.all():
         return np.vstack([line, line[:1]])
-    ends = np.nonzero(on & ~np.roll(on, -1))[0]
-    start = int(ends[0])
-    rolled = np.roll(line, -start, axis=0)
-    stop = int(np.nonzero(np.roll(on, -start)[1:])[0][0]) + 2
-    return np.asarray(rolled[:stop])
+    start = int(np.nonzero(on & ~np.roll(on, -1))[0][0])
+    rolled, again = np.roll(line, -start, axis=0), np.nonzero(np.roll(on, -start)[1:])[0]
+    if not len(again):  # it meets the axis in a point
+        return np.vstack([rolled, rolled[:1]])
+    return np.asarray(rolled[: int(again[0]) + 2])
 
 
 def to_picture(at: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
