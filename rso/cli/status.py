@@ -22,7 +22,7 @@ PAGES = ("report", "diagnosis", "ladder", "next")
 def report_status(options: argparse.Namespace, file: Path, folder: Path, store: Path) -> int:
     """Print the state of a study; always 0, for a study that has not been run is no error."""
     found = _results(folder)
-    runs = _runs(store) if folder.exists() else []
+    runs = _runs(found, store) if folder.exists() else []
     count = {state: sum(r["state"] == state for r in runs) for state in ("done", "failed", "crashed")}
     pages = [folder / f"{name}.html" for name in PAGES if (folder / f"{name}.html").is_file()]
     then = _next(found, folder, options)
@@ -78,8 +78,10 @@ def _results(folder: Path) -> Mapping[str, Any]:
         return {}
 
 
-def _runs(store: Path) -> list[Mapping[str, Any]]:
-    """Every run that is stored; StoreError where the store is damaged, also of a study that is finished."""
+def _runs(found: Mapping[str, Any], store: Path) -> list[Mapping[str, Any]]:
+    """Every run that is stored, or in results that came without their store; StoreError where it is damaged."""
+    if found.get("runs") and not store.exists():
+        return list(found["runs"])
     from rso.evaluation.store import RunStore
 
     with RunStore(store, read_only=True) as known:
