@@ -80,7 +80,7 @@ def _results(folder: Path) -> Mapping[str, Any]:
 
 def _runs(found: Mapping[str, Any], store: Path) -> list[Mapping[str, Any]]:
     """Every run that is stored, or in results that came without their store; StoreError where it is damaged."""
-    if found.get("runs") and not store.exists():
+    if found.get("runs") and not (store / "runs.sqlite").exists():  # see rso.evaluation.store
         return list(found["runs"])
     from rso.evaluation.store import RunStore
 
