@@ -5,6 +5,7 @@ from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, min
 from rso.inference.derived import DerivedInterval, derived_interval
 from rso.inference.error_model import ModelErrors, correlated_along, covariance, with_model_errors
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
+from rso.inference.fitted_errors import FittedCurve, fitted_curves
 from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
 from rso.inference.identifiability import Determination, Known, Runs, compare_weightings, determine, lenient, p_value
 from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
@@ -38,6 +39,7 @@ __all__ = [
     "ErrorSurface",
     "EvaluatedPoint",
     "Fit",
+    "FittedCurve",
     "GaussNewtonFit",
     "Interval",
     "Iterate",
@@ -68,6 +70,7 @@ __all__ = [
     "expected_sd",
     "fit_at",
     "fit_surface",
+    "fitted_curves",
     "gauss_newton",
     "has_gradients",
     "judge",
