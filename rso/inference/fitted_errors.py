@@ -98,7 +98,7 @@ def fitted_curves(d: Determination) -> tuple[FittedCurve, ...]:
 
 
 def _seen(J: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """A root B (n, k), B Bᵀ = H P Hᵀ in units of the rest of the errors; directions that change no reading have none."""
+    """A root B (n, k), B Bᵀ = H P Hᵀ in units of the rest of the errors, without directions that change no reading."""
     n, d = J.shape
     q = S.shape[1]
     H = np.block([[J, S], [np.zeros((q, d)), np.eye(q)]])

@@ -32,9 +32,7 @@ class FittedCurveBlock(ResultBlock):
     channel: str = holds("its channel")
     points: int = holds("number of readings")
     errors: ByName = holds("part → root mean square of its standard deviation over the largest value")
-    fitted: FittedReadingsBlock | None = holds(
-        "what was fitted; null where the weighting knows no errors", absent=True
-    )
+    fitted: FittedReadingsBlock | None = holds("what was fitted; null where the weighting knows no errors", absent=True)
 
 
 class RecomputedBlock(ResultBlock):
