@@ -31,9 +31,9 @@ from rso.inference import (
     MetricMinimum,
     compare_weightings,
     curve_score,
+    curves_as_fitted,
     derived_interval,
     downhill,
-    fitted_curves,
     lenient,
     minimise,
     with_usual,
@@ -134,7 +134,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
 
 def _fitted(d: Determination) -> list[dict[str, Any] | None]:
     """What was fitted of each set of data; None where the weighting knows no errors."""
-    found = fitted_curves(d)
+    found = curves_as_fitted(d)
     if not found:
         return [None] * len(d.misfit.data)
     rows = []

@@ -48,7 +48,7 @@ class FittedCurve:
         return self.predicted + sum(self.moved.values(), np.zeros_like(self.predicted))
 
 
-def fitted_curves(d: Determination) -> tuple[FittedCurve, ...]:
+def curves_as_fitted(d: Determination) -> tuple[FittedCurve, ...]:
     """The fitted curve of each set of data, all of them estimated together; none where the weighting knows no errors.
 
         z = (θ − θ̂, a),   H = [J S],   P = (Hᵀ C₀⁻¹ H + diag(0, 1))⁻¹,   var(H z) = H P Hᵀ

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.doe import Box
-from rso.inference import Data, Misfit, Model, determine, fitted_curves
+from rso.inference import Data, Misfit, Model, curves_as_fitted, determine
 
 DEPTH = np.linspace(0.1, 4.0, 25)
 BOX = Box(("k",), ("N",), (0.05,), (0.15,), (False,))
@@ -29,7 +29,7 @@ def data(value, contact=CONTACT, gain=GAIN, noise=NOISE):
 
 def fit(value, **errors):
     d = determine(Misfit(model(), (data(value, **errors),)), seed=1, mcmc=False)
-    return d, fitted_curves(d)[0]
+    return d, curves_as_fitted(d)[0]
 
 
 def test_the_fitted_curve_is_the_conditional_mean_of_the_readings_without_their_own_noise():
@@ -51,7 +51,7 @@ def test_a_contact_point_and_a_gain_are_found_with_their_sign():
     known = Box(("k",), ("N",), (0.0999,), (0.1001,), (False,))
     y = force(0.1, DEPTH + 0.1) * 0.97
     close = Misfit(Model(known, lambda X: force(known.from_unit(X)[:, :1], DEPTH)), (data(y, noise=1e-3),))
-    (found,) = fitted_curves(determine(close, seed=1, mcmc=False))
+    (found,) = curves_as_fitted(determine(close, seed=1, mcmc=False))
     assert found.contact == pytest.approx(0.1, rel=0.1)
     assert found.gain == pytest.approx(-0.03, rel=0.15)
     assert found.expected["contact"] == pytest.approx(CONTACT, rel=0.02)
@@ -91,7 +91,7 @@ def test_whitened_residuals_are_white_where_the_errors_are_right():
 
 def test_a_weighting_without_errors_has_no_fitted_curve():
     d = determine(Misfit(model(), (data(force(0.1, DEPTH)),), "relative"), seed=1, mcmc=False)
-    assert fitted_curves(d) == ()
+    assert curves_as_fitted(d) == ()
 
 
 def test_curves_of_one_test_are_moved_together():
@@ -106,6 +106,6 @@ def test_curves_of_one_test_are_moved_together():
         value = size * y + noise * rng.standard_normal(25)
         parts.append(Data(f"c{size}", "N", DEPTH, value, C, shared={"test: gain": s}))
     both = Model(known, lambda X: np.hstack([s * force(known.from_unit(X)[:, :1], DEPTH) for s in (1.0, 0.2)]))
-    first, second = fitted_curves(determine(Misfit(both, tuple(parts)), seed=1, mcmc=False))
+    first, second = curves_as_fitted(determine(Misfit(both, tuple(parts)), seed=1, mcmc=False))
     assert first.gain == pytest.approx(0.05, rel=0.05)
     assert second.gain == pytest.approx(first.gain, rel=0.02)
