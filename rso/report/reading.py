@@ -316,8 +316,8 @@ class BandView:
         return self._rows(self.since > 0.0)
 
     def _rows(self, keep: np.ndarray) -> BandView:
-        kept = (v[keep] for v in (self.depth, self.since, self.value, self.moved, self.sd))
-        return BandView(*kept, self.data)
+        u, t, y, moved, sd = (v[keep] for v in (self.depth, self.since, self.value, self.moved, self.sd))
+        return BandView(u, t, y, moved, sd, self.data)
 
     def over(self, x: np.ndarray, f: np.ndarray) -> np.ndarray:
         """The simulated curve (x, f) moved as the fit has moved it; nothing moves it at contact."""
@@ -356,7 +356,8 @@ def _band(row: Mapping[str, Any], value: str, moved: str, sd: str) -> BandView |
     if len(whole) < 2:
         return None
     ordered = sorted(whole, key=lambda r: (r[1] or 0.0, r[0] or 0.0))
-    return BandView(*np.array(ordered, float).T, row)
+    columns = np.array(ordered, float).T
+    return BandView(columns[0], columns[1], columns[2], columns[3], columns[4], row)
 
 
 def compared_models(results: Results) -> tuple[CandidateView, ...]:
