@@ -366,10 +366,10 @@ LAYERS = {
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",
         "columns_table deck_table errors noise_table objectives_table search_table",
-        "analysis_tables laboratory_nominal toml_text",
+        "analysis_tables laboratory_nominal specimens_table toml_text",
         "schema",
         "keys loader resolve sources",
-        "cases",
+        "cases specimens",
         "holds laboratory_folder",
         "creep new_study",
     ),

@@ -33,8 +33,18 @@ def load(path: str | Path) -> Study:
     checked by :func:`rso.study.resolve.resolve`.
     """
     file, text = text_of(path)
-    raw = _with_files(tables_of(file, text), file.parent)
-    lines = lines_of(text)
+    raw, lines = tables_of(file, text), lines_of(text)
+    if "specimens" in raw:
+        many = "this study has many specimens: name one (--specimen NAME; from Python specimen=...)"
+        raise study_error(file, lines, [Problem(("specimens",), f"{many}, or use rso run, status or rso.specimens")])
+    return study_of(file, raw, lines)
+
+
+def study_of(
+    file: Path, raw: dict[str, Any], lines: Mapping[Place, int], specimen: str = "", digest: str = ""
+) -> Study:
+    """The study of parsed tables, as of :func:`load`; `specimen` and `digest` are those of one of many."""
+    raw = _with_files(raw, file.parent)
     problems: list[Problem] = []
     study = None
     try:
@@ -49,7 +59,10 @@ def load(path: str | Path) -> Study:
     problems += [] if study is None else [*_check_deck(study), *_check_objectives(study), *_check_backends(study)]
     if problems or study is None:
         raise study_error(file, lines, problems)
-    study._source = StudySource(file, lines, measurements)
+    if specimen:
+        title = f"{study.study.title}: {specimen}"
+        study = study.model_copy(update={"study": study.study.model_copy(update={"title": title})})
+    study._source = StudySource(file, lines, measurements, specimen, digest)
     return study
 
 
