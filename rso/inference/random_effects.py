@@ -24,6 +24,8 @@ from scipy.optimize import brentq, minimize_scalar
 
 from rso.core.distributions import chi2_ppf, chi2_sf, normal_ppf, t_ppf
 
+KNOWN = 3.0  # signed roots between which a profile is taken as it is, at every half
+LEVELS = np.linspace(-KNOWN, KNOWN, 13)
 FAR = 7.5  # signed root of the deviance beyond which a likelihood is nothing: e^{−28}
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 HERMITE, HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
@@ -109,10 +111,14 @@ def profile_likelihood(
     low, high = (own or next(s for s in (other, 1.0) if s) for own, other in (sides, sides[::-1]))
     root = root * np.where(root < 0.0, low, high)
     root = np.maximum.accumulate(root)  # of several pieces the outermost ends count
-    keep = np.concatenate([[True], np.diff(root) > 1e-9])
+    ends = max(root[0], -KNOWN), min(root[-1], KNOWN)
+    inner = LEVELS[(LEVELS > ends[0] + 0.1) & (LEVELS < ends[1] - 0.1)]
+    levels = np.array([ends[0], *inner, ends[1]])  # a profile has points as near as its descents happen to end
+    theta = np.interp(levels, root + 1e-12 * np.arange(len(root)), at)
+    keep = np.concatenate([[True], np.diff(theta) > 0.0])
     if keep.sum() < 2:
         return None
-    return SpecimenLikelihood(at[keep], root[keep], bounds[0], bounds[1])
+    return SpecimenLikelihood(theta[keep], levels[keep], bounds[0], bounds[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +194,11 @@ class RandomEffects:
 def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) -> RandomEffects:
     """The population of specimens by REML, with the Hartung–Knapp interval of its mean.
 
-    With w_i = j_i the information about m in specimen i, the variance of the mean is Σ u_i²/j_i / ((k − 1) Σ j_i): for
-    Gaussian L_i that of Hartung & Knapp.  The k in it are the specimens bounded on both sides; one that is bounded on
-    one side moves the mean and τ by what it excludes.  Errors that all specimens share are not in any interval.
+    With j_i the information about m in specimen i, the variance of the mean is max(1, Σ u_i²/j_i / (k − 1)) / Σ j_i:
+    for Gaussian L_i that of Hartung & Knapp, which the 1 keeps from being less than that of known errors (Röver, Knapp
+    & Friede, BMC Med. Res. Methodol. 15 (2015) 99, eq. 9).  The k in it are the specimens bounded on both sides; one
+    that is bounded on one side moves the mean and τ by what it excludes.  Errors that all specimens share are in no
+    interval.
 
     Raises ValueError without a specimen that is bounded on both sides.
     """
@@ -204,7 +212,7 @@ def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) 
     information = float(every.curvature.sum())
     sd, interval, prediction = 1.0 / math.sqrt(information), None, None
     if k > 1:
-        sd = math.sqrt(_scatter(own) / (k - 1) / information)
+        sd = math.sqrt(max(1.0, _scatter(own) / (k - 1)) / information)
         reach = float(t_ppf(0.5 * (1 + level), k - 1)) * sd
         interval = (mean - reach, mean + reach)
     if k > 2:
@@ -260,7 +268,7 @@ def _of_estimates(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
     ends = grid[max(n - 1, 0)], grid[min(n + 1, 40)]
     tau = float(minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 1e-9 * most}).x) if n else 0.0
     mean, w, square = at(tau)
-    return mean, float(square.sum() / (len(y) - 1) / w.sum()), tau
+    return mean, float(max(1.0, square.sum() / (len(y) - 1)) / w.sum()), tau
 
 
 def outliers(residuals: Sequence[tuple[float, float] | None], rate: float = OUTLIER) -> list[bool]:
@@ -339,12 +347,17 @@ def _taus(specimens: Sequence[SpecimenLikelihood]) -> list[float]:
     return [0.0, *np.geomspace(1e-2 * min(widths), most, 16)]
 
 
-def _tau_interval(closed: Sequence[SpecimenLikelihood], level: float) -> tuple[float, float]:
-    """Where the generalised Q(τ) = Σ u²/j at the mean of that τ lies between its quantiles of χ² with k − 1 degrees."""
+def _tau_interval(closed: Sequence[SpecimenLikelihood], level: float) -> tuple[float, float] | None:
+    """Where the generalised Q(τ) = Σ u²/j at the mean of that τ lies between its quantiles of χ² with k − 1 degrees.
+
+    None where no τ does: specimens agree better than their errors allow.
+    """
 
     def q(tau: float) -> float:
         return _scatter(marginal(closed, np.array([_mode(closed, tau)]), tau))
 
+    if q(0.0) < float(chi2_ppf(0.5 * (1 - level), len(closed) - 1)):
+        return None
     ends = []
     for tail in (0.5 * (1 + level), 0.5 * (1 - level)):
         wanted = float(chi2_ppf(tail, len(closed) - 1))

@@ -9,7 +9,6 @@ from rso.calibration.plan import Plan, make_plan
 from rso.contract import Backend, plain
 from rso.study.cases import STEPS, travels
 from rso.study.errors import StudyError
-from rso.study.schema import Study
 from rso.study.specimens import SpecimenStudies, together
 
 NEAR = 0.8  # of the deepest: specimens pressed at least so deep are computed through the same travels
@@ -25,7 +24,8 @@ def specimen_plans(found: SpecimenStudies, backend: Backend | None = None) -> li
     wrong: dict[str, list[str]] = {}
     for study in found.studies:
         try:
-            plans.append(make_plan(study, backend=plans[0].backend if plans and _alike(plans[0], study) else backend))
+            known = plans[0].backend if plans and study.backend.template is None else backend  # settings are no part
+            plans.append(make_plan(study, backend=known))
         except StudyError as error:
             for line in error.problems:
                 wrong.setdefault(line, []).append(study.specimen)
@@ -60,9 +60,3 @@ def shared_travels(plans: Sequence[Plan]) -> list[dict[str, tuple[float, ...]]]:
                 found[k][name] = common
             left = [place for place in left if place not in near]
     return found
-
-
-def _alike(plan: Plan, study: Study) -> bool:
-    """Whether a study has the backend of a plan: settings are not part of it, but of a deck."""
-    return study.backend.template is None and study.backends.keys() == plan.study.backends.keys()
-

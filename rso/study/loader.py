@@ -56,7 +56,9 @@ def study_of(
     problems += _check_search(raw, measurements)
     problems += _check_names(raw, file.parent)
     problems += _check_look_alikes(raw)
-    problems += [] if study is None else [*_check_deck(study), *_check_objectives(study), *_check_backends(study)]
+    problems += (
+        [] if study is None else [*_check_deck(study), *_check_objectives(study), *_check_backends(study, specimen)]
+    )
     if problems or study is None:
         raise study_error(file, lines, problems)
     if specimen:
@@ -297,8 +299,9 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
 
 
-def _check_backends(study: Study) -> Iterator[Problem]:
-    """Experiments name backends that there are, and every further one has an experiment."""
+def _check_backends(study: Study, specimen: str) -> Iterator[Problem]:
+    """Experiments name backends that there are, and every further one has an experiment, but of one specimen of many,
+    with which not every test was done."""
     for n, e in enumerate(study.experiments):
         if e.backend is not None and e.backend not in study.backends:
             yield Problem(("experiments", n, "backend"), choose(e.backend, study.backends), e.backend)
@@ -309,7 +312,7 @@ def _check_backends(study: Study) -> Iterator[Problem]:
             )
     used = {e.backend for e in study.experiments}
     for name, table in study.backends.items():
-        if name not in used:
+        if name not in used and not specimen:
             yield Problem(("backends", name), f'no experiment has it: give one backend = "{name}"')
         if table.template is not None or study.backend.template is not None:
             yield Problem(("backends", name), "a program with a template cannot stand beside other backends")

@@ -23,12 +23,16 @@ UNASKED = ("dispatch", "report", "specimens")  # tables that change no answer
 
 @dataclass(frozen=True, eq=False)
 class SpecimenStudies:
-    """A study of many specimens: the study of each in the order of the file, notes by name, the table if there is one."""
+    """A study of many specimens: the study of each in the order of the file.
+
+    By name there are notes, and what is a specimen's own besides its data, key → value; `table` is the file of them.
+    """
 
     file: Path
     title: str
     studies: tuple[Study, ...]
     notes: Mapping[str, str]
+    own: Mapping[str, Mapping[str, str]]
     table: Path | None
 
     @property
@@ -70,6 +74,7 @@ def load_specimens(path: str | Path) -> SpecimenStudies:
     said += _names(rows)
     if not (rows or problems or said):
         problems.append(Problem(("specimens",), "there is none"))
+    problems += _unused(raw)
     studies = []
     wrong: dict[str, list[str]] = {}
     for row in rows:
@@ -85,7 +90,13 @@ def load_specimens(path: str | Path) -> SpecimenStudies:
     if every := [*own_problems, *said, *together(wrong, len(rows))]:
         raise StudyError(every)
     title = str(raw["study"]["title"])
-    return SpecimenStudies(file, title, tuple(studies), {r.table.name: r.table.note for r in rows}, table)
+    notes = {r.table.name: r.table.note for r in rows}
+    return SpecimenStudies(file, title, tuple(studies), notes, {r.table.name: _own(r) for r in rows}, table)
+
+
+def _own(row: SpecimenRow) -> dict[str, str]:
+    """What is the specimen's own besides its data, key → value as written."""
+    return {".".join(map(str, k)): str(v) for k, v in row.values.items() if k[0] not in ("name", "note", "data")}
 
 
 def together(wrong: Mapping[str, Sequence[str]], count: int) -> list[str]:
@@ -96,6 +107,14 @@ def together(wrong: Mapping[str, Sequence[str]], count: int) -> list[str]:
         who = "specimen" if len(names) == 1 else "specimens"
         found.append(text if len(names) == count > 1 else f"{text} ({who} {', '.join(names[:FEW])}{left})")
     return found
+
+
+def _unused(raw: Mapping[str, Any]) -> list[Problem]:
+    """Backends that no experiment of any specimen has."""
+    experiments, backends = raw.get("experiments"), raw.get("backends")
+    used = {e.get("backend") for e in experiments or () if isinstance(e, dict)} if isinstance(experiments, list) else {}
+    names = backends if isinstance(backends, dict) else ()
+    return [Problem(("backends", n), f'no experiment has it: give one backend = "{n}"') for n in names if n not in used]
 
 
 def _names(rows: Sequence[SpecimenRow]) -> list[str]:
@@ -188,13 +207,9 @@ def _put(tables: dict[str, Any], place: Place, value: Any) -> None:
 def _without(
     own: dict[str, Any], places: Mapping[Place, int], absent: Sequence[int]
 ) -> tuple[dict[str, Any], dict[Place, int]]:
-    """The tables without the experiments that were not done with this specimen, and without what only these have."""
+    """The tables without the experiments that were not done with this specimen; backends stay, runs have their keys."""
     kept = [n for n in range(len(own["experiments"])) if n not in absent]
-    gone = {own["experiments"][n].get("backend") for n in absent}
     own["experiments"] = [own["experiments"][n] for n in kept]
-    used = {e.get("backend") for e in own["experiments"]}
-    if isinstance(own.get("backends"), dict):
-        own["backends"] = {k: v for k, v in own["backends"].items() if k in used or k not in gone}
     moved: dict[Place, int] = {}
     for place, line in places.items():
         if place[0] == "experiments" and len(place) > 1:
