@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError
 
+from rso.core.units import in_base
 from rso.data.files.columns import cells_of, is_number, separator_of
 from rso.data.files.lines import lines_of, text_of
 from rso.study.base_table import StudyFileTable
@@ -43,7 +44,7 @@ class SpecimenTable(StudyFileTable):
     """[[specimens]]: one specimen of many, each fitted for itself: what it has of its own, the rest is the study's.
 
     `specimens = "table.csv"` above the first table names a file in their place, with a row for each; its columns are
-    these keys with dots, a unit in brackets behind them: settings.specimen.thickness [mm].
+    these keys with dots, a unit in brackets behind them, from which numbers are converted: settings.specimen.thickness [mm].
     """
 
     name: Name
@@ -51,7 +52,7 @@ class SpecimenTable(StudyFileTable):
     data: OwnFiles = Field(default_factory=dict)
     """Its measured files, data.press = "a.csv" for the experiment press; "" where it was not done."""
     settings: Settings = Field(default_factory=dict)
-    """Settings of the backend for it, key by key: settings.specimen.thickness = "7.6 mm"."""
+    """Settings of the backend for it, key by key: settings.specimen.thickness = 7.6."""
     experiments: Settings = Field(default_factory=dict)
     """Other keys of an experiment by its name: experiments.press.settings.indenter.radius = "3 mm"."""
     backends: Settings = Field(default_factory=dict)
@@ -190,7 +191,7 @@ def _cell(cell: str, place: Place, unit: str) -> Any:
     if is_number(cell):
         number = cell.replace(",", ".").replace("−", "-")
         if unit:
-            return f"{number} {unit}"
+            return in_base(f"{number} {unit}")[0]
         return int(number) if re.fullmatch(r"[-+]?\d+", number) else float(number)
     if unit:
         raise ValueError(f"a number in {unit} is expected")
