@@ -11,11 +11,11 @@ from typing import Any
 
 from rso.calibration.plan import Plan, source_of
 from rso.cli import output
-from rso.cli.answer import between
+from rso.cli.answer import interval_text
 from rso.core import disk
 from rso.core.symbols import symbol
 from rso.population.plans import specimen_plans
-from rso.population.summary import FILE, SCHEMA, finished, folder_of, results_of, summarise, write_summary
+from rso.population.summary import FILE, SCHEMA, folder_of, is_finished, results_of, summarise, write_summary
 from rso.study.errors import Problem, study_error
 from rso.study.specimens import SpecimenStudies, load_specimens
 
@@ -116,14 +116,14 @@ def run_many(options: argparse.Namespace, folder: Path, store: Path, command: st
         return int(answer["exit_code"])
     print()
     output.bold(answer["study"]["title"])
-    output.sentences(answer["words"])
+    output.wrapped_sentences(answer["words"])
     if not options.quiet:
         output.lines(_table(answer))
-        output.sentences([f"warning: {w}" for w in answer["warnings"]])
+        output.wrapped_sentences([f"warning: {w}" for w in answer["warnings"]])
         c = answer["counts"]
         output.say(f"  {c['done']} of {c['specimens']} specimens have an answer, by {c['runs']} different simulations")
     output.lines([f"  {f}" for f in files])
-    return output.ended(int(answer["exit_code"]), answer["exit_reason"])
+    return output.say_why_ended(int(answer["exit_code"]), answer["exit_reason"])
 
 
 def _table(answer: Mapping[str, Any]) -> list[str]:
@@ -135,11 +135,11 @@ def _table(answer: Mapping[str, Any]) -> list[str]:
         if s["state"] != "done":
             lines.append(f"  {s['name']:{wide}}  {s['state']}: {s['reason'] or 'not run yet'}")
             continue
-        parts = [
-            f"{symbol(p['parameter'])} {between(p['interval'], units[p['parameter']])}" + " (outlier)" * p["outlier"]
-            for p in s["parameters"]
-            if p["verdict"] != "fixed" and None not in p["interval"]
-        ]
+        parts = []
+        for p in s["parameters"]:
+            if p["verdict"] != "fixed" and None not in p["interval"]:
+                span = interval_text(p["interval"], units[p["parameter"]])
+                parts.append(f"{symbol(p['parameter'])} {span}" + " (outlier)" * p["outlier"])
         lines.append(f"  {s['name']:{wide}}  {'; '.join(parts)}")
     return lines
 
@@ -165,7 +165,7 @@ def status_of_many(options: argparse.Namespace, folder: Path) -> int:
         more = f" and {len(rest) - SHOWN} more" if len(rest) > SHOWN else ""
         output.lines([f"  not finished: {', '.join(rest[:SHOWN])}{more}"])
     if answer:
-        output.sentences(answer["words"])
+        output.wrapped_sentences(answer["words"])
         if answer["exit_code"]:
             output.lines([f"  exit code {answer['exit_code']}: {answer['exit_reason']}"])
         page = folder / "specimens.html"
@@ -179,7 +179,7 @@ def _state(folder: Path, specimen: str, sha256: str) -> str:
     found = results_of(folder, specimen, sha256)
     if found is None:
         return "not begun"
-    return "done" if finished(found) else f"stage {found.get('stage')}"
+    return "done" if is_finished(found) else f"stage {found.get('stage')}"
 
 
 def _summary(folder: Path) -> dict[str, Any] | None:
@@ -201,7 +201,7 @@ def report_of_many(options: argparse.Namespace, folder: Path) -> int:
         return 2
     for s in found.studies:
         one = results_of(folder, s.specimen, s.sha256)
-        if one is not None and finished(one):
+        if one is not None and is_finished(one):
             render(dict(one), folder_of(folder, s.specimen), html=True, pdf=s.report.pdf)
     for file in render_specimens(answer, folder, html=True, pdf=True):
         output.say(file)

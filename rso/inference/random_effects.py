@@ -146,8 +146,9 @@ def marginal(specimens: Sequence[SpecimenLikelihood], mean: np.ndarray, tau: flo
         parts[0, normal] = np.log(sd) - 0.5 * np.log(variance) - 0.5 * (y - m) ** 2 / variance
         parts[1, normal] = (y - m) / variance
         parts[2, normal] = 1.0 / variance
-    for k in np.flatnonzero(~normal):
-        parts[:, k] = _marginal(specimens[k], m, tau)
+    for k, one in enumerate(specimens):
+        if not one.normal:
+            parts[:, k] = _marginal(one, m, tau)
     return Marginal(*parts)
 
 

@@ -14,7 +14,7 @@ import rso
 from rso.calibration.plan import Plan
 from rso.core import disk
 from rso.core.distributions import chi2_cdf
-from rso.core.plain_results import plainly, write, written_cell
+from rso.core.plain_results import plainly, write_results, written_cell
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
 from rso.inference.random_effects import (
@@ -105,7 +105,7 @@ def results_of(folder: Path, specimen: str, sha256: str) -> Found | None:
         return None
 
 
-def finished(found: Found | None) -> bool:
+def is_finished(found: Found | None) -> bool:
     """Whether results are those of a whole run."""
     return found is not None and found.get("stage") == "validate" and found.get("exit_code") is not None
 
@@ -115,7 +115,7 @@ def write_summary(folder: Path, found: Found) -> list[Path]:
     import pandas as pd  # 0.4 s, which `rso check` does without
 
     folder.mkdir(parents=True, exist_ok=True)
-    write(folder / FILE, found)
+    write_results(folder / FILE, found)
     paths = [folder / FILE]
     for name, rows in (("specimens", wide_rows(found)), ("population", population_rows(found))):
         safe = [{written_cell(k): written_cell(v) for k, v in row.items()} for row in rows]
@@ -161,8 +161,8 @@ def _specimen(
 ) -> dict[str, Any]:
     name = plan.study.specimen
     known = (found or {}).get("identification")
-    done = finished(found) and known is not None
-    state = "done" if done else "stopped" if name in stopped or finished(found) else "missing"
+    done = is_finished(found) and known is not None
+    state = "done" if done else "stopped" if name in stopped or is_finished(found) else "missing"
     reason = stopped.get(name) or (found or {}).get("exit_reason") or ""
     if not reason and state == "stopped" and found:
         reason = next((w for w in found["warnings"] if w.startswith("identification")), "nothing was identified")
@@ -249,7 +249,7 @@ def _population(
         "outliers": marked,
         "without_outliers": None if again is None else _back(again.mean, log),
     }
-    return {**block, "words": in_words(block)}
+    return {**block, "words": population_words(block)}
 
 
 def _identified(found: Found | None) -> Sequence[Found]:
@@ -312,7 +312,7 @@ def _ends(interval: tuple[float, float] | None, log: bool) -> tuple[float | None
     return (None, None) if interval is None else (_back(interval[0], log), _back(interval[1], log))
 
 
-def in_words(p: Found) -> str:
+def population_words(p: Found) -> str:
     """What the specimens say together of a parameter."""
     letter, count = symbol(p["parameter"]), p["both_sides"]
     if p["mean"] is None:

@@ -10,12 +10,12 @@ from typing import Any
 
 from rso.contract import digest
 from rso.study.confusable_text import look_alikes
-from rso.study.errors import Problem, StudyError, choose, study_error
-from rso.study.line_numbers import Place, lines_of
+from rso.study.errors import Problem, StudyError, choices_text, study_error
+from rso.study.line_numbers import Place, toml_lines
 from rso.study.loader import study_of
 from rso.study.schema import Study
 from rso.study.specimens_table import NAME, SpecimenRow, rows_of_file, rows_of_tables
-from rso.study.toml_text import tables_of, text_of
+from rso.study.toml_text import study_source, tables_of
 
 FEW = 3  # specimens that a message names
 UNASKED = ("dispatch", "report", "specimens")  # tables that change no answer
@@ -44,13 +44,13 @@ class SpecimenStudies:
         """The study of one specimen; StudyError naming the others."""
         found = next((s for s in self.studies if s.specimen == name), None)
         if found is None:
-            raise StudyError([f"{self.file}: specimen {name!r}: {choose(name, self.names)}"])
+            raise StudyError([f"{self.file}: specimen {name!r}: {choices_text(name, self.names)}"])
         return found
 
 
 def has_specimens(path: str | Path) -> bool:
     """Whether a study file is one of many specimens; StudyError where it cannot be read."""
-    return "specimens" in tables_of(*text_of(path))
+    return "specimens" in tables_of(*study_source(path))
 
 
 def load_specimens(path: str | Path) -> SpecimenStudies:
@@ -58,8 +58,8 @@ def load_specimens(path: str | Path) -> SpecimenStudies:
 
     What is the same for all is said once, what concerns some with their names.
     """
-    file, text = text_of(path)
-    raw, lines = tables_of(file, text), lines_of(text)
+    file, text = study_source(path)
+    raw, lines = tables_of(file, text), toml_lines(text)
     given, table = raw.get("specimens"), None
     problems: list[Problem] = []
     said: list[str] = []
@@ -157,7 +157,7 @@ def _merged(
                 n = index.get(path[1]) if len(path) > 1 else None  # type: ignore[arg-type]
             if n is None:
                 which = repr(path[1]) if len(path) > 1 else "which of them"
-                hint = choose(str(path[1]) if len(path) > 1 else "", index)
+                hint = choices_text(str(path[1]) if len(path) > 1 else "", index)
                 said.append(f"{spot.file}:{int(spot)}: {spot.label}: no experiment {which}; {hint}")
                 continue
             place: Place = ("experiments", n, "data") if path[0] == "data" else ("experiments", n, *path[2:])
@@ -176,7 +176,7 @@ def _merged(
             place = path
         if (known := raw.get(str(path[0]))) is not None and path[0] in ("backends", "parameters"):
             if len(path) > 1 and isinstance(known, dict) and path[1] not in known:
-                said.append(f"{spot.file}:{int(spot)}: {spot.label}: {choose(str(path[1]), known)}")
+                said.append(f"{spot.file}:{int(spot)}: {spot.label}: {choices_text(str(path[1]), known)}")
                 continue
         _put(own, place, value)
         places[place] = spot

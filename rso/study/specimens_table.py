@@ -13,9 +13,9 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from rso.core.units import in_base
 from rso.data.files.columns import cells_of, is_number, separator_of
-from rso.data.files.lines import lines_of, text_of
+from rso.data.files.lines import file_text, numbered_lines
 from rso.study.base_table import StudyFileTable
-from rso.study.errors import Problem, choose, schema_problems
+from rso.study.errors import Problem, choices_text, schema_problems
 from rso.study.fields import Name, Settings, expected
 from rso.study.line_numbers import LineElsewhere, Place
 
@@ -44,7 +44,7 @@ class SpecimenTable(StudyFileTable):
     """[[specimens]]: one specimen of many, each fitted for itself: what it has of its own, the rest is the study's.
 
     `specimens = "table.csv"` above the first table names a file in their place, with a row for each; its columns are
-    these keys with dots, a unit in brackets behind them, from which numbers are converted: settings.specimen.thickness [mm].
+    these keys with dots and, in brackets, the unit that numbers are in: settings.specimen.thickness [mm].
     """
 
     name: Name
@@ -103,7 +103,7 @@ def rows_of_tables(
 def rows_of_file(path: Path, problems: list[str]) -> list[SpecimenRow]:
     """The specimens of a table (CSV, text or a workbook); what is wrong goes to `problems`, with file, row, column."""
     try:
-        rows = list(lines_of(text_of(path)[0], []))
+        rows = list(numbered_lines(file_text(path)[0], []))
     except ValueError as error:
         problems.append(str(error))
         return []
@@ -168,12 +168,14 @@ def _column(head: str) -> tuple[Place, str]:
         at += 1
     choices = ["name", "note", *(f"{root}.…" for root in ROOTS)]
     if at < len(text) or not keys:
-        raise ValueError(f"keys with dots are expected, such as settings.specimen.thickness; {choose(head, choices)}")
+        raise ValueError(
+            f"keys with dots are expected, such as settings.specimen.thickness; {choices_text(head, choices)}"
+        )
     root, deep = keys[0], len(keys)
     good = root in ("name", "note", "data") and deep == 1
     good |= (root in ("data", "settings") and deep > 1) or (root in ROOTS[2:] and deep > 2)
     if not good:
-        raise ValueError(f"no key of a specimen; {choose(root, choices)}")
+        raise ValueError(f"no key of a specimen; {choices_text(root, choices)}")
     if unit and root in ("name", "note", "data"):
         raise ValueError("has no unit")
     return tuple(keys), unit

@@ -1,5 +1,7 @@
 """Random effects of specimens: a published table, integrals done another way, coverage on simulated specimens."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
@@ -88,7 +90,7 @@ def test_a_marginal_is_its_integral(one, tau):
             return likelihood(m + tau * z) * stats.norm.pdf(z)
 
         cuts = sorted({float(np.clip(v, -10, 10)) for v in (one.at - m) / tau} | {-10.0, -3.0, 0.0, 3.0, 10.0})
-        parts = [integrate.quad(inside, a, b, epsabs=1e-13)[0] for a, b in zip(cuts, cuts[1:], strict=False)]
+        parts = [integrate.quad(inside, a, b, epsabs=1e-13)[0] for a, b in itertools.pairwise(cuts)]
         return np.log(sum(parts))
 
     for m in (-0.3, 0.4, 1.7):
@@ -162,7 +164,7 @@ def test_deleted_residuals_by_leaving_out():
 
 
 def test_a_one_sided_specimen_moves_what_it_excludes():
-    """A specimen known to lie above the others draws the mean up and adds scatter; one that excludes nothing does not."""
+    """One known to lie above the others draws the mean up and adds scatter; one that excludes nothing does not."""
     rng = np.random.default_rng(7)
     every = gaussians(*simulated(rng, 8, 0.1))
     alone = random_effects(every)
