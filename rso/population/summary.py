@@ -36,7 +36,7 @@ FEW = 5  # specimens of which the scatter is hardly known
 ENDS = ("low", "high")
 NAMED = 4  # specimens that a sentence names
 SHARED = (
-    "Errors that all specimens share, as that of one load cell or one indenter, are in no interval of the mean: more "
+    "Errors that all specimens share are in no interval of the mean, as that of one load cell or one indenter. More "
     "specimens do not average them out."
 )
 

@@ -193,7 +193,8 @@ def _cell(cell: str, place: Place, unit: str) -> Any:
     if is_number(cell):
         number = cell.replace(",", ".").replace("−", "-")
         if unit:
-            return in_base(f"{number} {unit}")[0]
+            base = in_base(f"{number} {unit}")[0]
+            return base if "settings" in place else f"{number} {unit}"  # of settings nobody knows which unit is right
         return int(number) if re.fullmatch(r"[-+]?\d+", number) else float(number)
     if unit:
         raise ValueError(f"a number in {unit} is expected")
