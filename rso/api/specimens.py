@@ -20,7 +20,7 @@ from rso.core import disk
 from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.running import run_specimens
-from rso.population.summary import FILE, folder_of, population_rows, summarise, write_summary
+from rso.population.summary import FILE, folder_of, population_rows, population_summary, write_summary
 from rso.report import render, render_specimens
 from rso.study.specimens import SpecimenStudies, load_specimens
 
@@ -53,14 +53,13 @@ class SpecimensResult:
 
         Numbers are NaN where a specimen has no answer; `bounded` says which ends are the data's.
         """
-        units = {p["parameter"]: p["unit"] for p in self.data["population"]}
+        keys = ("parameter", "value", "unit", "verdict", "bounded", "outlier")
         rows = []
         for s in self.data["specimens"]:
             head = {"specimen": s["name"], "state": s["state"]}
-            for p in s["parameters"] or [dict.fromkeys(("parameter", "value", "verdict", "bounded", "outlier"))]:
-                low, high = p.get("interval") or (None, None)
-                kept = {k: p[k] for k in ("parameter", "value", "verdict", "bounded", "outlier")}
-                rows.append({**head, **kept, "unit": units.get(p["parameter"], ""), "low": low, "high": high})
+            for p in s["parameters"] or [{**dict.fromkeys(keys), "interval": (None, None)}]:
+                low, high = p["interval"]
+                rows.append({**head, **{k: p[k] for k in keys}, "low": low, "high": high})
         return pd.DataFrame(rows).astype({"value": float, "low": float, "high": float})
 
     @property
@@ -120,7 +119,7 @@ class SpecimensStudy:
                 self.plans, store, pool, self.folder, command=command, jobs=count, say=say,
                 pages=lambda one, place: render(one, place, html=True, pdf=first.report.pdf) if report else None,
             )  # fmt: skip
-        data = summarise(self.plans, self.folder, stopped, self.found.own, self.found.notes, command)
+        data = population_summary(self.plans, self.folder, stopped, self.found.own, self.found.notes, command)
         write_summary(self.folder, data)
         result = SpecimensResult(self.folder, data)
         if report:

@@ -12,10 +12,19 @@ from typing import Any
 from rso.calibration.plan import Plan, source_of
 from rso.cli import output
 from rso.cli.answer import interval_text
+from rso.contract import digest
 from rso.core import disk
 from rso.core.symbols import symbol
 from rso.population.plans import specimen_plans
-from rso.population.summary import FILE, SCHEMA, folder_of, is_finished, results_of, summarise, write_summary
+from rso.population.summary import (
+    FILE,
+    SCHEMA,
+    folder_of,
+    is_finished,
+    population_summary,
+    specimen_results,
+    write_summary,
+)
 from rso.study.errors import Problem, study_error
 from rso.study.specimens import SpecimenStudies, load_specimens
 
@@ -61,7 +70,7 @@ def _alike(plans: Sequence[Plan]) -> list[str]:
     """How many different designs there are: specimens with equal cases share theirs."""
     kinds: dict[str, int] = {}
     for plan in plans:
-        key = json.dumps([[c.programme.plain(), str(sorted(c.settings.items()))] for c in plan.cases])
+        key = digest([[c.programme.plain(), dict(c.settings)] for c in plan.cases])
         kinds[key] = kinds.get(key, 0) + 1
     many = "design" if len(kinds) == 1 else "designs"
     return [f"  simulations: {len(kinds)} {many} for {len(plans)} specimens; those of one geometry share theirs"]
@@ -106,7 +115,7 @@ def run_many(options: argparse.Namespace, folder: Path, store: Path, command: st
                 pages=lambda one, place: render(one, place, html=html, pdf=pdf) if html or pdf else None,
             )
             progress.say("summary: parameters over all specimens")
-    answer = summarise(plans, folder, stopped, found.own, found.notes, command)
+    answer = population_summary(plans, folder, stopped, found.own, found.notes, command)
     files = write_summary(folder, answer)
     if html or pdf:
         files += render_specimens(answer, folder, html=html, pdf=pdf)
@@ -128,7 +137,6 @@ def run_many(options: argparse.Namespace, folder: Path, store: Path, command: st
 
 def _table(answer: Mapping[str, Any]) -> list[str]:
     """A line for each specimen: its parameters with intervals, or why it has none."""
-    units = {p["parameter"]: p["unit"] for p in answer["population"]}
     wide = max(len(s["name"]) for s in answer["specimens"])
     lines = []
     for s in answer["specimens"]:
@@ -138,7 +146,7 @@ def _table(answer: Mapping[str, Any]) -> list[str]:
         parts = []
         for p in s["parameters"]:
             if p["verdict"] != "fixed" and None not in p["interval"]:
-                span = interval_text(p["interval"], units[p["parameter"]])
+                span = interval_text(p["interval"], p["unit"])
                 parts.append(f"{symbol(p['parameter'])} {span}" + " (outlier)" * p["outlier"])
         lines.append(f"  {s['name']:{wide}}  {'; '.join(parts)}")
     return lines
@@ -176,7 +184,7 @@ def status_of_many(options: argparse.Namespace, folder: Path) -> int:
 
 
 def _state(folder: Path, specimen: str, sha256: str) -> str:
-    found = results_of(folder, specimen, sha256)
+    found = specimen_results(folder, specimen, sha256)
     if found is None:
         return "not begun"
     return "done" if is_finished(found) else f"stage {found.get('stage')}"
@@ -200,7 +208,7 @@ def report_of_many(options: argparse.Namespace, folder: Path) -> int:
         output.complain(f"{folder / FILE}: is not there; run the study first: rso run {options.study}")
         return 2
     for s in found.studies:
-        one = results_of(folder, s.specimen, s.sha256)
+        one = specimen_results(folder, s.specimen, s.sha256)
         if one is not None and is_finished(one):
             render(dict(one), folder_of(folder, s.specimen), html=True, pdf=s.report.pdf)
     for file in render_specimens(answer, folder, html=True, pdf=True):

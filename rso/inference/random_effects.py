@@ -96,7 +96,7 @@ def gaussian_likelihood(value: float, sd: float) -> SpecimenLikelihood:
     return SpecimenLikelihood(value + sd * np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 0.0, 1.0]))
 
 
-def profile_likelihood(
+def likelihood_of_profile(
     at: np.ndarray, rise: np.ndarray, interval: tuple[float, float], bounds: tuple[bool, bool], level: float
 ) -> SpecimenLikelihood | None:
     """The likelihood of a profile: `rise` (g,) of χ² over its least value at `at` (g,), which increases.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 
 from rso.calibration.plan import Plan, make_plan
-from rso.contract import Backend, plain
+from rso.contract import Backend, digest
 from rso.study.cases import STEPS, travels
 from rso.study.errors import StudyError
 from rso.study.specimens import SpecimenStudies, together
@@ -47,8 +46,7 @@ def shared_travels(plans: Sequence[Plan]) -> list[dict[str, tuple[float, ...]]]:
             curve = plan.curves[name]
             if name in plan.holds or name in plan.creeps.followed or curve.back or len(curve.depth) < STEPS:
                 continue
-            settings = json.dumps(plain(plan.study.settings_of(name)), sort_keys=True)
-            alike.setdefault(f"{name} {settings}", []).append((k, name))
+            alike.setdefault(f"{name} {digest(plan.study.settings_of(name))}", []).append((k, name))
     for group in alike.values():
         deepest = {place: float(plans[place[0]].curves[place[1]].depth.max()) for place in group}
         left = sorted(group, key=lambda place: (-deepest[place], place))

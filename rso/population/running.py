@@ -15,7 +15,7 @@ from rso.calibration.results import data_hashes
 from rso.calibration.stages import NothingToFit
 from rso.evaluation import Watch
 from rso.evaluation.store import RunStore, StoreError
-from rso.population.summary import folder_of, is_finished, results_of
+from rso.population.summary import folder_of, is_finished, specimen_results
 
 Say = Callable[[str], None]
 Pages = Callable[[dict[str, Any], Path], object]
@@ -68,7 +68,7 @@ def run_specimens(
 
 def _done_before(plan: Plan, folder: Path) -> bool:
     """Whether a whole run of this very study of the specimen is there, by this version and on the same data."""
-    found = results_of(folder, plan.study.specimen, plan.study.sha256)
+    found = specimen_results(folder, plan.study.specimen, plan.study.sha256)
     if found is None or not is_finished(found):
         return False
     made = found["provenance"]

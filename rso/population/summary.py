@@ -21,8 +21,8 @@ from rso.inference.random_effects import (
     RandomEffects,
     SpecimenLikelihood,
     deleted_residuals,
+    likelihood_of_profile,
     outliers,
-    profile_likelihood,
     random_effects,
 )
 
@@ -48,7 +48,7 @@ def folder_of(folder: Path, specimen: str) -> Path:
     return folder / FOLDER / specimen
 
 
-def summarise(
+def population_summary(
     plans: Sequence[Plan],
     folder: Path,
     stopped: Mapping[str, str],
@@ -61,7 +61,7 @@ def summarise(
     `stopped` are specimens without an answer and why, `own` what the study says of each alone.
     """
     study = plans[0].study
-    found = {p.study.specimen: results_of(folder, p.study.specimen, p.study.sha256) for p in plans}
+    found = {p.study.specimen: specimen_results(folder, p.study.specimen, p.study.sha256) for p in plans}
     rows = [_specimen(p, found[p.study.specimen], stopped, own, notes) for p in plans]
     _count_runs(rows, [found[r["name"]] for r in rows])
     names = list(dict.fromkeys(a.name for p in plans for a in p.resolved.axes))
@@ -96,7 +96,7 @@ def summarise(
     )
 
 
-def results_of(folder: Path, specimen: str, sha256: str) -> Found | None:
+def specimen_results(folder: Path, specimen: str, sha256: str) -> Found | None:
     """results.json of a specimen as far as it was written for the study of this hash; None where there is none."""
     try:
         found: Found = disk.read_json(folder_of(folder, specimen) / "results.json")
@@ -126,12 +126,12 @@ def write_summary(folder: Path, found: Found) -> list[Path]:
 
 def wide_rows(found: Found) -> list[dict[str, Any]]:
     """A row for each specimen: state, what is its own, and of each parameter value, ends, verdict, outlier."""
-    units = {p["parameter"]: p["unit"] for p in found["population"]}
+    own = list(dict.fromkeys(k for s in found["specimens"] for k in s["own"]))
     rows = []
     for s in found["specimens"]:
-        row: dict[str, Any] = {"specimen": s["name"], "state": s["state"], **s["own"]}
+        row: dict[str, Any] = {"specimen": s["name"], "state": s["state"], **{k: s["own"].get(k, "") for k in own}}
         for p in s["parameters"]:
-            n, unit = p["parameter"], units.get(p["parameter"], "")
+            n, unit = p["parameter"], p["unit"]
             low, high = p["interval"]
             row |= {f"{n} [{unit}]": p["value"], f"{n} low": low, f"{n} high": high, f"{n} verdict": p["verdict"]}
             row |= {f"{n} bounded": p["bounded"], f"{n} outlier": p["outlier"]}
@@ -184,12 +184,13 @@ def _specimen(
 
 def _parameters(plan: Plan, known: Found | None) -> list[dict[str, Any]]:
     rows = []
+    units = {p.name: p.unit for p in plan.backend.parameters}
     blank = {"residual": None, "p_value": None, "outlier": False}
     for p in known["parameters"] if known else ():
         cut = set(p["bounds"])
         bounded = {0: "both", 2: "neither"}.get(len(cut)) or ("upper" if "lower" in cut else "lower")
         kept = {k: p[k] for k in ("parameter", "value", "interval", "verdict")}
-        rows.append({**kept, "bounded": bounded, **blank})
+        rows.append({**kept, "unit": units[p["parameter"]], "bounded": bounded, **blank})
     for name, value in plan.resolved.fixed.items():
         rows.append(
             {
@@ -269,7 +270,7 @@ def _likelihood(block: Found, log: bool) -> SpecimenLikelihood | None:
         at, low, high = np.log(at), math.log(low), math.log(high)
     order = np.argsort(at)
     bounds = "lower" in block["bounds"], "upper" in block["bounds"]
-    return profile_likelihood(at[order], rise[order], (low, high), bounds, LEVEL)
+    return likelihood_of_profile(at[order], rise[order], (low, high), bounds, LEVEL)
 
 
 def _mark(name: str, likelihoods: Mapping[str, SpecimenLikelihood], rows: Sequence[dict[str, Any]]) -> list[str]:

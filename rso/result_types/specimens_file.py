@@ -13,6 +13,7 @@ class SpecimenParameterBlock(ResultBlock):
     """What the tests of one specimen say of a parameter."""
 
     parameter: str = holds("its name")
+    unit: str = holds("its unit")
     value: Number = holds("most likely value; the stated one where it is fixed")
     interval: Interval = holds("90 % interval, as in its results.json")
     verdict: Literal["determined", "weakly", "not", "fixed"] = holds("how well it is determined")

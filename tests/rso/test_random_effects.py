@@ -10,9 +10,9 @@ from rso.inference.random_effects import (
     SpecimenLikelihood,
     deleted_residuals,
     gaussian_likelihood,
+    likelihood_of_profile,
     marginal,
     outliers,
-    profile_likelihood,
     random_effects,
 )
 
@@ -202,11 +202,11 @@ def test_a_profile_becomes_its_likelihood():
     z = stats.norm.ppf(0.95)
     for factor in (1.0, 1.5):
         ends = 1.0 - z * 0.4 * factor, 1.0 + z * 0.4 * factor
-        made = profile_likelihood(at, rise, ends, (False, False), 0.9)
+        made = likelihood_of_profile(at, rise, ends, (False, False), 0.9)
         r = made.of(np.array([1.0 - 0.4 * factor, 1.0, 1.0 + 0.8 * factor]))[0]
         assert r == pytest.approx([-1.0, 0.0, 2.0], abs=0.02)
-    assert profile_likelihood(at, rise, (-1.0, 3.0), (True, True), 0.9) is None
-    upper = profile_likelihood(at[:28], rise[:28], (1.0 - z * 0.4, at[27]), (False, True), 0.9)
+    assert likelihood_of_profile(at, rise, (-1.0, 3.0), (True, True), 0.9) is None
+    upper = likelihood_of_profile(at[:28], rise[:28], (1.0 - z * 0.4, at[27]), (False, True), 0.9)
     assert upper.open_high and not upper.closed
     beyond = upper.of(np.array([at[27], 10.0]))
     assert beyond[0][0] == pytest.approx(beyond[0][1]) and beyond[1][1] == 0.0
