@@ -11,7 +11,7 @@ from typing import Any
 
 from rso.calibration.plan import Plan, source_of
 from rso.cli import output
-from rso.cli.answer import interval_text
+from rso.cli.answer import interval_in_unit
 from rso.contract import digest
 from rso.core import disk
 from rso.core.symbols import symbol
@@ -146,7 +146,7 @@ def _table(answer: Mapping[str, Any]) -> list[str]:
         parts = []
         for p in s["parameters"]:
             if p["verdict"] != "fixed" and None not in p["interval"]:
-                span = interval_text(p["interval"], p["unit"])
+                span = interval_in_unit(p["interval"], p["unit"])
                 parts.append(f"{symbol(p['parameter'])} {span}" + " (outlier)" * p["outlier"])
         lines.append(f"  {s['name']:{wide}}  {'; '.join(parts)}")
     return lines

@@ -198,6 +198,7 @@ def _parameters(plan: Plan, known: Found | None) -> list[dict[str, Any]]:
                 "value": value,
                 "interval": [None, None],
                 "verdict": "fixed",
+                "unit": units[name],
                 "bounded": "both",
                 **blank,
             }
