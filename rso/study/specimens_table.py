@@ -43,7 +43,7 @@ OwnFiles = Annotated[
 class SpecimenTable(StudyFileTable):
     """[[specimens]]: one specimen of many, each fitted for itself: what it has of its own, the rest is the study's.
 
-    `specimens = "table.csv"` above the first table names a file in their place, with a row for each; its columns are
+    `specimens = "table.csv"` above the first table names a file in their place, with a row for each.  Its columns are
     these keys with dots and, in brackets, the unit that numbers are in: settings.specimen.thickness [mm].
     """
 
