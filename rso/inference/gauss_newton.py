@@ -81,7 +81,7 @@ def on_runs(
     and a next step would move no curve by a tenth of that and gain nothing, after `most` runs, or when steps shrink to
     nothing.  It is not confirmed where the slopes of neighbouring runs contradict these (:func:`contradiction`).
     Each run states its own numerical error, and misfits compare only under one: that of the start at first, then the
-    mean over the runs where the descent came to rest, which ends where such a run is the best again.
+    mean over the runs where the descent came to rest.  It ends where such a run is the best again, or as good.
     A start without an answer is replaced by points of a Sobol sequence.  All descents share their runs.
     Source: Levenberg, Q. Appl. Math. 2 (1944) 164, with the region of Conn, Gould & Toint, Trust-Region Methods (2000),
     algorithm 6.1.1.
@@ -137,10 +137,13 @@ def _descend(
         expected = chi2_in_frame(data, predicted, frame)
         small = largest_change(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
         if still or (small and last is not None and last <= tolerance):
+            before = rests[-1] if rests else None
             if not any(r is best for r in rests):
                 rests.append(best)
                 data = mean_errors([data_of(r) for r in rests])
-                continue
+                S = chi2_in_frame(data, best.f, frame)
+                if before is None or chi2_in_frame(data, before.f, frame) - S > max(SETTLED, SHARE * S):
+                    continue
             wrong = contradiction(frame, known) > CONTRADICTION
             return GaussNewtonFit(tuple(walk), best, S, not wrong, WRONG if wrong else "at rest", data)
         if len(walk) >= most:
