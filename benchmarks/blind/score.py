@@ -14,10 +14,14 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from catalogue import ANSWERS, LISTED, SINGLE
+from catalogue import LISTED, SINGLE
+from catalogue import ANSWERS as OF_ELLIPSOID
+from flat import ANSWERS as OF_FLAT
+from flat import LISTED as LISTED_FLAT
 from scipy.optimize import minimize
 from scipy.stats import beta
 
+ANSWERS = OF_ELLIPSOID | OF_FLAT
 VISIBLE = 4.0  # signal below which "no_gap" is also right, and which "detectable" refers to
 STRONG = 16.0  # signal of an effect that nobody would overlook
 CONFIDENT = 0.8
@@ -36,6 +40,11 @@ SIZES = {
     "delta_b": lambda t, mu: t["delta_mm"],
     "delta_c": lambda t, mu: t["delta_mm"],
     "delta_R": lambda t, mu: t["delta_mm"],
+    "delta_thickness": lambda t, mu: t["delta_mm"],
+    "delta_height": lambda t, mu: t["delta_mm"],
+    "delta_radius": lambda t, mu: t["delta_mm"],
+    "substrate_compliance": lambda t, mu: t["compliance_mm_per_MPa"],
+    "plate_friction": lambda t, mu: t["mu_plate"],
     "weight": lambda t, mu: t["specific_weight_N_per_mm3"],
     "friction": lambda t, mu: t["mu_f"],
     "adhesion": lambda t, mu: t["work_N_per_mm"],
@@ -86,7 +95,7 @@ def by_cause(diagnosis, exact=False):
 
     exact: names with a place, and those of `catalogue.LISTED`, stay as they were given.
     """
-    known, listed = (set().union(*names.values()) for names in (ANSWERS, LISTED))
+    known, listed = (set().union(*names.values()) for names in (ANSWERS, LISTED | LISTED_FLAT))
     names = {
         c["effect"]: c["cause"]
         for c in diagnosis.get("causes") or []
@@ -262,7 +271,7 @@ def figures(pairs, classes=()):
         "next_test": "not scored here: it needs a run of the proposed test",
         "confusion": confusion(pairs),
     }
-    n = len(ANSWERS)
+    n = len(OF_ELLIPSOID)
     out["baselines"] = {
         "prior_only": {"top_1": float(np.mean([len(accepted(t)[0]) > 0 for t, _ in seen])) / n if seen else None},
         "prior_only_log_score": -float(np.log(n)),
