@@ -359,7 +359,8 @@ def signal(records, D1, mu, noise, null=library.null_curve):
 
     sqrt(min chi^2) of the noise-free records against the null curves, gains and contact offsets of
     each curve fitted with their noise as priors by Gauss-Newton. About 3 is hardly visible; the null gives nearly zero.
-    null(place, mu D1, d) is the unmodified force over mu.  Returns (signal, [{"experiment", "channel", "share of chi^2"}] largest first).
+    null(place, mu D1, d) is the unmodified force over mu.
+    Returns (signal, [{"experiment", "channel", "share of chi^2"}] largest first).
     """
 
     def model(p, k, test, depth):

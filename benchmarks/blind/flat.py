@@ -173,10 +173,8 @@ def null(body, muD1, d):
 class Mechanics:
     """Force over mu at true depths of every test, as `experiment.Mechanics`."""
 
-    turned = {}
-
     def __init__(self, body, muD1, tables=None):
-        self.body, self.muD1, self.tables = body, muD1, tables or {}
+        self.body, self.muD1, self.tables, self.turned = body, muD1, tables or {}, {}
 
     def null(self, _place, d):
         """Force of the unmodified body, (n, 3)."""

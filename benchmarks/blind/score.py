@@ -1,9 +1,11 @@
 """Open the sealed truths and score the answers.
 
-python benchmarks/blind/score.py --cases DIR --answers DIR [--json FILE] [--classes FILE]
+python benchmarks/blind/score.py --cases DIR [DIR ...] --answers DIR [DIR ...] [--json FILE] [--classes FILE]
 answers/case_0001.json holds the block "diagnosis" of results.json (or results.json itself). --classes: JSON list of
 lists of answer names that the diagnosis declared, before the data, to be indistinguishable with this test plan; then
 top-1 and set figures are also given over these classes. Hashes are verified first. Intervals: Clopper-Pearson, 95 %.
+Cases of a second folder are numbered 1000 higher, of a third 2000. An answer may hold "rival", what another rule says
+of the same data ({"gap", "best", "named"}, see benchmarks/blind_answers.py): then its figures are given beside.
 Needs numpy and scipy only.
 """
 
@@ -14,8 +16,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from catalogue import LISTED, SINGLE
 from catalogue import ANSWERS as OF_ELLIPSOID
+from catalogue import LISTED, SINGLE
 from flat import ANSWERS as OF_FLAT
 from flat import LISTED as LISTED_FLAT
 from scipy.optimize import minimize
@@ -81,8 +83,29 @@ def read(cases, answers):
             raise ValueError(f"{name}: the sealed truth does not match its published hash")
         path = answers / f"{name}.json"
         answer = json.loads(path.read_text()) if path.exists() else None
-        pairs.append((json.loads(blob), passed(answer.get("diagnosis", answer)) if answer else None))
+        found = passed(answer.get("diagnosis", answer)) if answer and "error" not in answer else None
+        pairs.append((json.loads(blob), {**found, "rival": answer.get("rival")} if found else None))
     return pairs
+
+
+def together(cases, answers):
+    """Pairs of several folders, (truth, answer) of :func:`read`; those of the k-th are numbered 1000 k higher."""
+    pairs = []
+    for k, (of, by) in enumerate(zip(cases, answers, strict=True)):
+        for truth, answer in read(of, by):
+            number = int(truth["id"].removeprefix("case_")) + 1000 * k
+            pairs.append(({**truth, "id": f"case_{number:04d}"}, answer))
+    return pairs
+
+
+def of_rival(answer):
+    """What the rival says as an answer: a gap without a name is unexplained, one name is sure, several are a set."""
+    said = answer["rival"]
+    names = [said["best"], *(n for n in said["named"] if n != said["best"])] if said["named"] else []
+    kinds = ("unexplained", "explained") if len(names) < 2 else ("ambiguous",)
+    verdict = kinds[-1 if names else 0] if said["gap"] else "no_gap"
+    found = [{"effect": n, "cause": n, "probability": 1.0 / len(names) - 1e-6 * k} for k, n in enumerate(names)]
+    return passed({"verdict": verdict, "causes": found, "ambiguous_with": [[n] for n in names], "where": []})
 
 
 def passed(diagnosis):
@@ -260,6 +283,7 @@ def figures(pairs, classes=()):
         "unlisted_allowed": rate([acceptable(t, d) for t, d in unlisted]),
         "unlisted_confidently_wrong": rate([confidently_wrong(t, d) for t, d in unlisted]),
         "single_confidently_wrong": rate([confidently_wrong(t, d) for t, d in single]),
+        "wrong_and_sure": rate([wrong_and_sure(t, d) for t, d in pairs]),
         "right_place": rate([right_place(t, d) for t, d in seen if t.get("where")]),
         "interval_covers": rate(cover),
         "shrinkage_share_median": float(np.median(shares)) if shares else None,
@@ -287,6 +311,17 @@ def confidently_wrong(truth, diagnosis):
         return False
     leader = causes(as_asked(truth, diagnosis))[0]
     return leader["effect"] not in truth["allowed"]["causes"] and (leader.get("probability") or 0) > CONFIDENT
+
+
+def wrong_and_sure(truth, diagnosis):
+    """One cause named alone with probability above CONFIDENT, and neither verdict nor cause is allowed."""
+    if diagnosis["verdict"] not in ALONE or not causes(diagnosis):
+        return False
+    right = set().union(*accepted(truth), set())
+    leader = causes(as_asked(truth, diagnosis))[0]
+    sure = (leader.get("probability") or 0) > CONFIDENT
+    named = top(diagnosis) in right if truth["kind"] in ("single", "pair") else acceptable(truth, diagnosis)
+    return sure and not named
 
 
 def log_score(seen):
@@ -360,16 +395,21 @@ def report(f):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=Path, required=True)
-    parser.add_argument("--answers", type=Path, required=True)
+    parser.add_argument("--cases", type=Path, nargs="+", required=True)
+    parser.add_argument("--answers", type=Path, nargs="+", required=True)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--classes", type=Path)
     args = parser.parse_args()
-    pairs = read(args.cases, args.answers)
-    result = figures(pairs, json.loads(args.classes.read_text()) if args.classes else ())
+    pairs = together(args.cases, args.answers)
+    classes = json.loads(args.classes.read_text()) if args.classes else ()
+    result = figures(pairs, classes)
     result["unanswered"] = sum(d is None for _, d in pairs)
     result["effects_without_case"] = sorted(set(SINGLE) - {e["name"] for t, _ in pairs for e in t["effects"]})
     print(report(result))
+    beside = [(t, of_rival(d)) for t, d in pairs if d and d["rival"]]
+    if beside:
+        result["rival"] = figures(beside, classes)
+        print(f"\nthe rival: least squares and BIC\n{report(result['rival'])}")
     if args.json:
         args.json.write_text(json.dumps(result, indent=1) + "\n")
 
