@@ -294,6 +294,7 @@ def figures(pairs, classes=()):
         "mu_bias": mu_bias([(t, d) for t, d in right if "parameters" in d]),
         "next_test": "not scored here: it needs a run of the proposed test",
         "confusion": confusion(pairs),
+        "visible_by_effect": visible_by_effect(single),
     }
     n = len(OF_ELLIPSOID)
     out["baselines"] = {
@@ -330,6 +331,16 @@ def log_score(seen):
         return None
     p = [sum(c.get("probability") or 0 for c in causes(d) if c["effect"] in accepted(t)[0]) for t, d in seen]
     return float(np.mean(np.log(np.clip(p, 1e-3, 1))))
+
+
+def visible_by_effect(single):
+    """{effect: [cases with a signal of VISIBLE and more, those found with the truth in the named set]}."""
+    table = {}
+    for t, d in single:
+        if t["signal"] >= VISIBLE:
+            n, k = table.get(t["effects"][0]["name"], (0, 0))
+            table[t["effects"][0]["name"]] = (n + 1, k + bool(named_set(d) & accepted(t)[0]))
+    return {name: list(v) for name, v in sorted(table.items())}
 
 
 def mu_bias(right):
@@ -381,7 +392,7 @@ def report(f):
         if isinstance(value, dict) and "k" in value:
             shown = "-" if value["rate"] is None else f"{100 * value['rate']:.0f} %"
             lines.append(f"{key:28s} {value['k']}/{value['n']}  {shown}  [{value['low']:.2f}, {value['high']:.2f}]")
-        elif key not in ("counts", "confusion", "failures", "baselines", "mu_bias"):
+        elif key not in ("counts", "confusion", "failures", "baselines", "mu_bias", "rival"):
             lines.append(f"{key:28s} {value}")
     lines.append(f"baselines                    {json.dumps(f['baselines'])}")
     lines.append("mu: error before -> after, by effect")
