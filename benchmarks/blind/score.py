@@ -415,7 +415,7 @@ def main():
     classes = json.loads(args.classes.read_text()) if args.classes else ()
     result = figures(pairs, classes)
     result["unanswered"] = sum(d is None for _, d in pairs)
-    result["effects_without_case"] = sorted(set(SINGLE) - {e["name"] for t, _ in pairs for e in t["effects"]})
+    result["effects_without_case"] = sorted(set(SINGLE) - {e["name"] for t, d in pairs if d for e in t["effects"]})
     print(report(result))
     beside = [(t, of_rival(d)) for t, d in pairs if d and d["rival"]]
     if beside:
