@@ -415,6 +415,7 @@ def main():
     classes = json.loads(args.classes.read_text()) if args.classes else ()
     result = figures(pairs, classes)
     result["unanswered"] = sum(d is None for _, d in pairs)
+    result["bodies"] = sorted({t.get("body", "ellipsoid") for t, d in pairs if d})
     result["effects_without_case"] = sorted(set(SINGLE) - {e["name"] for t, d in pairs if d for e in t["effects"]})
     print(report(result))
     beside = [(t, of_rival(d)) for t, d in pairs if d and d["rival"]]

@@ -1,6 +1,7 @@
 """Figures of all blind rounds side by side, from the scores that `score.py` wrote: table.py reports/blind [--from 3]
 
-Counts of every round; those from one round on together, with the 95 % interval of Clopper and Pearson.
+Counts of every round on the ellipsoid; those from one round on together, with the 95 % interval of Clopper and Pearson.
+The last round, whatever its bodies, also alone, and beside the rival where its answers hold one.
 """
 
 import argparse
@@ -125,8 +126,10 @@ def main():
     args = parser.parse_args()
     paths = [p for p in args.folder.glob("round*.json") if re.fullmatch(r"round\d+", p.stem)]
     rounds = {int(p.stem.removeprefix("round")): json.loads(p.read_text()) for p in paths}
-    rounds = dict(sorted(rounds.items()))
-    for r in rounds.values():
+    every = dict(sorted(rounds.items()))
+    newest = every[max(every)]
+    rounds = {k: r for k, r in every.items() if r.get("bodies", ["ellipsoid"]) == ["ellipsoid"]}
+    for r in [*every.values(), *([newest["rival"]] if "rival" in newest else [])]:
         r["named_and_wrong"] = named_and_wrong(r)
         r["outside_seen"] = outside_seen(r)
     late = [r for k, r in rounds.items() if k >= args.first]
@@ -144,7 +147,6 @@ def main():
     for key, (words, goal) in PLAIN.items():
         cells = ["–" if r.get(key) is None else f"{r[key]:.2f}".replace("-", "−") for r in rounds.values()]
         print(f"| {words} | " + " | ".join(cells) + f" | | {goal} |")
-    newest = rounds[max(rounds)]
     kinds = {"effects of the catalogue": tuple(ANSWERS), "kinds outside the catalogue": tuple(OUTSIDE)}
     for words, some in ((f"Rounds {args.first} to {max(rounds)}", late), ("The last round alone", [newest])):
         for kind, names in kinds.items():
