@@ -6,8 +6,8 @@ The weak form of a step from n to n + 1, per reference volume, with v the volume
 
     m_i = ∫ φ_i (v − v̄) dV + Δ ∫ k ∇φ_i · J C⁻¹ ∇p dV + Δ ∫ λ φ_i p dA = 0,
 
-v̄ and Δ of the time integration, k(J) the permeability, λ a leak through an open surface.  Small strains have C = 1.  Where
-the liquid gives way by S (1/MPa) v is J − 1 + S p (Biot 1941, eq. 2.12, α = 1), the volume that it has lost.
+v̄ and Δ of the time integration, k(J) the permeability, λ a leak through an open surface.  Small strains have C = 1.
+Where the liquid gives way by S (1/MPa) v is J − 1 + S p (Biot 1941, eq. 2.12, α = 1), the volume that it has lost.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def volume_change(H: np.ndarray, small: bool) -> np.ndarray:
 
 
 def mass(at: PorousMeridian, F: np.ndarray, v: np.ndarray, p: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """Volume of liquid (v,) mm³ that each pressure function misses, without leaks: v (m, q) − v̄, `flow` (m, q) = Δ k."""
+    """Volume of liquid (v,) mm³ that each pressure function misses, without leaks: v (m, q) − v̄, `flow` (m, q) Δ k."""
     out = np.zeros(len(at.vertices))
     _mass(at.corners, at.slopes, at.body.w, linear_functions(), F, v, p, flow, out)
     return out
@@ -166,17 +166,19 @@ def _mass(corners, slopes, w, phi, F, v, p, flow, out):  # type: ignore[no-untyp
 
 
 def coupling(
-    at: PorousMeridian, F: np.ndarray, p: np.ndarray, flow: np.ndarray, closing: np.ndarray, storage: float, unit: float,
-    small: bool,
+    at: PorousMeridian, F: np.ndarray, p: np.ndarray, flow: np.ndarray, closing: np.ndarray,
+    storage: float, unit: float, small: bool,
 ) -> np.ndarray:  # fmt: skip
-    """What pressures add to the coupled matrix, (nnz,): rows of displacements −∂/∂p, rows of pressures −∂m/∂(u, p).
+    """What pressures add to the coupled matrix (nnz,): rows of displacements −∂/∂p, rows of pressures −∂m/∂(u, p).
 
     Pressures count in `unit` (MPa) and masses times it, so that all entries are stiffnesses; `storage` is S (1/MPa),
     `flow` (m, q) Δ k and `closing` (m, q) its derivative by J.
     """
     out = np.zeros(len(at.pattern.indices))
     body, phi = at.body, linear_functions()
-    _coupling(body.G, body.ring, body.w, phi, at.slopes, at.corners, F, p, flow, closing, storage, unit, small, at.place, out)
+    _coupling(
+        body.G, body.ring, body.w, phi, at.slopes, at.corners, F, p, flow, closing, storage, unit, small, at.place, out
+    )
     return out
 
 

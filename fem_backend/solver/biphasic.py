@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -69,7 +69,7 @@ class Pores:
     open: OpenEdges
     may_close: OpenEdges | None
     storage: float = 0.0
-    closes: HolmesMow = HolmesMow()
+    closes: HolmesMow = field(default_factory=HolmesMow)
 
 
 @dataclass(frozen=True)
@@ -348,9 +348,7 @@ def _factorise(
     turning = response.Turning(linearised.state.S_geometric, linearised.volume.p - here.p[space.corners])
     bulk = response.meridian_stiffness(body, linearised, turning)
     F = _deformation(system, at.H)
-    coupled = pore_pressure.coupling(
-        space, F, here.p, *_flow(pores, step, F), pores.storage, pores.unit, small(system)
-    )
+    coupled = pore_pressure.coupling(space, F, here.p, *_flow(pores, step, F), pores.storage, pores.unit, small(system))
     for edges, through in _leaks(system, pores, step, here.sealed):
         np.subtract.at(coupled, edges.place, pores.unit**2 * through)
     contacts = tuple(c if p is None else replace(c, multiplier=p) for c, p in zip(at.contacts, touching, strict=True))

@@ -1,7 +1,7 @@
 """A bonded, sealed linear biphasic layer under a porous flat end: Hankel and Laplace transforms, no finite elements.
 
-Solid and liquid are incompressible by themselves (Mow et al. 1980); with p = 0 on all of the surface the travel u_z of a
-pressure distribution P(ξ) J₀(ξ r) is C(ξ, s) P.  Six exponentials solve the layer for each ξ and s (McNamee and Gibson
+Solid and liquid are incompressible by themselves (Mow et al. 1980); with p = 0 on all of the surface the travel u_z
+of a pressure distribution P(ξ) J₀(ξ r) is C(ξ, s) P.  Six exponentials solve the layer for each ξ and s (McNamee and Gibson
 1960, Q. J. Mech. Appl. Math. 13, 98), and the dual integral equations of the flat end,
 
     ∫ ξ C P J₀(ξ r) dξ = d (r < a),   ∫ ξ P J₀(ξ r) dξ = 0 (r > a),   P = ∫₀ᵃ φ(t) cos ξt dt,
@@ -138,7 +138,9 @@ def touching(layer: Layer, a: float, fillet: float, d: float) -> Rounded:
     return Rounded(a, fillet, d, brentq(last, a - 0.999 * fillet, a))
 
 
-def relaxation(times: np.ndarray, ramp: float, layer: Layer, end: Rounded, nodes: int = 10, fine: int = 1) -> np.ndarray:
+def relaxation(
+    times: np.ndarray, ramp: float, layer: Layer, end: Rounded, nodes: int = 10, fine: int = 1
+) -> np.ndarray:
     """F/d (N/mm) at `times` (s) of a travel d that is reached in `ramp` (s) and held."""
     at = functools.cache(lambda s: stiffness(s, layer, end, fine))
 

@@ -210,7 +210,9 @@ class TestALayerUnderAFlatEnd:
             "drainage": {"indenter": "porous"},
             "material": {"law": "linear_elastic"},
         }
-        programme = Programme((0.0, start, 25.0 * unit), (0.0, self.DEPTH, self.DEPTH), (self.DEPTH,), tuple(tau * unit))
+        programme = Programme(
+            (0.0, start, 25.0 * unit), (0.0, self.DEPTH, self.DEPTH), (self.DEPTH,), tuple(tau * unit)
+        )
         values = {"mu": MU, "D1": D1, "permeability": self.LAYER.k}
         found = BACKEND(values, Case("a", programme, settings)).channels
         end = touching(self.LAYER, self.END, fillet, self.DEPTH)
