@@ -53,8 +53,8 @@ class Settings:
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
     `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
     `remesh` says whether its mesh is remade where it is outworn; `drainage` are those under the indenter and at the
-    support, `closes` is how the permeability falls as pores close; `large_strain` says that mesh and element in space are
-    those of deep indentations, see `for_travel`.
+    support, `closes` is how the permeability falls as pores close; `large_strain` says that mesh and element in
+    space are those of deep indentations, see `for_travel`.
     """
 
     specimen: Specimen
