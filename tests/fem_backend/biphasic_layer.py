@@ -1,7 +1,8 @@
 """A bonded, sealed linear biphasic layer under a porous flat end: Hankel and Laplace transforms, no finite elements.
 
 Solid and liquid are incompressible by themselves (Mow et al. 1980); with p = 0 on all of the surface the travel u_z
-of a pressure distribution P(ξ) J₀(ξ r) is C(ξ, s) P.  Six exponentials solve the layer (McNamee and Gibson 1960, Q. J. Mech. Appl. Math. 13, 98), and the dual integral equations of the flat end,
+of a pressure distribution P(ξ) J₀(ξ r) is C(ξ, s) P.  Six exponentials solve the layer (McNamee and Gibson 1960,
+Q. J. Mech. Appl. Math. 13, 98), and the dual integral equations of the flat end,
 
     ∫ ξ C P J₀(ξ r) dξ = d (r < a),   ∫ ξ P J₀(ξ r) dξ = 0 (r > a),   P = ∫₀ᵃ φ(t) cos ξt dt,
 
