@@ -92,7 +92,8 @@ def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict
     with the channel f, s the travel and |c|_s its largest value so far.  Elements of the size h miss h^2.5 or so of a
     force: the difference is four or five times what the finer ones miss, and hangs at each depth on where the edge of
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
-    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1; 0.3 (1 + (3 h₀/a)²) below a rounded tip.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
+    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1; 0.3 (1 + (3 h₀/a)²) below a rounded
+    tip.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
     Beyond a travel of 1.5 lengths of the indenter s_j ≤ 1.1 s_k: errors grow fast there.
     Beyond a travel w at which a mesh was outworn and no other was made, r grows by (s/w)⁶, too.
     Where the mesh was remade within a quarter of s, at least half of what the force changed by counts.
