@@ -594,13 +594,13 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
     meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
-    rounded tip were too long.
+    rounded tip were too long.  6: no later meshes were made below many edges.
     """
     pointed = np.isfinite(settings.indenter.finest[1]) and modelling.gathers(settings.indenter)
     if on_axis(settings) and pointed:
-        return 5
+        return 6
     if programmes.controlled(programme):
-        return 5 if on_axis(settings) else 0
+        return 6 if on_axis(settings) else 0
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
@@ -608,7 +608,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     if kept.get("adhesion") and on_axis(settings):
         return 3
     if on_axis(settings) and max(programme.travel_mm, default=0.0) > experiment.watched_from(settings):
-        return 5
+        return 6
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))

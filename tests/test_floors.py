@@ -70,7 +70,7 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.materials": (
-        "meridian_zones regions",
+        "meridian_zones permeability regions",
         "stress",
         "response zones",
     ),
