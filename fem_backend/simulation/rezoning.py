@@ -240,7 +240,10 @@ def _carried_to(size: float, leg: MeshLeg, here: Reached, counters: Counters) ->
     new, u = renewed(at, old, size)
     body, other = at.model.body, new.model.body
     X = location.quadrature_points(other.nodes[:, [0, 2]], other.cells, bodies.shape_functions(other))
-    cell, xi = location.located(body.nodes[:, [0, 2]], body.cells, X.reshape(-1, 2))
+    try:
+        cell, xi = location.located(body.nodes[:, [0, 2]], body.cells, X.reshape(-1, 2))
+    except location.Lost as error:
+        raise NoMesh(str(error)) from error
     assert isinstance(body, MeridianBody)
 
     def field(values: np.ndarray) -> np.ndarray:
