@@ -249,7 +249,7 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         text = json.dumps(settings, sort_keys=True)
     except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
         return _read(settings_model(), settings)
-    return _read_again(settings_model(), text, members.stamps(settings))
+    return _read_again(settings_model(), text, members.stamps_of(text, settings))
 
 
 @functools.lru_cache(maxsize=1024)
