@@ -386,7 +386,7 @@ class Study(StudyFileTable):
     @property
     def sha256(self) -> str:
         """Hash of the study file, or of what it says of this specimen."""
-        return self._source.digest or hashlib.sha256(disk.read(self.file)).hexdigest()
+        return self._source.digest or hashlib.sha256(disk.read_bytes(self.file)).hexdigest()
 
     def inputs(self) -> list[Path]:
         """The files beside the study file from which it is read: data, points of a design, files that settings name."""

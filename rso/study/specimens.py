@@ -154,7 +154,7 @@ def _merged(
             if len(path) == 1 and len(experiments) == 1 and path[0] == "data":
                 n: int | None = 0
             else:
-                n = index.get(path[1]) if len(path) > 1 else None  # type: ignore[arg-type]
+                n = index.get(path[1]) if len(path) > 1 else None
             if n is None:
                 which = repr(path[1]) if len(path) > 1 else "which of them"
                 hint = choices_text(str(path[1]) if len(path) > 1 else "", index)
@@ -214,7 +214,7 @@ def _without(
     for place, line in places.items():
         if place[0] == "experiments" and len(place) > 1:
             if place[1] in kept:
-                moved[("experiments", kept.index(place[1]), *place[2:])] = line  # type: ignore[arg-type]
+                moved[("experiments", kept.index(place[1]), *place[2:])] = line
         else:
             moved[place] = line
     return own, moved

@@ -45,7 +45,7 @@ def forest(found: Found, parameter: str) -> Figure:
     _scale(axes, p, ends)
     for k, (_, block) in enumerate(rows):
         _row(axes, -k, block, unit)
-    labels = {-k: short(name, 26) for k, (name, _) in enumerate(rows)} if named else {}
+    labels: dict[float, str] = {-k: short(name, 26) for k, (name, _) in enumerate(rows)} if named else {}
     below = -len(rows) - 0.5
     if known(p["mean"]) and known(p["interval"][0]):
         low, mean, high = (v * unit.factor for v in (p["interval"][0], p["mean"], p["interval"][1]))
