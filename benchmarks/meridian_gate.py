@@ -4,6 +4,7 @@
     --first K       the first of them
     --balls         only balls on bonded slabs to 1.5 R, as before, 20 depths
     --remesh HOW    when_needed or never; the default of the settings without
+    --alone         the deepest answer alone and after three others at random: their difference over the stated error
 
 Slabs, pucks, spheres and half-spaces; balls with and without a shaft, flat ends, cones; bonded, sliding on a plate, in
 a well, held, in a bowl; four laws, some that relax or soften; K/μ from 1.2 to 10⁴; down to 2.5 lengths of the indenter
@@ -20,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from fem_backend.accuracy import two_grid
+from fem_backend.accuracy.error_estimate import stated_errors
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import assembly, indentation
 from fem_backend.simulation.experiment import Settings, read_settings
@@ -145,6 +148,29 @@ def all_kinds(count: int, first: int, remesh: str | None) -> None:
     print(f"{ends['done']} of {count} ended well; CPU s: median {np.median(spent):.2f}, most {max(spent):.2f}")
 
 
+def alone(count: int, first: int, remesh: str | None) -> None:
+    """Print a line a case, and of how many the deepest force hangs on the other depths by more than is stated."""
+    shares: list[float] = []
+    for k in range(first, first + count):
+        rng = np.random.default_rng((SEED, k))
+        try:
+            words, settings, values, depth = drawn(rng, ("coarse", "standard")[k % 2], remesh)
+            knobs = BACKEND.knobs(values, settings)
+            placement = assembly.placement_of(settings, knobs)
+            model = assembly.model_for(settings, knobs, placement, None)
+            others = np.sort(rng.uniform(0.05, 0.95, 3)) * depth
+            one = two_grid.checked_on_coarse_mesh(settings, knobs, placement, model, [Instant(depth, depth, True)])
+            way = [Instant(float(d), float(d), True) for d in (*others, depth)]
+            two = indentation.simulate_indentation(settings, knobs, placement, model, way)
+        except (ValueError, Stopped) as end:
+            print(f"{k:3d} {str(end)[:100]}", flush=True)
+            continue
+        error = float(stated_errors(settings, knobs, one)["Fz"][-1])
+        shares.append(abs(float(two.Fz[-1] - one.Fz[-1])) / error)
+        print(f"{k:3d} {words}  {100.0 * error / one.Fz[-1]:.2f} % stated, {shares[-1]:.3f} of it apart", flush=True)
+    print(f"{(np.array(shares) <= 1.0).sum()} of {len(shares)} within what is stated; most {max(shares):.2f}")
+
+
 def balls(count: int) -> None:
     """Balls on bonded slabs: a line a case and how many ended well."""
     rng, done, spent = np.random.default_rng(SEED), 0, []
@@ -180,10 +206,13 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--balls", action="store_true")
+    parser.add_argument("--alone", action="store_true")
     parser.add_argument("--remesh", choices=("when_needed", "never"))
     options = parser.parse_args()
     if options.balls:
         balls(options.cases)
+    elif options.alone:
+        alone(options.cases, options.first, options.remesh)
     else:
         all_kinds(options.cases, options.first, options.remesh)
 

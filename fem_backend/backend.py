@@ -185,8 +185,8 @@ class FiniteElements:
     def cost(self, values: Mapping[str, float], case: Case) -> float:
         """Seconds that a run takes, roughly; see :func:`fem_backend.adapter.cost_model.estimated_seconds`."""
         settings = experiment.read_settings(case.settings)
-        used = dataclasses.asdict(self.knobs(values, settings))
-        placement = _placement(settings, tuple(sorted(used.items())), every())
+        used = vars(self.knobs(values, settings))
+        placement = _placement(settings, _geometric(used), every())
         return cost_model.estimated_seconds(settings, placement, path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
@@ -221,7 +221,7 @@ class FiniteElements:
         except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
             return self._canonical(values, case)
         given = tuple((k, type(v), v) for k, v in values.items())
-        stamps = members.stamps(case.settings)
+        stamps = members.stamps_of(text, case.settings)
         kept, plain, programme = _canonical_again(
             self, given, text, case.programme, stamps, experiment.settings_model()
         )
@@ -594,13 +594,13 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
     meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
-    rounded tip were too long.
+    rounded tip were too long.  6: no later meshes were made below many edges.
     """
     pointed = np.isfinite(settings.indenter.finest[1]) and modelling.gathers(settings.indenter)
     if on_axis(settings) and pointed:
-        return 5
+        return 6
     if programmes.controlled(programme):
-        return 5 if on_axis(settings) else 0
+        return 6 if on_axis(settings) else 0
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
@@ -608,7 +608,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     if kept.get("adhesion") and on_axis(settings):
         return 3
     if on_axis(settings) and max(programme.travel_mm, default=0.0) > experiment.watched_from(settings):
-        return 5
+        return 6
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
@@ -627,8 +627,19 @@ def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
 
 def _placed(settings: Settings, kept: Mapping[str, float], asked: Callable[[Placement], bool]) -> bool:
     """What is asked of the placement of a run with these values; False where there is none."""
-    placement = _placement(settings, tuple(sorted(kept.items())), every())
+    placement = _placement(settings, _geometric(kept), every())
     return placement is not None and asked(placement)
+
+
+def _geometric(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """The values that may move a body or what touches it: no moduli, and none at its default."""
+    default = _defaults(every())
+    return tuple(sorted((k, v) for k, v in values.items() if k not in MODULI and v != default.get(k)))
+
+
+@functools.lru_cache(maxsize=4)
+def _defaults(knobs: type) -> dict[str, Any]:
+    return {f.name: f.default for f in dataclasses.fields(knobs)}
 
 
 @functools.lru_cache(maxsize=1024)
@@ -637,9 +648,7 @@ def _placement(settings: Settings, kept: tuple[tuple[str, float], ...], knobs: t
 
     Where a body lies and what touches it hangs on no modulus.
     """
-    known = {f.name for f in dataclasses.fields(knobs)}
-    if any(name in MODULI for name, _ in kept):
-        return _placement(settings, tuple(pair for pair in kept if pair[0] not in MODULI), knobs)
+    known = _defaults(knobs)
     try:
         return modelling.placement_of(
             settings, knobs(**dict.fromkeys(MODULI, 1.0), **{k: v for k, v in kept if k in known})

@@ -280,6 +280,11 @@ def one_of(choices: Iterable[str]) -> Callable[[Any], str]:
     return check
 
 
+def stamps_of(text: str, value: Any) -> tuple[tuple[str, int, int], ...]:
+    """The :func:`stamps` of tables whose JSON is `text`: most name no file, which that shows at once."""
+    return stamps(value) if '"file"' in text else ()
+
+
 def stamps(value: Any) -> tuple[tuple[str, int, int], ...]:
     """Place, time of the last change (ns) and size of every file that tables of settings name by `file`."""
     found: list[tuple[str, int, int]] = []

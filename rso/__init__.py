@@ -31,6 +31,8 @@ __all__ = [
     "Response",
     "RunResult",
     "SimulationFailed",
+    "SpecimensResult",
+    "SpecimensStudy",
     "StudyError",
     "Workspace",
     "fit",
@@ -38,6 +40,7 @@ __all__ = [
     "load",
     "model",
     "pareto",
+    "specimens",
 ]
 
 

@@ -70,7 +70,7 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.materials": (
-        "meridian_zones regions",
+        "meridian_zones permeability regions",
         "stress",
         "response zones",
     ),
@@ -130,7 +130,7 @@ LAYERS = {
         "inference optimise study",
         "optimal_design",
         "calibration",
-        "discrepancy model_selection objectives",
+        "discrepancy model_selection objectives population",
         "next_experiment report",
         "api",
         "cli",
@@ -140,7 +140,7 @@ LAYERS = {
         "executors models run_result",
         "exporting importing",
         "workspace",
-        "pareto shortcuts",
+        "pareto shortcuts specimens",
         "__init__",
     ),
     "rso.calibration": (
@@ -161,7 +161,7 @@ LAYERS = {
         "output text_sketch",
         "answer example",
         "checking progress status",
-        "compare doctor objectives pages",
+        "compare doctor objectives pages specimens",
         "commands",
         "arguments",
         "__init__",
@@ -176,7 +176,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.core": (
-        "correlation curves default_backend disk distributions power_law printable similarity symbols units",
+        "correlation curves default_backend disk distributions inline_toml power_law printable similarity symbols"
+        " units",
         "plain_results quantities",
     ),
     "rso.data": (
@@ -268,7 +269,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.inference": (
-        "error_surface likelihood",
+        "error_surface likelihood random_effects",
         "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
@@ -312,12 +313,16 @@ LAYERS = {
         "results",
         "pipeline",
     ),
+    "rso.population": (
+        "__init__ plans summary",
+        "running",
+    ),
     "rso.report": (
         "layout",
         "reading",
         "canvas notes terminal",
         "sketch",
-        "discrepancy model_selection pareto",
+        "discrepancy model_selection pareto population",
         "calibration optimal_design",
         "picture_files",
         "__init__",
@@ -354,9 +359,13 @@ LAYERS = {
         "figures",
         "report",
     ),
+    "rso.report.population": (
+        "figures",
+        "report",
+    ),
     "rso.result_types": (
         "keys",
-        "diagnosis_file ladder_file learnt next_file stated",
+        "diagnosis_file ladder_file learnt next_file specimens_file stated",
         "searched",
         "identified",
         "run_file",
@@ -366,10 +375,10 @@ LAYERS = {
     "rso.study": (
         "base_table confusable_text fields line_numbers settings_files",
         "columns_table deck_table errors noise_table objectives_table search_table",
-        "analysis_tables laboratory_nominal toml_text",
+        "analysis_tables laboratory_nominal specimens_table toml_text",
         "schema",
         "keys loader resolve sources",
-        "cases",
+        "cases specimens",
         "holds laboratory_folder",
         "creep new_study",
     ),

@@ -157,8 +157,11 @@ def true_depth(force, recorded, offset, compliance, scale=1.0, lint=0.0, lint_fo
     return 0.5 * (low + high)
 
 
-def clean_test(mechanics, mu, test, index, chain, clock):
-    """Noise-free record of one test: time, recorded depth, force (n, 3) and true depth; clock in s since the start."""
+def clean_test(mechanics, mu, test, index, chain, clock, peak=4.0, span=1500.0):
+    """Noise-free record of one test: time, recorded depth, force (n, 3) and true depth; clock in s since the start.
+
+    peak (mm) is the deepest travel of the tests at the top but the deep one, span (s) what the plan takes.
+    """
     name, repeat, place, speed, grid = test
     t = np.r_[0.0, np.cumsum(np.abs(np.diff(grid)))] / speed
     down = branches(grid)
@@ -168,11 +171,11 @@ def clean_test(mechanics, mu, test, index, chain, clock):
         x, y = PLACES.get(place, (0.0, 0.0))
         compliance += chain["rocking"] * (x * x + y * y) / 400
     if "set" in chain:  # what stays from deeper tests at the place; none before the first
-        deepest = 0.0 if index == 0 else {"top": 4.0, "2.5_2.5": DEEP, "20_0": 0.0}[place]
+        deepest = 0.0 if index == 0 else {"top": peak, "2.5_2.5": DEEP, "20_0": 0.0}[place]
         offset -= chain["set"] * deepest * (1.0 if place == "top" else 0.6)
     source = "20_0" if chain.get("swapped_file") and place == "2.5_2.5" else place
     source = "2.5_2.5" if chain.get("swapped_file") and place == "20_0" else source
-    stiff = 1 + chain.get("temperature", 0.0) * (clock + t) / 1500.0
+    stiff = 1 + chain.get("temperature", 0.0) * (clock + t) / span
     scale = 1 + chain.get("depth_scale", 0.0)
     travel = grid + screw_error(grid, place, chain) if "screw_error" in chain else grid
     lint = chain.get("lint", 0.0), chain.get("lint_force", 1.0)
@@ -193,7 +196,7 @@ def clean_test(mechanics, mu, test, index, chain, clock):
 
             extra = 0.0
             if branch == "unload":
-                extra = -chain.get("backlash", 0.0) - chain.get("set", 0.0) * 4.0 * (index == 0)
+                extra = -chain.get("backlash", 0.0) - chain.get("set", 0.0) * peak * (index == 0)
             true[mask] = true_depth(force, (travel - yielded)[mask], offset + extra, compliance, scale, *lint)
             F[mask] = force(true[mask])
         return F, true
@@ -351,19 +354,20 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
     return records
 
 
-def signal(records, D1, mu, noise):
+def signal(records, D1, mu, noise, null=library.null_curve):
     """Size of the effect over the noise after re-fit of mu, D1, gains and contact offsets; and where it stands out.
 
     sqrt(min chi^2) of the noise-free records against the null curves, gains and contact offsets of
     each curve fitted with their noise as priors by Gauss-Newton. About 3 is hardly visible; the null gives nearly zero.
+    null(place, mu D1, d) is the unmodified force over mu.
     Returns (signal, [{"experiment", "channel", "share of chi^2"}] largest first).
     """
 
     def model(p, k, test, depth):
-        return np.exp(p[0]) * null(test[2], p[1], depth + p[2 + 2 * k]) * (1 + p[3 + 2 * k])
+        return np.exp(p[0]) * unmodified(test[2], p[1], depth + p[2 + 2 * k]) * (1 + p[3 + 2 * k])
 
-    def null(place, ln, d):
-        return library.null_curve(place, np.exp(np.clip(ln, np.log(0.008), np.log(1.5))), np.clip(d, 0, None))
+    def unmodified(place, ln, d):
+        return null(place, np.exp(np.clip(ln, np.log(0.008), np.log(1.5))), np.clip(d, 0, None))
 
     n = len(records)
     p = np.r_[np.log(mu), np.log(mu * D1), np.zeros(2 * n)]

@@ -76,6 +76,10 @@ class Experiment:
         scale = ng.CF((inv[0], 0, 0, 0, inv[1], 0, 0, 0, inv[2]), dims=(3, 3))
         return ng.Id(3) + ng.Grad(u) * scale
 
+    def _scale(self):
+        """Factor of the modulus at a reference point."""
+        return stiffness_field(self.model, self.mesh)
+
     def _gap(self, u, centre=None):
         ax = self.model.axes
         r = ng.CF((ng.x * ax[0], ng.y * ax[1], ng.z * ax[2])) + u - (self.centre if centre is None else centre)
@@ -119,14 +123,11 @@ class Experiment:
         area = jac ** (2 / 3)  # scaled axes differ by percents: the area factor only scales the penalty
         F = self._stretch(u)
         J = ng.Det(F)
-        scale = stiffness_field(m, self.mesh)
+        scale = self._scale()
         self.wfac = ng.Parameter(1.0)
         W = isochoric_energy(m, F, J)
-        if wmax is not None:  # frozen Mullins field: W~ = W - (1/r) int tanh((Wm - W)/c) dW
-            r, beta, m0 = m.mullins
-            c = m0 + beta * wmax
-            s = ng.IfPos(wmax - W, (wmax - W) / c, 0.0)
-            W = W + c / r * ng.log(0.5 * (ng.exp(s) + ng.exp(-s)))
+        if wmax is not None:
+            W = softened_energy(W, wmax, m.mullins)
         self.symmetric = not (m.friction or m.bowl_friction)
         a = ng.BilinearForm(self.X, symmetric=self.symmetric)
         dx = ng.dx(bonus_intorder=0 if m.skin_ratio != 1 else -2)  # four points per tet carry a quadratic field
@@ -252,7 +253,7 @@ class Experiment:
             F = self._stretch(self.u)
             J = ng.Det(F)
             C = F.trans * F
-            S = stiffness_field(self.model, self.mesh) * J ** (-2 / 3) * (ng.Id(3) - ng.Trace(C) / 3 * ng.Inv(C))
+            S = self._scale() * J ** (-2 / 3) * (ng.Id(3) - ng.Trace(C) / 3 * ng.Inv(C))
             new = ng.GridFunction(self.L**6)
             for comp, (i, j) in zip(new.components, ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), strict=True):
                 comp.Set(S[i, j])
@@ -308,7 +309,6 @@ class Experiment:
             self.settle()
         out = Path()
         factor = {"quarter": 4, "half_x": 2, "half_y": 2, "full": 1}[self.sym]
-        Q = rotation(self.model.tilt)
         t0, d0 = start
         trail = [(d0, self.state.vec.CreateVector(copy=True))]
         if self.trail and self.trail[-1][0] == d0:
@@ -354,9 +354,9 @@ class Experiment:
                 t0, d0, old_c = t1, d1, c
             out.t.append(t)
             out.d.append(d)
-            out.F.append(Q @ self._symmetric(F))
+            out.F.append(self._turned(F))
             out.Ec.append(factor * self._contact_energy())
-            out.uz.append((self._profile(Q) - self.rest).tolist() if profile else None)
+            out.uz.append((self._profile(rotation(self.model.tilt)) - self.rest).tolist() if profile else None)
         return out
 
     def _crushed(self):
@@ -395,6 +395,10 @@ class Experiment:
         g = self._gap(self.u)[0]
         return ng.Integrate(self.area * 0.5 * self.eps * ng.IfPos(-g, g * g, 0.0) * self.ds, self.mesh)
 
+    def _turned(self, F):
+        """Force on the sphere in the machine's frame, without what a plane of symmetry takes."""
+        return rotation(self.model.tilt) @ self._symmetric(F)
+
     def _symmetric(self, F):
         zero = {"quarter": (0, 1), "half_x": (0,), "half_y": (1,), "full": ()}[self.sym]
         F = F.copy()
@@ -418,6 +422,14 @@ class Experiment:
                     continue
             rows.append(float((Q @ u)[2]))
         return np.array(rows)
+
+
+def softened_energy(W, wmax, mullins):
+    """Frozen Mullins field: W~ = W - (1/r) int tanh((Wm - W)/c) dW."""
+    r, beta, m0 = mullins
+    c = m0 + beta * wmax
+    s = ng.IfPos(wmax - W, (wmax - W) / c, 0.0)
+    return W + c / r * ng.log(0.5 * (ng.exp(s) + ng.exp(-s)))
 
 
 def returned(t_old, slip, before, n, stiffness, gap, gap_old, stick):

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import catalogue
 import experiment
+import flat
 import library
 import numpy as np
 
@@ -56,17 +57,20 @@ NOISE = {  # (from, to) of each case, log-uniform, and whether the laboratory kn
 LOOK_ALIKE = {"fibre_x", "fibre_y", "skin_stiff", "skin_soft", "inclusion_stiff", "inclusion_soft", "cavity"}
 
 
-def draw_names(kind, count, rng, drawn):
+def draw_names(kind, count, rng, drawn, body="ellipsoid"):
     """Names of the effects of `count` cases of one kind; rarely drawn ones first."""
     if kind == "null":
         return [[] for _ in range(count)]
+    single, outside = (
+        (flat.single(body), flat.outside()) if body in flat.BODIES else (catalogue.SINGLE, tuple(catalogue.OUTSIDE))
+    )
     if kind == "outside":
-        return [[n] for n in balanced(list(catalogue.OUTSIDE), count, rng, drawn)]
+        return [[n] for n in balanced(list(outside), count, rng, drawn)]
     if kind == "single":
-        return [[n] for n in balanced(list(catalogue.SINGLE), count, rng, drawn)]
+        return [[n] for n in balanced(list(single), count, rng, drawn)]
     pairs = []
     while len(pairs) < count:
-        a, b = rng.choice(list(catalogue.SINGLE), 2, replace=False)
+        a, b = rng.choice(list(single), 2, replace=False)
         clash = {a, b} <= LOOK_ALIKE or ("mullins" in (a, b) and not {a, b} & set(catalogue.FREE))
         if not clash and not (a[:6] == b[:6]):
             pairs.append([str(a), str(b)])
@@ -84,17 +88,18 @@ def balanced(names, count, rng, drawn):
     return out
 
 
-def draw_case(kind, names, rng):
+def draw_case(kind, names, rng, body="ellipsoid"):
     """Everything random of one case, JSON-able."""
     mu, D1 = catalogue.log_uniform(rng, 5e-3, 16e-3), catalogue.log_uniform(rng, 2.0, 80.0)
     rho = float(rng.uniform(0.3, 0.85)) if rng.uniform() < 0.35 else 0.0
-    effects = [catalogue.draw(n, rng) for n in names]
+    effects = [flat.draw(n, rng, body) if body in flat.BODIES else catalogue.draw(n, rng) for n in names]
     noise = {k: catalogue.log_uniform(rng, low, high) for k, (low, high, _) in NOISE.items()}
     case = {"kind": kind, "mu": mu, "D1": D1, "rho": rho, "noise": noise, "effects": effects}
+    case |= {} if body == "ellipsoid" else {"body": body}
     return {**case, "noise_seed": secrets.randbits(96)}
 
 
-def extend_plan(out, counts):
+def extend_plan(out, counts, body="ellipsoid"):
     """Read the sealed plan of DIR, add what `counts` asks for, write it back."""
     path = out / "sealed" / "plan.json"
     plan = json.loads(path.read_text()) if path.exists() else []
@@ -103,7 +108,11 @@ def extend_plan(out, counts):
     for case in plan:
         for effect in case["effects"]:
             drawn[effect["name"]] = drawn.get(effect["name"], 0) + (case["kind"] != "pair")
-    new = [draw_case(kind, names, rng) for kind, n in counts.items() for names in draw_names(kind, n, rng, drawn)]
+    new = [
+        draw_case(kind, names, rng, body)
+        for kind, n in counts.items()
+        for names in draw_names(kind, n, rng, drawn, body)
+    ]
     for rank, case in zip(rng.permutation(len(new)), new, strict=True):
         case["id"] = f"case_{len(plan) + rank + 1:04d}"
     plan += new
@@ -125,6 +134,14 @@ def mechanics(case):
     for effect in case["effects"]:
         changes.update(effect["model"])
     mu, muD1 = case["mu"], case["mu"] * case["D1"]
+    if "body" in case:
+        for name in ("adhesion", "weight"):
+            if f"{name}_mpa" in changes:
+                changes[name] = changes.pop(f"{name}_mpa") / mu
+        if "foundation_mpa" in changes:
+            changes["foundation"] = changes.pop("foundation_mpa") * mu
+        tables, facts = flat.tables(case["body"], muD1, changes) if changes else ({}, {})
+        return flat.Mechanics(case["body"], muD1, tables), facts
     moved = displaced(case)
     if not changes and not moved:
         return experiment.Mechanics(muD1), {}
@@ -156,14 +173,22 @@ def make(case, out):
         chain.update(effect["chain"])
     noise = {**case["noise"], "rho": case["rho"]}
     stated = {k: float(f"{noise[k]:.1g}") for k, (*_, known) in NOISE.items() if known}  # as a data sheet says it
-    shift = chain.get("offset", 0.0) + chain.get("offsets", np.zeros(9))[8]  # recorded depth starts this much too late
-    deep = min(experiment.DEEP, facts.get("deepest", library.DEEPEST) - max(0.0, shift))
     rng = np.random.default_rng(case["noise_seed"])
-    records = experiment.write(
-        out / case["id"], mech, case["mu"], chain, rng, noise, {**NOMINAL, "noise": stated}, deep
-    )
-    size, where = experiment.signal(records, case["D1"], case["mu"], noise)
-    top = mech.top("mp_load", 1, "load", np.array([1.0, 2.0, 3.0, 4.0]))[:, 2] * case["mu"]
+    body = case.get("body")
+    ran = [t[0] for t in (flat if body else experiment).plan()].index("mp_deep")
+    shift = chain.get("offset", 0.0) + chain.get("offsets", np.zeros(12))[ran]  # its depth starts this much too late
+    if body:
+        deep = min(flat.DEEP, facts.get("deepest", np.inf) - max(0.0, shift))
+        records = flat.clean(mech, case["mu"], chain, deep)
+        flat.write(out / case["id"], records, chain, rng, noise, flat.nominal(body, stated))
+        size, where = experiment.signal(records, case["D1"], case["mu"], noise, flat.Mechanics.unmodified(body))
+    else:
+        deep = min(experiment.DEEP, facts.get("deepest", library.DEEPEST) - max(0.0, shift))
+        nominal = {**NOMINAL, "noise": stated}
+        records = experiment.write(out / case["id"], mech, case["mu"], chain, rng, noise, nominal, deep)
+        size, where = experiment.signal(records, case["D1"], case["mu"], noise)
+    at = np.array([0.5, 1.0, 1.5, 2.0] if body else [1.0, 2.0, 3.0, 4.0])
+    top = mech.force("mp_load", 1, "top", "load", at)[:, 2] * case["mu"]
     truth = {
         "salt": secrets.token_hex(32),
         "id": case["id"],
@@ -174,7 +199,8 @@ def make(case, out):
         "signal": size,
         "where": where,
         "allowed": allowed(case, size),
-        "force_without_noise_N": dict(zip("1234", np.round(top, 6).tolist(), strict=False)),
+        "force_without_noise_N": dict(zip([f"{d:g}" for d in at], np.round(top, 6).tolist(), strict=True)),
+        **({"body": body} if body else {}),
         "fe": facts,
         "redrawn": case.get("redrawn", 0),
         "cpu_s": round(time.process_time() - t0, 1),
@@ -202,7 +228,8 @@ def make_somehow(case, out, attempts=3):
         except Exception as error:
             why.append(type(error).__name__)
             names = [e["name"] for e in case["effects"]]
-            again = draw_case(case["kind"], names, np.random.default_rng(secrets.randbits(128)))
+            rng = np.random.default_rng(secrets.randbits(128))
+            again = draw_case(case["kind"], names, rng, case.get("body", "ellipsoid"))
             case = {**case, **again, "redrawn": attempt + 1}
     return case, None, why
 
@@ -213,11 +240,12 @@ def allowed(case, size, visible=4.0):
         return {"verdicts": ["no_gap"], "causes": []}
     if case["kind"] == "outside":
         verdicts, causes = catalogue.OUTSIDE[case["effects"][0]["name"]]
-        listed = list(catalogue.LISTED.get(case["effects"][0]["name"], ()))
+        known = catalogue.LISTED | (flat.LISTED if "body" in case else {})
+        listed = list(known.get(case["effects"][0]["name"], ()))
         verdicts, causes = list(verdicts), [*causes, *(c for c in listed if c not in causes)]
     else:
         names = [e["name"] for e in case["effects"]]
-        causes = sorted(set().union(*(catalogue.ANSWERS[n] for n in names)))
+        causes = sorted(set().union(*((catalogue.ANSWERS | flat.ANSWERS)[n] for n in names)))
         verdicts = (
             ["explained", "ambiguous", "partly"]
             if case["kind"] == "single"
@@ -241,11 +269,12 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     for kind in ("null", "single", "pair", "outside"):
         parser.add_argument(f"--{kind}", type=int, default=0)
+    parser.add_argument("--body", choices=("ellipsoid", *flat.BODIES), default="ellipsoid", help="of the new cases")
     parser.add_argument("--free-only", action="store_true", help="leave cases that need finite elements for later")
     parser.add_argument("--first", nargs="*", default=[], help="effects whose cases are made first (drawn as ever)")
     parser.add_argument("--jobs", type=int, default=1, help="cases made at the same time")
     args = parser.parse_args()
-    plan = extend_plan(args.out, {k: getattr(args, k) for k in ("null", "single", "pair", "outside")})
+    plan = extend_plan(args.out, {k: getattr(args, k) for k in ("null", "single", "pair", "outside")}, args.body)
     listed = (args.out / "hashes.txt").read_text() if (args.out / "hashes.txt").exists() else ""
     for case in plan:  # sealed, but the run ended before its hash was published
         path = args.out / "sealed" / f"{case['id']}.json"

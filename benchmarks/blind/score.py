@@ -1,9 +1,11 @@
 """Open the sealed truths and score the answers.
 
-python benchmarks/blind/score.py --cases DIR --answers DIR [--json FILE] [--classes FILE]
+python benchmarks/blind/score.py --cases DIR [DIR ...] --answers DIR [DIR ...] [--json FILE] [--classes FILE]
 answers/case_0001.json holds the block "diagnosis" of results.json (or results.json itself). --classes: JSON list of
 lists of answer names that the diagnosis declared, before the data, to be indistinguishable with this test plan; then
 top-1 and set figures are also given over these classes. Hashes are verified first. Intervals: Clopper-Pearson, 95 %.
+Cases of a second folder are numbered 1000 higher, of a third 2000. An answer may hold "rival", what another rule says
+of the same data ({"gap", "best", "named"}, see benchmarks/blind_answers.py): then its figures are given beside.
 Needs numpy and scipy only.
 """
 
@@ -14,10 +16,14 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from catalogue import ANSWERS, LISTED, SINGLE
+from catalogue import ANSWERS as OF_ELLIPSOID
+from catalogue import LISTED, SINGLE
+from flat import ANSWERS as OF_FLAT
+from flat import LISTED as LISTED_FLAT
 from scipy.optimize import minimize
 from scipy.stats import beta
 
+ANSWERS = OF_ELLIPSOID | OF_FLAT
 VISIBLE = 4.0  # signal below which "no_gap" is also right, and which "detectable" refers to
 STRONG = 16.0  # signal of an effect that nobody would overlook
 CONFIDENT = 0.8
@@ -36,6 +42,11 @@ SIZES = {
     "delta_b": lambda t, mu: t["delta_mm"],
     "delta_c": lambda t, mu: t["delta_mm"],
     "delta_R": lambda t, mu: t["delta_mm"],
+    "delta_thickness": lambda t, mu: t["delta_mm"],
+    "delta_height": lambda t, mu: t["delta_mm"],
+    "delta_radius": lambda t, mu: t["delta_mm"],
+    "substrate_compliance": lambda t, mu: t["compliance_mm_per_MPa"],
+    "plate_friction": lambda t, mu: t["mu_plate"],
     "weight": lambda t, mu: t["specific_weight_N_per_mm3"],
     "friction": lambda t, mu: t["mu_f"],
     "adhesion": lambda t, mu: t["work_N_per_mm"],
@@ -72,8 +83,29 @@ def read(cases, answers):
             raise ValueError(f"{name}: the sealed truth does not match its published hash")
         path = answers / f"{name}.json"
         answer = json.loads(path.read_text()) if path.exists() else None
-        pairs.append((json.loads(blob), passed(answer.get("diagnosis", answer)) if answer else None))
+        found = passed(answer.get("diagnosis", answer)) if answer and "error" not in answer else None
+        pairs.append((json.loads(blob), {**found, "rival": answer.get("rival")} if found else None))
     return pairs
+
+
+def together(cases, answers):
+    """Pairs of several folders, (truth, answer) of :func:`read`; those of the k-th are numbered 1000 k higher."""
+    pairs = []
+    for k, (of, by) in enumerate(zip(cases, answers, strict=True)):
+        for truth, answer in read(of, by):
+            number = int(truth["id"].removeprefix("case_")) + 1000 * k
+            pairs.append(({**truth, "id": f"case_{number:04d}"}, answer))
+    return pairs
+
+
+def of_rival(answer):
+    """What the rival says as an answer: a gap without a name is unexplained, one name is sure, several are a set."""
+    said = answer["rival"]
+    names = [said["best"], *(n for n in said["named"] if n != said["best"])] if said["named"] else []
+    kinds = ("unexplained", "explained") if len(names) < 2 else ("ambiguous",)
+    verdict = kinds[-1 if names else 0] if said["gap"] else "no_gap"
+    found = [{"effect": n, "cause": n, "probability": 1.0 / len(names) - 1e-6 * k} for k, n in enumerate(names)]
+    return passed({"verdict": verdict, "causes": found, "ambiguous_with": [[n] for n in names], "where": []})
 
 
 def passed(diagnosis):
@@ -86,7 +118,7 @@ def by_cause(diagnosis, exact=False):
 
     exact: names with a place, and those of `catalogue.LISTED`, stay as they were given.
     """
-    known, listed = (set().union(*names.values()) for names in (ANSWERS, LISTED))
+    known, listed = (set().union(*names.values()) for names in (ANSWERS, LISTED | LISTED_FLAT))
     names = {
         c["effect"]: c["cause"]
         for c in diagnosis.get("causes") or []
@@ -251,6 +283,7 @@ def figures(pairs, classes=()):
         "unlisted_allowed": rate([acceptable(t, d) for t, d in unlisted]),
         "unlisted_confidently_wrong": rate([confidently_wrong(t, d) for t, d in unlisted]),
         "single_confidently_wrong": rate([confidently_wrong(t, d) for t, d in single]),
+        "wrong_and_sure": rate([wrong_and_sure(t, d) for t, d in pairs]),
         "right_place": rate([right_place(t, d) for t, d in seen if t.get("where")]),
         "interval_covers": rate(cover),
         "shrinkage_share_median": float(np.median(shares)) if shares else None,
@@ -261,8 +294,9 @@ def figures(pairs, classes=()):
         "mu_bias": mu_bias([(t, d) for t, d in right if "parameters" in d]),
         "next_test": "not scored here: it needs a run of the proposed test",
         "confusion": confusion(pairs),
+        "visible_by_effect": visible_by_effect(single),
     }
-    n = len(ANSWERS)
+    n = len(OF_ELLIPSOID)
     out["baselines"] = {
         "prior_only": {"top_1": float(np.mean([len(accepted(t)[0]) > 0 for t, _ in seen])) / n if seen else None},
         "prior_only_log_score": -float(np.log(n)),
@@ -280,12 +314,33 @@ def confidently_wrong(truth, diagnosis):
     return leader["effect"] not in truth["allowed"]["causes"] and (leader.get("probability") or 0) > CONFIDENT
 
 
+def wrong_and_sure(truth, diagnosis):
+    """One cause named alone with probability above CONFIDENT, and neither verdict nor cause is allowed."""
+    if diagnosis["verdict"] not in ALONE or not causes(diagnosis):
+        return False
+    right = set().union(*accepted(truth), set())
+    leader = causes(as_asked(truth, diagnosis))[0]
+    sure = (leader.get("probability") or 0) > CONFIDENT
+    named = top(diagnosis) in right if truth["kind"] in ("single", "pair") else acceptable(truth, diagnosis)
+    return sure and not named
+
+
 def log_score(seen):
     """Mean log probability of the truth over detected single cases (floor 1e-3)."""
     if not seen:
         return None
     p = [sum(c.get("probability") or 0 for c in causes(d) if c["effect"] in accepted(t)[0]) for t, d in seen]
     return float(np.mean(np.log(np.clip(p, 1e-3, 1))))
+
+
+def visible_by_effect(single):
+    """{effect: [cases with a signal of VISIBLE and more, those found with the truth in the named set]}."""
+    table = {}
+    for t, d in single:
+        if t["signal"] >= VISIBLE:
+            n, k = table.get(t["effects"][0]["name"], (0, 0))
+            table[t["effects"][0]["name"]] = (n + 1, k + bool(named_set(d) & accepted(t)[0]))
+    return {name: list(v) for name, v in sorted(table.items())}
 
 
 def mu_bias(right):
@@ -337,7 +392,7 @@ def report(f):
         if isinstance(value, dict) and "k" in value:
             shown = "-" if value["rate"] is None else f"{100 * value['rate']:.0f} %"
             lines.append(f"{key:28s} {value['k']}/{value['n']}  {shown}  [{value['low']:.2f}, {value['high']:.2f}]")
-        elif key not in ("counts", "confusion", "failures", "baselines", "mu_bias"):
+        elif key not in ("counts", "confusion", "failures", "baselines", "mu_bias", "rival"):
             lines.append(f"{key:28s} {value}")
     lines.append(f"baselines                    {json.dumps(f['baselines'])}")
     lines.append("mu: error before -> after, by effect")
@@ -351,16 +406,22 @@ def report(f):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=Path, required=True)
-    parser.add_argument("--answers", type=Path, required=True)
+    parser.add_argument("--cases", type=Path, nargs="+", required=True)
+    parser.add_argument("--answers", type=Path, nargs="+", required=True)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--classes", type=Path)
     args = parser.parse_args()
-    pairs = read(args.cases, args.answers)
-    result = figures(pairs, json.loads(args.classes.read_text()) if args.classes else ())
+    pairs = together(args.cases, args.answers)
+    classes = json.loads(args.classes.read_text()) if args.classes else ()
+    result = figures(pairs, classes)
     result["unanswered"] = sum(d is None for _, d in pairs)
-    result["effects_without_case"] = sorted(set(SINGLE) - {e["name"] for t, _ in pairs for e in t["effects"]})
+    result["bodies"] = sorted({t.get("body", "ellipsoid") for t, d in pairs if d})
+    result["effects_without_case"] = sorted(set(SINGLE) - {e["name"] for t, d in pairs if d for e in t["effects"]})
     print(report(result))
+    beside = [(t, of_rival(d)) for t, d in pairs if d and d["rival"]]
+    if beside:
+        result["rival"] = figures(beside, classes)
+        print(f"\nthe rival: least squares and BIC\n{report(result['rival'])}")
     if args.json:
         args.json.write_text(json.dumps(result, indent=1) + "\n")
 

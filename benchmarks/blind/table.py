@@ -1,6 +1,7 @@
 """Figures of all blind rounds side by side, from the scores that `score.py` wrote: table.py reports/blind [--from 3]
 
-Counts of every round; those from one round on together, with the 95 % interval of Clopper and Pearson.
+Counts of every round on the ellipsoid; those from one round on together, with the 95 % interval of Clopper and Pearson.
+The last round, whatever its bodies, also alone, and beside the rival where its answers hold one.
 """
 
 import argparse
@@ -10,8 +11,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from catalogue import OUTSIDE, SINGLE
-from score import clopper_pearson
+from catalogue import OUTSIDE
+from score import ANSWERS, clopper_pearson
 
 ROWS = {
     "false_alarm": ("false alarm on null data", "≤ 5 %"),
@@ -81,16 +82,41 @@ def macro_average(rounds, names):
     for r in rounds:
         number.update({k: sum(v.values()) for k, v in r["confusion"].items() if k in names})
         wrong.update(name for row in r["failures"] for name in [row.split()[1]] if name in names)
-    each = {k: 1.0 - wrong[k] / n for k, n in sorted(number.items())}
+    return shares(number, {k: number[k] - wrong[k] for k in number})
+
+
+def shares(number, right):
+    """The sentence of :func:`macro_average` from the cases of each effect and those that are right."""
+    if not number:
+        return "–"
+    each = {k: right[k] / n for k, n in sorted(number.items())}
     rates = np.array(list(each.values()))
     drawn = np.random.default_rng(0).choice(rates, (BOOTSTRAPS, len(rates))).mean(axis=1)
     low, high = 100 * np.quantile(drawn, [0.025, 0.975])
-    pooled = 100 * (1.0 - sum(wrong.values()) / sum(number.values()))
-    worst = ", ".join(f"{k} {number[k] - wrong[k]}/{number[k]}" for k in sorted(each, key=each.get)[:WORST])
+    pooled = 100 * sum(right.values()) / sum(number.values())
+    worst = ", ".join(f"{k} {right[k]}/{number[k]}" for k in sorted(each, key=each.get)[:WORST])
     return (
         f"{100 * rates.mean():.0f} % ({low:.0f}–{high:.0f} %) of {len(rates)} effects, "
         f"pooled {pooled:.0f} % of {sum(number.values())} cases; lowest: {worst}"
     )
+
+
+def beside(newest):
+    """Figures of the last round beside those of the rival on the same cases."""
+    rival = newest["rival"]
+    kinds = tuple(ANSWERS), tuple(OUTSIDE)
+    print("\n| figure of the last round | the diagnosis | least squares and BIC |\n|---|---|---|")
+    for key, (words, _) in (ROWS | {"wrong_and_sure": ("one cause, sure, and wrong: all cases", "")}).items():
+        if key in rival and rival[key]["n"] and key != "right_place":
+            print(f"| {words} | {together([newest[key]])} | {together([rival[key]])} |")
+    cells = []
+    for r in (newest, rival):
+        number, right = ({k: v[i] for k, v in r["visible_by_effect"].items()} for i in (0, 1))
+        cells.append(shares(number, right))
+    print(f"| found and in the named set, of effects with signal ≥ 4, counted alike | {' | '.join(cells)} |")
+    for words, names in zip(("effects", "kinds outside"), kinds, strict=True):
+        cells = " | ".join(macro_average([r], names).split(";")[0] for r in (newest, rival))
+        print(f"| right, {words} counted alike | {cells} |")
 
 
 def main():
@@ -100,8 +126,10 @@ def main():
     args = parser.parse_args()
     paths = [p for p in args.folder.glob("round*.json") if re.fullmatch(r"round\d+", p.stem)]
     rounds = {int(p.stem.removeprefix("round")): json.loads(p.read_text()) for p in paths}
-    rounds = dict(sorted(rounds.items()))
-    for r in rounds.values():
+    every = dict(sorted(rounds.items()))
+    newest = every[max(every)]
+    rounds = {k: r for k, r in every.items() if r.get("bodies", ["ellipsoid"]) == ["ellipsoid"]}
+    for r in [*every.values(), *([newest["rival"]] if "rival" in newest else [])]:
         r["named_and_wrong"] = named_and_wrong(r)
         r["outside_seen"] = outside_seen(r)
     late = [r for k, r in rounds.items() if k >= args.first]
@@ -119,11 +147,13 @@ def main():
     for key, (words, goal) in PLAIN.items():
         cells = ["–" if r.get(key) is None else f"{r[key]:.2f}".replace("-", "−") for r in rounds.values()]
         print(f"| {words} | " + " | ".join(cells) + f" | | {goal} |")
-    for kind, names in (("effects of the catalogue", SINGLE), ("kinds outside the catalogue", tuple(OUTSIDE))):
-        words = f"Rounds {args.first} to {max(rounds)}, {kind}, each counted alike"
-        print(f"\n{words}: {macro_average(late, names)}.")
-    newest = rounds[max(rounds)]
+    kinds = {"effects of the catalogue": tuple(ANSWERS), "kinds outside the catalogue": tuple(OUTSIDE)}
+    for words, some in ((f"Rounds {args.first} to {max(rounds)}", late), ("The last round alone", [newest])):
+        for kind, names in kinds.items():
+            print(f"\n{words}, {kind}, each counted alike: {macro_average(some, names)}.")
     print(f"\nThe last round alone, outside the catalogue, verdict allowed: {together([newest['outside_allowed']])}.")
+    if "rival" in newest:
+        beside(newest)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,8 @@ ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ betwe
 CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 COMPARED = 0.35  # of the difference to elements of twice the size, see `coarse_mesh_errors`
+WIDTH = 4.0  # elements: of a contact that is so wide twice that is missed
+AT_TIPS = 0.3, 3.0  # both below a rounded tip, where elements grow with the distance from it
 AHEAD = 1.1  # times the travel: deeper differences say nothing of a deep one
 LASTED = 2.0  # times as long: two moments of a rest that are neighbours
 IN_SPACE = 1.1  # order of what is missed in space by the number of nodes: h^3.3
@@ -90,7 +92,8 @@ def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict
     with the channel f, s the travel and |c|_s its largest value so far.  Elements of the size h miss h^2.5 or so of a
     force: the difference is four or five times what the finer ones miss, and hangs at each depth on where the edge of
     contact lies in an element, which the mean over neighbours takes out.  Where the contact radius a is a few elements
-    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
+    h₀ only, they miss a half: m = 0.35 (1 + (4 h₀/a)²), at most 1; 0.3 (1 + (3 h₀/a)²) below a rounded
+    tip.  Beyond s₁, where that run ended, r = r₁ (s/s₁)⁶.
     Beyond a travel of 1.5 lengths of the indenter s_j ≤ 1.1 s_k: errors grow fast there.
     Beyond a travel w at which a mesh was outworn and no other was made, r grows by (s/w)⁶, too.
     Where the mesh was remade within a quarter of s, at least half of what the force changed by counts.
@@ -108,7 +111,9 @@ def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict
     near &= travel <= np.maximum(AHEAD * travel[:, None], c.deep * settings.indenter.length)
     h0 = element_size(settings, True)
     a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
-    share = np.minimum(COMPARED * (1.0 + (4.0 * h0 / a) ** 2), 1.0)
+    tip = np.isfinite(settings.indenter.finest[1]) and modelling.gathers(settings.indenter)
+    compared, width = AT_TIPS if tip else (COMPARED, WIDTH)
+    share = np.minimum(compared * (1.0 + (width * h0 / a) ** 2), 1.0)
     if knobs.permeability:
         near &= _as_long(result)
         share = np.ones_like(share) if settings.drainage[0] == SEALED else share

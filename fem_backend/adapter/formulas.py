@@ -34,11 +34,12 @@ def formula_forces(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tupl
     K = 2.0 / knobs.D1
     E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
     h, found = travel * tilt, []
+    general = _general(actual, h, nu)
     relaxes = "the material relaxes, the formula is elastic" if settings.prony or knobs.prony_g else ""
     for f in of_pair(actual, E, nu):
         with np.errstate(all="ignore"):
             force = np.asarray(f.force(h), float) * float(normal[2])
-        why = tuple(relaxes or _general(actual, float(d), nu) or f.valid(float(d)) or "" for d in h)
+        why = tuple(relaxes or general[k] or f.valid(float(d)) or "" for k, d in enumerate(h))
         found.append(FormulaCurve(f.name, f.source, force, why))
     return (*found, *adhesive(actual, knobs, h, float(normal[2]), relaxes))
 
@@ -53,14 +54,14 @@ def adhesive(settings: Settings, knobs: Knobs, h: np.ndarray, up: float, relaxes
     stiff = closed_forms.plane_modulus(E, nu)
     R = indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
     number = closed_forms.tabor(R, w, stiff, knobs.adhesion_range)
-    found = []
+    general, found = _general(settings, h, nu), []
     for name, source, force, wrong in (
         ("JKR", "Johnson, Kendall & Roberts 1971", closed_forms.jkr_force, number < STICKS),
         ("DMT", "Derjaguin, Muller & Toporov 1975", closed_forms.dmt_force, number > REACHES),
     ):
         far = f"Tabor's parameter is {number:.2g}" if wrong else ""
         small = ["the depth is more than a tenth of the radius" if d > SMALL * R else "" for d in h]
-        why = tuple(relaxes or far or _general(settings, float(d), nu) or s for d, s in zip(h, small, strict=True))
+        why = tuple(relaxes or far or g or s for g, s in zip(general, small, strict=True))
         found.append(FormulaCurve(name, source, np.asarray(force(h, R, w, stiff), float) * up, why))
     return tuple(found)
 
@@ -131,9 +132,21 @@ def _held(settings: Settings) -> bool:
     return bool(np.asarray(held).all())
 
 
-def _general(settings: Settings, depth: float, nu: float) -> str:
-    """Why no formula holds for a specimen that is neither a half-space nor a layer of one material."""
-    specimen, length = settings.specimen, settings.indenter.length
+def _general(settings: Settings, depth: np.ndarray, nu: float) -> list[str]:
+    """Why no formula holds at depths (n,) mm for a specimen that is no half-space and no layer of one material."""
+    why = _anywhere(settings)
+    if why is not None:
+        return [why] * len(depth)
+    height = float(settings.specimen.top[2] - settings.specimen.lowest[2])
+    length = settings.indenter.length
+    more = closed_forms.thickness_factor(np.asarray(depth, float) / length, height / length, nu) - 1.0
+    words = "the specimen is no half-space: a slab as high as it adds {:.0f} %"
+    return [words.format(100.0 * v) if d != 0.0 and v > THICK else "" for d, v in zip(depth, more, strict=True)]
+
+
+def _anywhere(settings: Settings) -> str | None:
+    """Why no formula holds at any depth, or "" where all may; None where that depends on the depth."""
+    specimen = settings.specimen
     layers = getattr(specimen, "layers", ())
     if layers:
         return "the specimen has layers, the formula has one material"
@@ -143,7 +156,4 @@ def _general(settings: Settings, depth: float, nu: float) -> str:
     if thickness(settings) is not None:
         narrow = not specimen.alike and specimen.volume() < math.pi / 4.0 * WIDE**2 * height**3
         return f"the specimen is less than {WIDE:g} times as wide as it is high" if narrow else ""
-    if specimen.alike or depth == 0.0:
-        return ""
-    more = float(closed_forms.thickness_factor(np.array([depth / length]), height / length, nu)[0]) - 1.0
-    return f"the specimen is no half-space: a slab as high as it adds {100.0 * more:.0f} %" if more > THICK else ""
+    return "" if specimen.alike else None

@@ -6,8 +6,8 @@ The weak form of a step from n to n + 1, per reference volume, with v the volume
 
     m_i = ∫ φ_i (v − v̄) dV + Δ ∫ k ∇φ_i · J C⁻¹ ∇p dV + Δ ∫ λ φ_i p dA = 0,
 
-v̄ and Δ of the time integration, k the permeability, λ a leak through an open surface.  Small strains have C = 1.  Where
-the liquid gives way by S (1/MPa) v is J − 1 + S p (Biot 1941, eq. 2.12, α = 1), the volume that it has lost.
+v̄ and Δ of the time integration, k(J) the permeability, λ a leak through an open surface.  Small strains have C = 1.
+Where the liquid gives way by S (1/MPa) v is J − 1 + S p (Biot 1941, eq. 2.12, α = 1), the volume that it has lost.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def volume_change(H: np.ndarray, small: bool) -> np.ndarray:
     return flat + yy + flat * yy
 
 
-def mass(at: PorousMeridian, F: np.ndarray, v: np.ndarray, p: np.ndarray, flow: float) -> np.ndarray:
-    """Volume of liquid (v,) mm³ that each pressure function misses, without leaks: v (m, q) − v̄, `flow` = Δ k."""
+def mass(at: PorousMeridian, F: np.ndarray, v: np.ndarray, p: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Volume of liquid (v,) mm³ that each pressure function misses, without leaks: v (m, q) − v̄, `flow` (m, q) Δ k."""
     out = np.zeros(len(at.vertices))
     _mass(at.corners, at.slopes, at.body.w, linear_functions(), F, v, p, flow, out)
     return out
@@ -162,24 +162,28 @@ def _mass(corners, slopes, w, phi, F, v, p, flow, out):  # type: ignore[no-untyp
             for i in range(3):
                 x, z = slopes[e, q, i, 0], slopes[e, q, i, 1]
                 sx, sz = (d * x - c * z) / flat, (a * z - b * x) / flat
-                out[corners[e, i]] += w[e, q] * (phi[q, i] * v[e, q] + flow * flat * h * (sx * qx + sz * qz))
+                out[corners[e, i]] += w[e, q] * (phi[q, i] * v[e, q] + flow[e, q] * flat * h * (sx * qx + sz * qz))
 
 
 def coupling(
-    at: PorousMeridian, F: np.ndarray, p: np.ndarray, flow: float, storage: float, unit: float, small: bool
-) -> np.ndarray:
-    """What pressures add to the coupled matrix, (nnz,): rows of displacements −∂/∂p, rows of pressures −∂m/∂(u, p).
+    at: PorousMeridian, F: np.ndarray, p: np.ndarray, flow: np.ndarray, closing: np.ndarray,
+    storage: float, unit: float, small: bool,
+) -> np.ndarray:  # fmt: skip
+    """What pressures add to the coupled matrix (nnz,): rows of displacements −∂/∂p, rows of pressures −∂m/∂(u, p).
 
-    Pressures count in `unit` (MPa) and masses times it, so that all entries are stiffnesses; `storage` is S (1/MPa).
+    Pressures count in `unit` (MPa) and masses times it, so that all entries are stiffnesses; `storage` is S (1/MPa),
+    `flow` (m, q) Δ k and `closing` (m, q) its derivative by J.
     """
     out = np.zeros(len(at.pattern.indices))
     body, phi = at.body, linear_functions()
-    _coupling(body.G, body.ring, body.w, phi, at.slopes, at.corners, F, p, flow, storage, unit, small, at.place, out)
+    _coupling(
+        body.G, body.ring, body.w, phi, at.slopes, at.corners, F, p, flow, closing, storage, unit, small, at.place, out
+    )
     return out
 
 
 @numba.njit(cache=True)
-def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, storage, unit, small, place, out):  # type: ignore[no-untyped-def]
+def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, closing, storage, unit, small, place, out):  # type: ignore[no-untyped-def]
     m, n = w.shape
     block, J1 = np.empty((17, 17)), np.empty(14)
     s = np.empty((3, 2))
@@ -195,7 +199,7 @@ def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, storage, unit, small
                 qx += s[i, 0] * p[corners[e, i]]
                 qz += s[i, 1] * p[corners[e, i]]
             wu = w[e, q] * unit
-            through = wu * flow * flat * h
+            through, shut = wu * flow[e, q] * flat * h, wu * closing[e, q] * flat * h
             for k in range(7):
                 g, z, o = G[e, q, k, 0], G[e, q, k, 1], ring[e, q, k]
                 J1[2 * k] = h * (d * g - c * z) + flat * o
@@ -210,6 +214,8 @@ def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, storage, unit, small
                     if small:
                         continue
                     across, dot = yx * s[i, 0] + yz * s[i, 1], s[i, 0] * qx + s[i, 1] * qz
+                    block[14 + i, 2 * k] -= shut * J1[2 * k] * dot
+                    block[14 + i, 2 * k + 1] -= shut * J1[2 * k + 1] * dot
                     block[14 + i, 2 * k] -= through * ((yx + o / h) * dot - s[i, 0] * along - qx * across)
                     block[14 + i, 2 * k + 1] -= through * (yz * dot - s[i, 1] * along - qz * across)
             for i in range(3):

@@ -21,10 +21,28 @@ def located(points: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.nd
 
     Solves Σ N_a(ξ) x_a = x with the cell's own functions, bubble included.  Raises Lost.
     """
-    corners = points[cells[:, :3]]
-    middle = corners.mean(1)
+    middle = points[cells[:, :3]].mean(1)
     count = min(CANDIDATES, len(cells))
     near = cKDTree(middle).query(x, count)[1].reshape(len(x), count)
+    cell, xi, slack = _best_of(points, cells, near, x)
+    low, high = points[cells].min(1), points[cells].max(1)
+    margin = OUTSIDE * (high - low)
+    for k in np.nonzero(slack < 0.0)[0]:  # of long thin cells the nearest middle may be that of many another
+        around = np.nonzero(((low - margin <= x[k]) & (x[k] <= high + margin)).all(1))[0]
+        if len(around):
+            best, at, inside = _best_of(points, cells, around[None], x[k : k + 1])
+            if inside[0] > slack[k]:
+                cell[k], xi[k], slack[k] = best[0], at[0], inside[0]
+    if (slack < -OUTSIDE).any():
+        raise Lost(f"{int((slack < -OUTSIDE).sum())} of {len(x)} places lie in no cell")
+    return cell, xi
+
+
+def _best_of(
+    points: np.ndarray, cells: np.ndarray, near: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which of the cells `near` (k, c) each place x (k, 2) is deepest in, ξ (k, 2) there, and the least barycentric
+    coordinate (k,): −∞ where Newton's method ends in none."""
     nodes = points[cells[near]]  # (k, c, 7, 2)
     xi = np.full((*near.shape, 2), 1.0 / 3.0)
     for _ in range(STEPS):
@@ -43,14 +61,12 @@ def located(points: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.nd
         xi = np.clip(xi - np.nan_to_num(step / det[..., None]), -0.5, 1.5)
     N = basis(xi.reshape(-1, 2).T)[0].reshape(7, *near.shape)
     off = np.linalg.norm(np.einsum("akc,kcai->kci", N, nodes) - x[:, None], axis=-1)
-    size = np.linalg.norm(np.ptp(corners, axis=1), axis=1)[near]
+    size = np.linalg.norm(np.ptp(nodes[:, :, :3], axis=2), axis=-1)
     slack = np.minimum(xi.min(-1), 1.0 - xi.sum(-1))
     slack = np.where(off <= 1e-8 * size, slack, -np.inf)
     best = slack.argmax(1)
     rows = np.arange(len(x))
-    if (slack[rows, best] < -OUTSIDE).any():
-        raise Lost(f"{int((slack[rows, best] < -OUTSIDE).sum())} of {len(x)} places lie in no cell")
-    return near[rows, best], xi[rows, best]
+    return near[rows, best], xi[rows, best], slack[rows, best]
 
 
 def at_nodes(field: np.ndarray, cells: np.ndarray, cell: np.ndarray, xi: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ open sets are discriminated unions of what their members declare.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import re
@@ -20,6 +21,7 @@ from fem_backend import members, meshing
 from fem_backend.indenters import INDENTERS, Indenter
 from fem_backend.laws import LAWS
 from fem_backend.laws.law import canonical_law as law_table
+from fem_backend.materials.permeability import HolmesMow
 from fem_backend.members import OpenSet, refused
 from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
@@ -51,7 +53,8 @@ class Settings:
     exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set;
     `fineness` multiplies all element sizes of a meridian, which are at most fine[0] within fine[1] (mm) of the axis;
     `remesh` says whether its mesh is remade where it is outworn; `drainage` are those under the indenter and at the
-    support; `large_strain` says that mesh and element in space are those of deep indentations, see `for_travel`.
+    support, `closes` is how the permeability falls as pores close; `large_strain` says that mesh and element in
+    space are those of deep indentations, see `for_travel`.
     """
 
     specimen: Specimen
@@ -77,6 +80,7 @@ class Settings:
     fine: tuple[float, float] | None = None
     remesh: str = "when_needed"
     drainage: tuple[str, str] = (SEALED, SEALED)
+    closes: HolmesMow = field(default_factory=HolmesMow)
     large_strain: bool = False
 
 
@@ -118,6 +122,18 @@ def _earlier(value: Any) -> float:
     return float(value)
 
 
+def _at_least_zero(value: Any) -> float:
+    if members.finite_number(value) < 0:
+        raise refused(": a number, at least 0")
+    return float(value)
+
+
+def _share(value: Any) -> float:
+    if not 0.0 <= members.finite_number(value) < 1.0:
+        raise refused(": a share of the volume, from 0 to below 1")
+    return float(value)
+
+
 class MeshTable(members.MemberTable):
     """mesh: who makes it and how fine it is."""
 
@@ -152,6 +168,17 @@ class MeshTable(members.MemberTable):
         return value
 
 
+class HolmesMowTable(members.MemberTable):
+    """drainage.holmes_mow: k/k₀ = ((J − φ)/(1 − φ))^alpha · exp(M (J² − 1)/2), φ the solid fraction."""
+
+    M: Annotated[float, BeforeValidator(_at_least_zero)] = 0.0
+    """How fast the permeability falls with the volume, at least 0."""
+    alpha: Annotated[float, BeforeValidator(_at_least_zero)] = 0.0
+    """Power of the share of pores that is left, at least 0."""
+    solid_fraction: Annotated[float, BeforeValidator(_share)] = 0.0
+    """Share of the volume that is solid before deformation, 0 to below 1."""
+
+
 class DrainageTable(members.MemberTable):
     """drainage: where liquid leaves a body with pore flow; all of its surface that nothing touches is open."""
 
@@ -159,6 +186,8 @@ class DrainageTable(members.MemberTable):
     """sealed: no liquid passes where the indenter touches; porous: as where nothing does."""
     support: Annotated[str, BeforeValidator(members.one_of(DRAINAGE))] = SEALED
     """sealed | porous, of all that the support holds or may touch."""
+    holmes_mow: HolmesMowTable = HolmesMowTable()
+    """How the permeability falls as pores close; constant without."""
 
 
 class SettingsTable(members.MemberTable):
@@ -220,7 +249,7 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         text = json.dumps(settings, sort_keys=True)
     except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
         return _read(settings_model(), settings)
-    return _read_again(settings_model(), text, members.stamps(settings))
+    return _read_again(settings_model(), text, members.stamps_of(text, settings))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -232,6 +261,7 @@ def _read_again(model: Any, text: str, stamps: tuple[tuple[str, int, int], ...])
 def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     known = {(): [*SETS, *SettingsTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
     known["drainage",] = [*DrainageTable.model_fields]
+    known["drainage", "holmes_mow"] = [*HolmesMowTable.model_fields]
     try:
         read = _validator(model).validate_python(dict(settings))
     except ValidationError as error:
@@ -291,6 +321,7 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         meshed.fineness,
         remesh=mesh.remesh,
         drainage=(read.drainage.indenter, read.drainage.support),
+        closes=HolmesMow(**dict(read.drainage.holmes_mow)),
     )
 
 
@@ -356,13 +387,19 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "profile": [list(p) for p in settings.profile],
         "earlier": settings.earlier,
         "mesh": dict(settings.mesh),
-        **({} if settings.drainage == (SEALED, SEALED) else _drainage(*settings.drainage)),
+        **_drainage(settings),
         **({} if settings.multipliers else {"multipliers": False}),
     }
 
 
-def _drainage(indenter: str, support: str) -> dict[str, Any]:
-    return {"drainage": {"indenter": indenter, "support": support}}
+def _drainage(settings: Settings) -> dict[str, Any]:
+    """The table of how liquid flows; none where all of it is as usual."""
+    out: dict[str, Any] = {}
+    if settings.drainage != (SEALED, SEALED):
+        out |= dict(zip(("indenter", "support"), settings.drainage, strict=True))
+    if not settings.closes.constant:
+        out["holmes_mow"] = dataclasses.asdict(settings.closes)
+    return {"drainage": out} if out else {}
 
 
 def _distinct(places: Sequence[tuple[float, float]]) -> list[str]:

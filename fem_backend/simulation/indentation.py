@@ -412,7 +412,9 @@ def collect(
     if (outworn < np.inf).any():
         notes["outworn_mm"] = float(outworn.min())
     if at.system.loose and points:
-        carried = [np.abs((at.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for p in points]
+        carried = [
+            np.abs((a.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for a, p in zip(on, points, strict=True)
+        ]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
     reactions = np.array([k * reaction(a, p.evaluation) for a, p, k in zip(on, points, soft, strict=True)])

@@ -34,7 +34,8 @@ def pores_of(at: InitialState) -> Pores:
     unit = at.system.material.shear_modulus / at.placement.indenter.length
     factor = direct.precise(space.pattern, at.settings.solver)
     edges = pore_pressure.open_edges(space, open_)
-    return Pores(space, at.knobs.permeability, unit, factor, edges, may_close, _storage(at.knobs))
+    storage, closes = _storage(at.knobs), at.settings.closes
+    return Pores(space, at.knobs.permeability, unit, factor, edges, may_close, storage, closes)
 
 
 def _storage(knobs: Knobs) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -30,9 +31,11 @@ LONGER = 3.3  # times the wanted length: an edge of the first mesh that a smooth
 AGAIN_LONGER = 2.2  # the same of later ones, without rows along the surface that thin out, and of all below an edge
 FINER = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
 FINER_AT_EDGES = 0.7  # the same below an indenter with an edge or a tip
+SIZES = (1.0, 0.8)  # times that length: meshes that are tried, as equilibrium may not be found on one
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
 NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
+T = TypeVar("T")
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
 
 
@@ -129,13 +132,30 @@ def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tu
     """The next leg and its displacement; the force is found on both meshes.  Raises NoMesh and NotConverged."""
     at, control = leg.at, leg.at.settings.control
     old = load_steps.equilibrate(at.system, [u], at.start(here), here, control, counters)
-    new, carried = renewed(at, old.stages[0].equilibrium.evaluation)
-    found = load_steps.equilibrate(new.system, [carried], new.start(here), here, control, counters)
+
+    def on_mesh(size: float) -> tuple[InitialState, LoadPoint]:
+        new, carried = renewed(at, old.stages[0].equilibrium.evaluation, size)
+        return new, load_steps.equilibrate(new.system, [carried], new.start(here), here, control, counters)
+
+    new, found = _first_of_sizes(on_mesh)
     before, after = (abs(float(p.force @ at.placement.direction)) for p in (old, found))
     watch = leg.watch if leg.watches is None else leg.watches(new)
     jump = abs(after - before) / max(before, 1e-300)
     u = found.stages[0].equilibrium.evaluation.u
     return MeshLeg(new, watch, here, jump, u, leg.watches), u
+
+
+def _first_of_sizes(on_mesh: Callable[[float], T]) -> T:
+    """What is found on the first mesh of `SIZES` that has an equilibrium; raises what the last of them does."""
+    for size in SIZES[:-1]:
+        try:
+            return on_mesh(size)
+        except NoMesh:
+            continue
+        except NotConverged as error:
+            if error.cause == "time_limit":
+                raise
+    return on_mesh(SIZES[-1])
 
 
 def follow_rezoned(
@@ -211,12 +231,19 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
     are those of the old one's cells, as linear functions; friction by `rubbing`.  Equilibrium is found again at once,
     in no time: nothing slips but what the new mesh lets slip.  Raises NoMesh and NotConverged.
     """
+    return _first_of_sizes(lambda size: _carried_to(size, leg, here, counters))
+
+
+def _carried_to(size: float, leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, Reached, float]:
     at, goal = leg.at, Instant(here.time, here.travel, False)
     old = newton.evaluate_system(at.system, here.u, history_steps.loaded(at.system, at.start, here, goal))
-    new, u = renewed(at, old)
+    new, u = renewed(at, old, size)
     body, other = at.model.body, new.model.body
     X = location.quadrature_points(other.nodes[:, [0, 2]], other.cells, bodies.shape_functions(other))
-    cell, xi = location.located(body.nodes[:, [0, 2]], body.cells, X.reshape(-1, 2))
+    try:
+        cell, xi = location.located(body.nodes[:, [0, 2]], body.cells, X.reshape(-1, 2))
+    except location.Lost as error:
+        raise NoMesh(str(error)) from error
     assert isinstance(body, MeridianBody)
 
     def field(values: np.ndarray) -> np.ndarray:
@@ -307,11 +334,12 @@ def _wanted(at: InitialState, x: np.ndarray) -> np.ndarray:
     return at.settings.fineness * at.settings.indenter.spacing(np.maximum(x[:, 0], 0.0))
 
 
-def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarray]:
-    """The experiment on a new mesh, and the displacement (n, 3) carried over to it; raises NoMesh."""
+def renewed(at: InitialState, state: Evaluation, size: float = 1.0) -> tuple[InitialState, np.ndarray]:
+    """The experiment on a new mesh, its edges `size` times as long as usual, and the displacement (n, 3) carried over
+    to it; raises NoMesh."""
     body = at.model.body
     section = _section(at, state.u)
-    finer = FINER if _smooth(at) else FINER_AT_EDGES
+    finer = size * (FINER if _smooth(at) else FINER_AT_EDGES)
     new = rezoned(section, _near(at, section, state), lambda x: finer * _wanted(at, x), GROWTH)
     try:
         model = modelling.remeshed_model(at.settings, at.knobs, at.placement, new)

@@ -2,7 +2,7 @@
 
     div(σ − p 1) = 0,   J̇ + Div(−k J C⁻¹ ∇p) = 0,
 
-σ the stress of the drained solid by its own law, p the pore pressure, k the permeability (mm⁴/(N s), constant); solid
+σ the stress of the drained solid by its own law, p the pore pressure, k(J) the permeability (mm⁴/(N s)); solid
 and liquid are incompressible by themselves (Biot 1941; Mow, Kuei, Lai and Armstrong 1980, J. Biomech. Eng. 102, 73).
 For k → ∞ it is the drained solid at every moment, for k → 0 an incompressible one.  Where the liquid gives way by S
 (1/MPa) the first term of the balance is the rate of J − 1 + S p, and for k → 0 the bulk modulus K + 1/S.
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -32,6 +32,7 @@ from fem_backend.contact.tractions import ContactState
 from fem_backend.kinematics import axisymmetric, pore_pressure
 from fem_backend.kinematics.pore_pressure import OpenEdges, PorousMeridian
 from fem_backend.materials import response, stress
+from fem_backend.materials.permeability import HolmesMow
 from fem_backend.materials.stress import History
 from fem_backend.solver import load_steps, newton
 from fem_backend.solver.direct import Factor, NotPositiveDefinite, Solve
@@ -54,8 +55,8 @@ Pressures = tuple[np.ndarray | None, ...]  # (f, q) MPa of each pair that acts p
 
 @dataclass(frozen=True)
 class Pores:
-    """The liquid of a body: its pressures, permeability k (mm⁴/(N s)), the unit (MPa/mm) that masses count in, and how
-    much it gives way, S (1/MPa).
+    """The liquid of a body: its pressures, permeability k₀ (mm⁴/(N s)), the unit (MPa/mm) that masses count in, how
+    much it gives way, S (1/MPa), and how k/k₀ `closes` with J.
 
     Liquid leaves through the edges `open`, and through those that `may_close`, in the order of the surface under a
     sealed indenter, where they do not touch it.
@@ -68,6 +69,7 @@ class Pores:
     open: OpenEdges
     may_close: OpenEdges | None
     storage: float = 0.0
+    closes: HolmesMow = field(default_factory=HolmesMow)
 
 
 @dataclass(frozen=True)
@@ -250,11 +252,24 @@ def evaluate_coupled(
     v = pore_pressure.volume_change(at.H, small(system))
     if pores.storage:
         v = v + pores.storage * (p[space.corners] @ axisymmetric.linear_functions().T)
-    flow = step.length * pores.permeability
-    missing = pore_pressure.mass(space, F, v - step.volume, p, flow)
+    missing = pore_pressure.mass(space, F, v - step.volume, p, _flow(pores, step, F)[0])
     for edges, through in _leaks(system, pores, step, sealed):
         np.add.at(missing, edges.ends, np.einsum("eij,ej->ei", through, p[edges.ends]))
     return CoupledState(replace(at, residual=at.residual + force), p, v, missing, sealed)
+
+
+def _flow(pores: Pores, step: TimeStep, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Δ k (m, q) and its derivative by J at the points of deformation gradients F (m, q, 3, 3).
+
+    Raises stress.Inverted where no pores are left.
+    """
+    flow = step.length * pores.permeability
+    if pores.closes.constant:
+        return np.full(F.shape[:2], flow), np.zeros(F.shape[:2])
+    relative, slope = pores.closes.relative(np.linalg.det(F))
+    if not (relative > 0.0).all():
+        raise stress.Inverted("no pores are left at J = solid_fraction")
+    return flow * relative, flow * slope
 
 
 def _deformation(system: System, H: np.ndarray) -> np.ndarray:
@@ -332,8 +347,8 @@ def _factorise(
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
     turning = response.Turning(linearised.state.S_geometric, linearised.volume.p - here.p[space.corners])
     bulk = response.meridian_stiffness(body, linearised, turning)
-    flow, F = step.length * pores.permeability, _deformation(system, at.H)
-    coupled = pore_pressure.coupling(space, F, here.p, flow, pores.storage, pores.unit, small(system))
+    F = _deformation(system, at.H)
+    coupled = pore_pressure.coupling(space, F, here.p, *_flow(pores, step, F), pores.storage, pores.unit, small(system))
     for edges, through in _leaks(system, pores, step, here.sealed):
         np.subtract.at(coupled, edges.place, pores.unit**2 * through)
     contacts = tuple(c if p is None else replace(c, multiplier=p) for c, p in zip(at.contacts, touching, strict=True))

@@ -119,6 +119,12 @@ def own_knob_names(prefix: str, law: str | None = None) -> frozenset[str]:
 
 def everything() -> frozenset[str]:
     """Names of the knobs of all layers."""
+    return _everything(tuple(LAWS.members))
+
+
+@functools.lru_cache(maxsize=16)
+def _everything(laws: tuple[str, ...]) -> frozenset[str]:
+    """The same as long as the registered `laws` are: every run of a study asks for it."""
     return frozenset().union(*map(own_knob_names, PREFIXES))
 
 

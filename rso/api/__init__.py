@@ -4,6 +4,7 @@ from rso.api.models import FunctionModel, model
 from rso.api.pareto import ParetoResult, ParetoStudy, pareto
 from rso.api.run_result import RunResult
 from rso.api.shortcuts import fit, indent
+from rso.api.specimens import SpecimensResult, SpecimensStudy, specimens
 from rso.api.workspace import AskedRun, Workspace, load
 from rso.contract import Backend, Case, FreeCurve, Parameter, Programme, Response, SimulationFailed
 from rso.study.errors import StudyError
@@ -21,6 +22,8 @@ __all__ = [
     "Response",
     "RunResult",
     "SimulationFailed",
+    "SpecimensResult",
+    "SpecimensStudy",
     "StudyError",
     "Workspace",
     "fit",
@@ -28,4 +31,5 @@ __all__ = [
     "load",
     "model",
     "pareto",
+    "specimens",
 ]

@@ -55,12 +55,16 @@ class AskedRun:
 
 @dataclass(frozen=True)
 class Workspace:
-    """A study that has been read, its model, and the folder of its results; what is computed there stays there."""
+    """A study that has been read, its model, and the folder of its results; what is computed there stays there.
+
+    Simulations lie in that folder, or in the `store` that the specimens of one study share.
+    """
 
     study: Study
     folder: Path
     plan: Plan
     backend: Backend | None = None
+    store: Path | None = None
 
     @property
     def result(self) -> RunResult:
@@ -176,7 +180,7 @@ class Workspace:
     @contextmanager
     def _store(self) -> Iterator[RunStore]:
         claim(self.folder, self.study.file)
-        with RunStore(self.folder) as store:
+        with RunStore(self.store or self.folder) as store:
             yield store
 
     @contextmanager

@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -151,10 +152,12 @@ def make_plan(
     study: Study,
     beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]] = (),
     backend: Backend | None = None,
+    shared: Mapping[str, tuple[float, ...]] = MappingProxyType({}),
 ) -> Plan:
     """Plan of a loaded study; StudyError for whatever its backend or its data do not allow.
 
-    A `backend` stands in for the one that the study names.
+    A `backend` stands in for the one that the study names.  Travels (mm) that an experiment has in common with those
+    of other studies may be `shared`: with them the same values are the same simulation, whatever depth was read.
     Holds are compared where the model of the study relaxes, or one of those `beside` it: values and settings that
     replace its own.
     """
@@ -175,12 +178,16 @@ def make_plan(
     study, creeps = with_creep(study, backend, middle(resolved), beside)
     curves |= creeps.curves
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
-    main = Search("main", study.search.targets or _default_targets(curves, fitted, holds, creeps), resolved.axes)
+    targets = study.search.targets or _default_targets(curves, fitted, holds, creeps, shared)
+    main = Search("main", targets, resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
     depths: list[TargetTable | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
     on_the_way = [t for t in depths if not getattr(t, "since", 0.0)]
+    met = {e.name: {t.depth for t in on_the_way if t.experiment == e.name} for e in fitted}
     asked = {
-        e.name: travels(curves[e.name], {t.depth for t in on_the_way if t.experiment == e.name}, holds.get(e.name))
+        e.name: tuple(sorted({*shared[e.name], *met[e.name]}))
+        if e.name in shared
+        else travels(curves[e.name], met[e.name], holds.get(e.name))
         for e in fitted
         if e.name not in creeps.followed
     }
@@ -465,20 +472,22 @@ def _default_targets(
     fitted: list[ExperimentTable],
     holds: Mapping[str, Hold],
     creeps: Creeps,
+    shared: Mapping[str, tuple[float, ...]],
 ) -> tuple[TargetTable, ...]:
     """Without targets: up to three points of each curve that is fitted, so that its whole shape counts, and three
-    moments of its hold, even in the logarithm of time."""
+    moments of its hold, even in the logarithm of time.  Of travels that are shared these are some within the curve."""
     found = []
     for e in fitted:
         if e.role == "fit":
             place = {"experiment": e.name, "channel": e.compared[0]}
             if e.name not in creeps.followed:
                 u = curves[e.name].depth[curves[e.name].depth > 0]
-                depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
+                at = np.array([v for v in shared.get(e.name, ()) if u.min() <= v <= u.max()] or u)
+                depths = {float(at[np.argmin(np.abs(at - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
                 found += [TargetTable.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
             if (hold := holds.get(e.name) or creeps.followed.get(e.name)) is not None:
-                at = np.unique(np.linspace(0, len(hold.since) - 1, 4).round().astype(int))[1:]
-                moments = [{**place, "depth": hold.depth, "since": hold.moments[k]} for k in at]
+                rest = np.unique(np.linspace(0, len(hold.since) - 1, 4).round().astype(int))[1:]
+                moments = [{**place, "depth": hold.depth, "since": hold.moments[k]} for k in rest]
                 found += [TargetTable.model_construct(**m) for m in moments]  # creep is of no channel that one states
     return tuple(found)
 

@@ -110,14 +110,16 @@ def model_errors(
 
     The numerical error is that which a `response` near the most likely point states, in proportion to the readings,
     unknown (0) without one; the spline is that through the predicted `value` (m,) at `travel` (m,) mm; `emulator` (n,)
-    is the standard deviation of what stands for simulations, None where nothing does.
+    is the standard deviation of what stands for simulations, None where nothing does.  In creep the error changes with
+    the elements that the contact reaches, and so with the depth that is read.
     """
     off, spacing = np.zeros(len(place.depth)), 0.0
     if not (place.back or place.held.all()):  # else every travel that is compared is computed, or many are
         off = np.where(place.held, 0.0, error_between_points(travel, value, place.depth))
         spacing = float(np.median(np.diff(np.append(0.0, travel))))
     stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
-    return ModelErrors(stated, off if off.any() else None, spacing, emulator)
+    depth = readings if place.channel == CREEP and place.since is not None else None
+    return ModelErrors(stated, off if off.any() else None, spacing, emulator, depth)
 
 
 def of_response(response: Response, place: CurvePlace, readings: np.ndarray) -> ModelErrors:

@@ -72,7 +72,7 @@ def begun_results(plan: Plan, command: str, started: str, jobs: int) -> dict[str
             "python": platform.python_version(),
             "packages": _versions(),
             "command": command,
-            "study_sha256": _sha(study.file),
+            "study_sha256": study.sha256,
             "data_sha256": data_hashes(study),
             "artefacts": {},
             "started": started,

@@ -176,6 +176,7 @@ def _of_a_study(known: Any) -> None:
         command = known.add_parser(name, help=text, description=text)
         command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+        _specimen(command)
         command.set_defaults(call=call)
         if name == "report":
             text = "language of the page of run, beside the English one: de (the other pages are in English only)"
@@ -198,6 +199,10 @@ def _of_a_study(known: Any) -> None:
                 action="store_true",
                 help="exit code 7 if a held-out experiment is not predicted by the most likely values",
             )
+
+
+def _specimen(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--specimen", metavar="NAME", help="one of a study with many specimens, by its name")
 
 
 FORMATS = (
@@ -224,6 +229,7 @@ def _in_and_out(known: Any) -> None:
     export.add_argument("--experiment", help="whose simulation is written (default: the first that is fitted)")
     export.add_argument("--to", type=Path, help="folder of the files (default: export/ within the results)")
     export.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+    _specimen(export)
     export.set_defaults(call=commands.export)
     text = "store runs that were made elsewhere: a CSV with columns of parameters, travel and channels"
     load = known.add_parser("import", help=text, description=text)
@@ -270,9 +276,10 @@ def _at_hand(known: Any) -> None:
         command = known.add_parser(name, help=text, description=text)
         command.add_argument("study", type=Path, help="study.toml, its folder, or a folder of results")
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+        _specimen(command)
         command.set_defaults(call=call)
         if name == "open":
-            pages = ("report", "diagnosis", "ladder", "next")
+            pages = ("report", "specimens", "diagnosis", "ladder", "next")
             command.add_argument("--page", choices=pages, help="which page (default: the first that is there)")
         else:
             command.add_argument("figure", nargs="?", help="name of the figure")

@@ -22,9 +22,12 @@ EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 def check(options: argparse.Namespace, command: str) -> int:
     from rso.cli.checking import check_lines
-    from rso.study.loader import load_study
 
-    study = load_study(options.study)
+    if _many(options):
+        from rso.cli.specimens import check_specimens
+
+        return check_specimens(options, _folder(options, _place(options)))
+    study = _study(options)
     folder = _folder(options, study.folder)
     if study.objectives is not None:
         from rso.cli.objectives import check_objectives
@@ -200,9 +203,13 @@ def run(options: argparse.Namespace, command: str) -> int:
     from rso.cli.answer import condensed, verdict_lines
     from rso.cli.progress import Progress
     from rso.evaluation.store import RunStore, set_aside
-    from rso.study.loader import load_study
 
-    study = load_study(options.study)
+    if _many(options, named=True):
+        from rso.cli.specimens import run_many
+
+        folder = _folder(options, _place(options), alone=False)
+        return run_many(options, folder, (options.store or folder).absolute(), command)
+    study = _study(options)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
     if study.objectives is not None:
@@ -269,9 +276,8 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import source_of
     from rso.discrepancy import LibraryUnanswered
     from rso.discrepancy.study_diagnosis import ask, run_diagnosis
-    from rso.study.loader import load_study
 
-    study = load_study(options.study)
+    study = _study(options)
     asked = ask(study)
     folder = _folder(options, study.folder)
     with _workplace(options, study, source_of(study), folder) as (store, pool, progress):
@@ -316,9 +322,8 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
 def ladder(options: argparse.Namespace, command: str) -> int:
     from rso.model_selection.ladder_results import FILE, ladder_data, write_ladder
     from rso.model_selection.study_ladder import ladder_plan, run_ladder
-    from rso.study.loader import load_study
 
-    study = load_study(options.study)
+    study = _study(options)
     plan = ladder_plan(study)
     folder = _folder(options, study.folder)
     with _workplace(options, study, plan.source, folder) as (store, pool, progress):
@@ -345,9 +350,8 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
     from rso.next_experiment.design_results import design_data, markdown, write_design
     from rso.next_experiment.study_design import run_next
-    from rso.study.loader import load_study
 
-    study = load_study(options.study)
+    study = _study(options)
     plan = make_plan(study)
     folder = _folder(options, study.folder)
     with _workplace(options, study, plan.source, folder) as (store, pool, progress):
@@ -428,9 +432,13 @@ def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Pat
 
 def export(options: argparse.Namespace, command: str) -> int:
     from rso.api.exporting import formats
+    from rso.api.specimens import specimens
     from rso.api.workspace import load
 
-    study = load(options.study, folder=options.out)
+    if options.specimen:
+        study = specimens(options.study, folder=_folder(options, _place(options), alone=False)).study(options.specimen)
+    else:
+        study = load(options.study, folder=options.out)
     names = list(dict.fromkeys([*options.formats, *(options.options or ())]))
     if not names:
         print("formats, each as an argument or option (rso export STUDY --csv):")
@@ -469,6 +477,10 @@ def status(options: argparse.Namespace, command: str) -> int:
 
     if _are_results(options.study):
         return report_status(options, options.study, options.study, _store(options, options.study))
+    if _many(options):
+        from rso.cli.specimens import status_of_many
+
+        return status_of_many(options, _folder(options, _place(options)))
     file, text = study_source(options.study)
     tables_of(file, text)  # no study is no study, but its data and backend have no say in what has been done
     folder = _folder(options, file.parent)
@@ -519,6 +531,27 @@ def _results_folder(options: argparse.Namespace) -> Path:
     return _folder(options, study_source(options.study)[0].parent)
 
 
+def _many(options: argparse.Namespace, named: bool = False) -> bool:
+    """Whether a study is one of many specimens of which none is named, or, with `named`, also where one is."""
+    from rso.study.specimens import has_specimens
+
+    return (named or not options.specimen) and has_specimens(options.study)
+
+
+def _study(options: argparse.Namespace) -> Any:
+    """The study of a command, or that of the specimen that is named."""
+    from rso.study.loader import load_study
+    from rso.study.specimens import load_specimens
+
+    return load_specimens(options.study).study(options.specimen) if options.specimen else load_study(options.study)
+
+
+def _place(options: argparse.Namespace) -> Path:
+    from rso.study.toml_text import study_source
+
+    return study_source(options.study)[0].parent
+
+
 def first_steps(options: argparse.Namespace, command: str) -> int:
     """What `rso` alone says: the next three steps, by whether a study lies here."""
     here = Path("study.toml").is_file()
@@ -548,9 +581,12 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.next_experiment import design_results
     from rso.objectives import results as pareto_results
     from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
-    from rso.study.loader import load_study
 
-    study = load_study(options.study)
+    if _many(options):
+        from rso.cli.specimens import report_of_many
+
+        return report_of_many(options, _folder(options, _place(options)))
+    study = _study(options)
     folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
         ("results.json", SCHEMA, render, "run"),
@@ -604,8 +640,10 @@ def report(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def _folder(options: argparse.Namespace, study: Path) -> Path:
-    """Where results go; StudyError where the folder beside the study leads elsewhere and nobody said that it may."""
+def _folder(options: argparse.Namespace, study: Path, alone: bool = True) -> Path:
+    """Where results go, those of a specimen that is named `alone` in a folder of its own; StudyError where the folder
+    beside the study leads elsewhere and nobody said that it may."""
+    from rso.population.summary import folder_of
     from rso.study.errors import StudyError
 
     beside = (study / "results").absolute()
@@ -616,8 +654,12 @@ def _folder(options: argparse.Namespace, study: Path) -> Path:
                 "results are to go there"
             ]
         )
-    return options.out.absolute() if options.out else beside
+    folder: Path = options.out.absolute() if options.out else beside
+    name = getattr(options, "specimen", None)
+    return folder_of(folder, name) if name and alone else folder
 
 
 def _store(options: argparse.Namespace, folder: Path) -> Path:
-    return (options.store or folder).absolute()
+    """Where simulations are: those of specimens all in one place."""
+    own = folder.parent.parent if getattr(options, "specimen", None) else folder
+    return (options.store or own).absolute()

@@ -12,7 +12,7 @@ from rso.cli import output
 from rso.core import disk
 from rso.study.errors import choices_text
 
-PAGES = ("report", "diagnosis", "ladder", "next")
+PAGES = ("report", "specimens", "diagnosis", "ladder", "next")
 
 
 def open_page(options: argparse.Namespace, folder: Path) -> int:
@@ -21,7 +21,7 @@ def open_page(options: argparse.Namespace, folder: Path) -> int:
     name = options.page or next(iter(there), "report")
     path = folder / f"{name}.html"
     if not path.is_file():
-        command = {"report": "run", "diagnosis": "diagnose"}.get(name, name)
+        command = {"report": "run", "specimens": "run", "diagnosis": "diagnose"}.get(name, name)
         output.complain(f"{path}: is not there; write it first: rso {command} {shlex.quote(str(options.study))}")
         return 2
     output.say(path)

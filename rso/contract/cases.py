@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -67,13 +68,13 @@ class Programme:
     def _refuse_asked(self) -> None:
         """Raise ValueError for asked travels, forces and moments that are none by themselves."""
         for name in ("asked_mm", "asked_N", "asked_s"):
-            v = np.asarray(getattr(self, name))
-            if not np.all(np.isfinite(v)):
-                raise ValueError(f"programme: {name} must be finite, got {v.tolist()}")
+            v = getattr(self, name)
+            if not all(map(math.isfinite, v)):
+                raise ValueError(f"programme: {name} must be finite, got {list(v)}")
         moments = any(s.asked_s for s in self.segments)
         if self.segments and not (self.asked_mm or self.asked_s or self.asked_N or moments):
             raise ValueError("programme: nothing is asked for; state asked_mm, asked_N, asked_s or those of a segment")
-        if self.asked_N and (np.any(np.diff(self.asked_N) <= 0) or 0.0 in self.asked_N):
+        if self.asked_N and (not _increases(self.asked_N) or 0.0 in self.asked_N):
             raise ValueError(f"programme: asked_N must increase and is never 0 N, got {list(self.asked_N)}")
 
     def _refuse_segments(self) -> None:
@@ -87,7 +88,7 @@ class Programme:
             refuse_together(self.segments)
         except ValueError as error:
             raise ValueError(f"programme: {error}") from None
-        if np.any(np.diff(self.asked_mm) <= 0) or any(v <= 0 for v in self.asked_mm):
+        if not _increases(self.asked_mm) or any(v <= 0 for v in self.asked_mm):
             raise ValueError(f"programme: asked_mm must increase and be positive, got {list(self.asked_mm)}")
         if not self.asked_s:
             return
@@ -97,29 +98,28 @@ class Programme:
                 "programme: asked_s counts from the start, but the duration of these segments is known only after "
                 "the run. State asked_s within a segment, counted from its beginning"
             )
-        if np.any(np.diff(self.asked_s) <= 0) or not 0.0 < self.asked_s[0] <= self.asked_s[-1] <= end * (1.0 + 1e-12):
+        if not _increases(self.asked_s) or not 0.0 < self.asked_s[0] <= self.asked_s[-1] <= end * (1.0 + 1e-12):
             raise ValueError(f"programme: asked_s must increase within (0, {end:g}] s, got {list(self.asked_s)}")
 
     def _refuse_waypoints(self) -> None:
         """Raise ValueError for waypoints of travel that are none."""
-        t, u, a = (np.asarray(v) for v in (self.time_s, self.travel_mm, self.asked_mm))
+        t, u, a, m = self.time_s, self.travel_mm, self.asked_mm, self.asked_s
         if len(t) != len(u) or len(t) < 2:
             raise ValueError(f"programme: time_s ({len(t)}) and travel_mm ({len(u)}) need the same length >= 2")
         for name, v in (("time_s", t), ("travel_mm", u), ("asked_mm", a)):
-            if not np.all(np.isfinite(v)):
-                raise ValueError(f"programme: {name} must be finite, got {v.tolist()}")
-        if np.any(np.diff(t) <= 0):
+            if not all(map(math.isfinite, v)):
+                raise ValueError(f"programme: {name} must be finite, got {list(v)}")
+        if not _increases(t):
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
-        if u.max() <= 0:
+        if max(u) <= 0:
             raise ValueError(f"programme: travel_mm must go down, which counts as positive, got {list(self.travel_mm)}")
-        least, low, high = 0 if self.asked_s or self.asked_N else 1, min(float(u.min()), 0.0), float(u.max())
+        least, low, high = 0 if self.asked_s or self.asked_N else 1, min(*u, 0.0), max(u)
         above = len(a) == 0 or (a[0] >= low - 1e-12 if low < 0.0 else a[0] > 0.0)
-        if len(a) < least or not above or np.any(np.diff(a) <= 0) or (len(a) and a[-1] > high + 1e-12):
+        if len(a) < least or not above or not _increases(a) or (len(a) and a[-1] > high + 1e-12):
             within = f"{'[' if low < 0.0 else '('}{low:g}, {high:g}] mm"
             raise ValueError(f"programme: asked_mm must increase within {within}, got {list(self.asked_mm)}")
-        m = np.asarray(self.asked_s)
-        outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
-        if np.any(np.diff(m) <= 0) or outside:
+        outside = m and not t[0] < m[0] <= m[-1] <= t[-1]
+        if not _increases(m) or outside:
             within = f"({t[0]:g}, {t[-1]:g}] s"
             raise ValueError(f"programme: asked_s must increase within {within}, got {list(self.asked_s)}")
 
@@ -220,6 +220,10 @@ def _programme(data: Any) -> Programme:
     numbers = {k: _numbers(f"case.programme.{k}", v) for k, v in data.items() if k != "segments"}
     read = tuple(Segment.read(f"case.programme.segments[{k}]", v) for k, v in enumerate(segments))
     return Programme(**numbers, segments=read)
+
+
+def _increases(values: Sequence[float]) -> bool:
+    return not any(b <= a for a, b in itertools.pairwise(values))
 
 
 def _numbers(name: str, value: Any) -> tuple[float, ...]:

@@ -11,9 +11,13 @@ from typing import Any
 
 import numpy as np
 
+_ATOMS = (float, str, int, bool, type(None))  # most of all data, seen without asking for what they are kinds of
+
 
 def plain(data: Any) -> Any:
     """Plain JSON data (dicts with string keys, lists, str, int, float, bool, None); ValueError for the rest."""
+    if type(data) in _ATOMS:
+        return data
     if isinstance(data, Mapping | MappingProxyType):
         return {str(k): plain(v) for k, v in data.items()}
     if isinstance(data, np.ndarray):
@@ -31,15 +35,21 @@ def digest(data: Any) -> str:
     """SHA-256 of plain data in canonical form; 4 and 4.0 are the same number, -0.0 is 0.0."""
 
     def normal(x: Any) -> Any:
-        if isinstance(x, dict):
-            return {k: normal(v) for k, v in x.items()}
-        if isinstance(x, list):
-            return [normal(v) for v in x]
-        if isinstance(x, int | float) and not isinstance(x, bool):
+        kind = type(x)
+        if kind is float or kind is int:
             return (float(x) + 0.0).hex()
-        return x
+        if kind is dict:
+            return {str(k): normal(v) for k, v in x.items()}
+        if kind is list or kind is tuple:
+            return [normal(v) for v in x]
+        if kind in _ATOMS:
+            return x
+        made = plain(x)
+        if isinstance(made, dict | list):
+            return normal(made)
+        return (float(made) + 0.0).hex() if isinstance(made, int | float) and not isinstance(made, bool) else made
 
-    return hashlib.sha256(json.dumps(normal(plain(data)), sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(normal(data), sort_keys=True, ensure_ascii=True).encode()).hexdigest()
 
 
 def by_contents(data: Any) -> Any:

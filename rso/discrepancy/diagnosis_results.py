@@ -14,6 +14,7 @@ from rso.discrepancy.evidence.detectable import Detectable
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import calibrated_deviation
+from rso.discrepancy.evidence.residual_test import ResidualScore
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.shrinkage import predicted
 from rso.discrepancy.library.effects import Effect
@@ -113,7 +114,6 @@ def mirrored_channels(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
 
 def diagnosis_block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]) -> dict[str, Any]:
     """The block `diagnosis` of results.json."""
-    s = d.shrinkage
     return {
         "verdict": d.verdict,
         "gap": {
@@ -123,28 +123,9 @@ def diagnosis_block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence
             "threshold": d.threshold,
         },
         "left": d.left,
-        "remainder": None
-        if d.remainder is None
-        else {
-            "of": d.remainder.of,
-            "there": d.remainder.there,
-            "score": d.remainder.score,
-            "threshold": d.remainder.threshold,
-            "looks_like": d.remainder.effect.name if d.remainder.effect else None,
-        },
+        "remainder": None if d.remainder is None else _remainder(d.remainder),
         "odd": None if d.odd is None else {"experiment": d.odd[0], "probability": d.odd[1]},
-        "jumps": {
-            "sudden": d.jumps.sudden,
-            "skewed": d.jumps.skewed,
-            "t": d.jumps.t,
-            "z": d.jumps.z,
-            "experiment": d.jumps.experiment,
-            "size": d.jumps.size,
-            "depths": list(d.jumps.depths),
-            "crack": None
-            if (c := d.jumps.crack) is None
-            else {"z": c.z, "experiment": c.experiment, "size": c.size, "depth": c.depth},
-        },
+        "jumps": _jumps(d),
         "hum": {
             "there": d.hum.there,
             "log10_p": d.hum.log10_p,
@@ -153,119 +134,163 @@ def diagnosis_block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence
             "channel": d.hum.channel,
             "along": d.hum.along,
         },
-        "where": [
-            {
-                "experiment": r.experiment,
-                "channel": r.channel,
-                "region": r.region,
-                "z": r.z,
-                "sign": "+" if r.z > 0 else "-",
-                "amplitude": r.amplitude,
-                "amplitude_sd": r.amplitude_sd,
-                "of_largest": r.of_largest,
-                "share": r.share,
-                "beyond_noise": abs(r.z) > d.where.threshold,
-            }
-            for r in d.where.regions[:REGIONS]
-        ],
+        "where": _regions(d),
         "where_threshold": d.where.threshold,
-        "causes": [
-            {
-                "effect": c.effect.name,
-                "cause": c.effect.source,
-                "description": c.effect.description,
-                "family": c.effect.family,
-                "probability": c.probability,
-                "size": c.size,
-                "interval": list(c.interval),
-                "unit": c.effect.size.unit,
-                "neutral": c.effect.size.neutral,
-                "railed": c.railed,
-                "like_a_modulus": c.effect.like_a_modulus,
-                "like_a_body": c.effect.like_a_body,
-                "like_a_spot": c.effect.like_a_spot,
-                "flows": c.effect.flows,
-                **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
-                **(
-                    {"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
-                    if c.otherwise
-                    else {}
-                ),
-                "shape": [
-                    {"knob": k.name, "unit": k.unit, "size": mid, "interval": [low, high]}
-                    for k, (low, mid, high) in zip(c.effect.shape, c.shape, strict=False)
-                ],
-            }
-            for c in d.causes
-        ],
+        "causes": [_cause(d.bench.library.plan, c) for c in d.causes],
         "chosen": [e.name for e in d.chosen.effects],
         "ambiguous_with": [list(d.named)] if _rivals(d) else [],
-        "shrinkage": {
-            "held_out": [c.curve for c in s.curves],
-            "before": s.before,
-            "refit_only": s.refit_only,
-            "with_cause": s.with_cause,
-            "noise_floor": s.floor,
-            "floor_error": s.floor_error,
-            "closed": s.closed,
-            "interval": None if s.interval is None else list(s.interval),
-            "how": s.how,
-            "curves": [
-                {
-                    "curve": c.curve,
-                    "unit": c.unit,
-                    "before": c.before,
-                    "refit_only": c.refit_only,
-                    "with_cause": c.with_cause,
-                    "rms": list(c.rms),
-                    "p_values": list(c.p_values),
-                    "cause": list(c.cause),
-                }
-                for c in s.curves
-            ],
-            "fitted": None if s.fitted is None else dict(s.fitted),
-        },
+        "shrinkage": _shrinkage(d),
         "parameters": {
             when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
             for when, p in d.parameters.items()
         },
-        "reach": {
-            k: {
-                "low": r.whole[0],
-                "high": r.whole[2],
-                "low_with": r.low_with,
-                "high_with": r.high_with,
-                "by": list(r.by),
-                "without": None if r.without is None else dict(zip(("low", "median", "high"), r.without, strict=True)),
-            }
-            for k, r in d.reach.items()
-        },
-        "detectable": [
-            {
-                "effect": v.effect.name,
-                "unit": v.effect.size.unit,
-                "smallest_visible": v.value,
-                "visible": v.limit is not None,
-                "confused_with": list(v.confused_with),
-                "confounded_with": list(v.confused_with),
-                "recognised": v.recognised,
-            }
-            for v in visible
+        "reach": _reach(d),
+        "detectable": [_detectable(v) for v in visible],
+        "next_test": [_next_test(t) for t in tests],
+    }
+
+
+def _remainder(r: ResidualScore) -> dict[str, Any]:
+    """What the leading hypothesis leaves, and what that looks like."""
+    return {
+        "of": r.of,
+        "there": r.there,
+        "score": r.score,
+        "threshold": r.threshold,
+        "looks_like": r.effect.name if r.effect else None,
+    }
+
+
+def _jumps(d: Diagnosis) -> dict[str, Any]:
+    """Sudden changes of a record, and the crack if there is one."""
+    j, c = d.jumps, d.jumps.crack
+    return {
+        "sudden": j.sudden,
+        "skewed": j.skewed,
+        "t": j.t,
+        "z": j.z,
+        "experiment": j.experiment,
+        "size": j.size,
+        "depths": list(j.depths),
+        "crack": None if c is None else {"z": c.z, "experiment": c.experiment, "size": c.size, "depth": c.depth},
+    }
+
+
+def _regions(d: Diagnosis) -> list[dict[str, Any]]:
+    """Where the gap lies: the most conspicuous regions of the data."""
+    return [
+        {
+            "experiment": r.experiment,
+            "channel": r.channel,
+            "region": r.region,
+            "z": r.z,
+            "sign": "+" if r.z > 0 else "-",
+            "amplitude": r.amplitude,
+            "amplitude_sd": r.amplitude_sd,
+            "of_largest": r.of_largest,
+            "share": r.share,
+            "beyond_noise": abs(r.z) > d.where.threshold,
+        }
+        for r in d.where.regions[:REGIONS]
+    ]
+
+
+def _cause(plan: TestPlan, c: Cause) -> dict[str, Any]:
+    """A named cause: what it is, its probability, its size with an interval."""
+    return {
+        "effect": c.effect.name,
+        "cause": c.effect.source,
+        "description": c.effect.description,
+        "family": c.effect.family,
+        "probability": c.probability,
+        "size": c.size,
+        "interval": list(c.interval),
+        "unit": c.effect.size.unit,
+        "neutral": c.effect.size.neutral,
+        "railed": c.railed,
+        "like_a_modulus": c.effect.like_a_modulus,
+        "like_a_body": c.effect.like_a_body,
+        "like_a_spot": c.effect.like_a_spot,
+        "flows": c.effect.flows,
+        **({"each": _each(plan, c)} if c.each else {}),
+        **({"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))} if c.otherwise else {}),
+        "shape": [
+            {"knob": k.name, "unit": k.unit, "size": mid, "interval": [low, high]}
+            for k, (low, mid, high) in zip(c.effect.shape, c.shape, strict=False)
         ],
-        "next_test": [
+    }
+
+
+def _shrinkage(d: Diagnosis) -> dict[str, Any]:
+    """How far the cause closes the gap on experiments that were left out, in all and by curve."""
+    s = d.shrinkage
+    return {
+        "held_out": [c.curve for c in s.curves],
+        "before": s.before,
+        "refit_only": s.refit_only,
+        "with_cause": s.with_cause,
+        "noise_floor": s.floor,
+        "floor_error": s.floor_error,
+        "closed": s.closed,
+        "interval": None if s.interval is None else list(s.interval),
+        "how": s.how,
+        "curves": [
             {
-                "test": t.test,
-                "chance": t.chance,
-                "information": t.information,
-                "price": t.price,
-                "separates": list(t.separates),
-                "distance": t.distance,
-                "resolves": t.resolves,
-                "pairs": t.pairs,
-                "note": t.note,
+                "curve": c.curve,
+                "unit": c.unit,
+                "before": c.before,
+                "refit_only": c.refit_only,
+                "with_cause": c.with_cause,
+                "rms": list(c.rms),
+                "p_values": list(c.p_values),
+                "cause": list(c.cause),
             }
-            for t in tests
+            for c in s.curves
         ],
+        "fitted": None if s.fitted is None else dict(s.fitted),
+    }
+
+
+def _reach(d: Diagnosis) -> dict[str, Any]:
+    """How far unseen effects may move each parameter."""
+    return {
+        k: {
+            "low": r.whole[0],
+            "high": r.whole[2],
+            "low_with": r.low_with,
+            "high_with": r.high_with,
+            "by": list(r.by),
+            "without": None if r.without is None else dict(zip(("low", "median", "high"), r.without, strict=True)),
+        }
+        for k, r in d.reach.items()
+    }
+
+
+def _detectable(v: Detectable) -> dict[str, Any]:
+    """The smallest size of an effect that these tests show, and what it is confused with."""
+    return {
+        "effect": v.effect.name,
+        "unit": v.effect.size.unit,
+        "smallest_visible": v.value,
+        "visible": v.limit is not None,
+        "confused_with": list(v.confused_with),
+        "confounded_with": list(v.confused_with),
+        "recognised": v.recognised,
+    }
+
+
+def _next_test(t: NextTest) -> dict[str, Any]:
+    """A test that may decide: what it is expected to show, and its price."""
+    return {
+        "test": t.test,
+        "chance": t.chance,
+        "information": t.information,
+        "price": t.price,
+        "separates": list(t.separates),
+        "distance": t.distance,
+        "resolves": t.resolves,
+        "pairs": t.pairs,
+        "note": t.note,
     }
 
 

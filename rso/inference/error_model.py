@@ -70,16 +70,19 @@ class ModelErrors:
     """What a predicted curve may be off by at its n readings: a standard deviation (n,) of each part, in its unit.
 
     `spacing` mm is the distance of computed travels, over which the error of the spline between them is correlated;
-    the other parts are correlated over the whole curve.  None: there is no such part.
+    the other parts are correlated over the whole curve.  None: there is no such part.  `travel` (n,) mm is how deep
+    the indenter is at each reading where that is no depth the readings were asked for, as in creep.
     """
 
     numerical: np.ndarray
     interpolation: np.ndarray | None = None
     spacing: float = np.inf
     emulator: np.ndarray | None = None
+    travel: np.ndarray | None = None
 
     def parts(self, depth: np.ndarray) -> dict[str, np.ndarray]:
         """Covariance (n, n) of each part at the depths (n,) mm of the readings; parts that are zero are left out."""
+        depth = depth if self.travel is None else self.travel
         whole = float(depth.max())
         sizes = {
             NUMERICAL: (self.numerical, whole),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,13 +49,17 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class GaussNewtonFit:
-    """Where one start led to: every point on the way, the best run, whether a rerun confirmed it, and why it ended."""
+    """Where one start led to: every point on the way, the best run, whether a rerun confirmed it, and why it ended.
+
+    `data` are the measured curves with the errors that `chi2` counts, () without an answer.
+    """
 
     iterates: tuple[Iterate, ...]
     best: EvaluatedPoint | None
     chi2: float | None
     confirmed: bool
     why: str
+    data: tuple[Data, ...] = ()
 
     @property
     def gap(self) -> float | None:
@@ -76,6 +80,8 @@ def on_runs(
     next step stays twice as far away as it was.  A descent ends when a run agrees with its prediction to `tolerance`
     and a next step would move no curve by a tenth of that and gain nothing, after `most` runs, or when steps shrink to
     nothing.  It is not confirmed where the slopes of neighbouring runs contradict these (:func:`contradiction`).
+    Each run states its own numerical error, and misfits compare only under one: that of the start at first, then the
+    mean over the runs where the descent came to rest.  It ends where such a run is the best again, or as good.
     A start without an answer is replaced by points of a Sobol sequence.  All descents share their runs.
     Source: Levenberg, Q. Appl. Math. 2 (1944) 164, with the region of Conn, Gould & Toint, Trust-Region Methods (2000),
     algorithm 6.1.1.
@@ -119,8 +125,9 @@ def _descend(
     """The descent from the last point of the walk, which has an answer."""
     radius, start = RADIUS, walk[0].start
     lost = [i.x for i in walk if i.sight is None]
+    data = data_of(best)
+    rests: list[EvaluatedPoint] = []
     while True:
-        data = data_of(best)
         S = chi2_in_frame(data, best.f, frame)
         reach = min((0.5 * float(np.abs(best.x - x).max()) for x in lost), default=1.0)
         x, predicted = trial(tangents(frame, known, best), frame, data, best, radius, reach, seed)
@@ -130,14 +137,20 @@ def _descend(
         expected = chi2_in_frame(data, predicted, frame)
         small = largest_change(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
         if still or (small and last is not None and last <= tolerance):
-            if contradiction(frame, known) > CONTRADICTION:
-                return GaussNewtonFit(tuple(walk), best, S, False, WRONG)
-            return GaussNewtonFit(tuple(walk), best, S, True, "at rest")
+            before = rests[-1] if rests else None
+            if not any(r is best for r in rests):
+                rests.append(best)
+                data = mean_errors([data_of(r) for r in rests])
+                S = chi2_in_frame(data, best.f, frame)
+                if before is None or chi2_in_frame(data, before.f, frame) - S > max(SETTLED, SHARE * S):
+                    continue
+            wrong = contradiction(frame, known) > CONTRADICTION
+            return GaussNewtonFit(tuple(walk), best, S, not wrong, WRONG if wrong else "at rest", data)
         if len(walk) >= most:
-            return GaussNewtonFit(tuple(walk), best, S, False, f"search.max_runs = {most} is spent")
+            return GaussNewtonFit(tuple(walk), best, S, False, f"search.max_runs = {most} is spent", data)
         if min(radius, reach) < SMALLEST:
             why = WRONG if radius <= reach else "beyond, runs have no answer"
-            return GaussNewtonFit(tuple(walk), best, S, False, why)
+            return GaussNewtonFit(tuple(walk), best, S, False, why, data)
         (sight,) = look([x])
         if sight is None:
             lost.append(x)
@@ -152,6 +165,17 @@ def _descend(
         elif gain > 0.75 and step > 0.8 * radius:
             radius = min(2 * radius, 1.0)
         best = sight if new < S else best
+
+
+def mean_errors(each: Sequence[tuple[Data, ...]]) -> tuple[Data, ...]:
+    """The same curves with the mean of the covariances, and of their parts, that they have in `each`."""
+
+    def mean(of: Sequence[Data]) -> Data:
+        names = {n: None for d in of for n in d.parts}
+        parts = {n: np.mean([d.parts.get(n, np.zeros_like(d.covariance)) for d in of], axis=0) for n in names}
+        return replace(of[0], covariance=np.mean([d.covariance for d in of], axis=0), parts=parts)
+
+    return tuple(mean(of) for of in zip(*each, strict=True))
 
 
 def trial(

@@ -5,5 +5,6 @@ from rso.report.discrepancy.report import render_diagnosis
 from rso.report.model_selection.report import render_ladder
 from rso.report.optimal_design.report import render_next
 from rso.report.pareto.report import render_pareto
+from rso.report.population.report import render_specimens
 
-__all__ = ["render", "render_diagnosis", "render_ladder", "render_next", "render_pareto"]
+__all__ = ["render", "render_diagnosis", "render_ladder", "render_next", "render_pareto", "render_specimens"]

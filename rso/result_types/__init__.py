@@ -5,11 +5,13 @@ from rso.result_types.keys import ResultBlock
 from rso.result_types.ladder_file import LadderFile
 from rso.result_types.next_file import NextFile
 from rso.result_types.run_file import RunFile
+from rso.result_types.specimens_file import SpecimensFile
 
 FILES: dict[str, type[ResultBlock]] = {
     "results.json": RunFile,
     "ladder.json": LadderFile,
     "next.json": NextFile,
+    "specimens.json": SpecimensFile,
     "diagnosis.json": DiagnosisFile,
 }
 

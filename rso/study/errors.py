@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from rso.study.line_numbers import Place, line_of
+from rso.study.line_numbers import LineElsewhere, Place, line_of
 
 _SHOWN, _LONGEST = 60, 800
 _MANY, _NEAREST = 24, 8  # choices that are all listed; otherwise so many of the nearest
@@ -40,7 +40,14 @@ class Problem:
 def study_error(file: Path, lines: Mapping[Place, int], problems: Iterable[Problem]) -> StudyError:
     """All problems of one file, in the order of its lines."""
     placed = sorted(((line_of(dict(lines), p.place), p) for p in problems), key=lambda pair: pair[0])
-    return StudyError([f"{file}:{line}: {problem_text(p)}" for line, p in placed])
+    return StudyError([_placed(file, line, p) for line, p in placed])
+
+
+def _placed(file: Path, line: int, problem: Problem) -> str:
+    """A problem with its file and line; in a table of specimens its column is named in place of the key."""
+    if isinstance(line, LineElsewhere):
+        return f"{line.file}:{int(line)}: {line.label}{_shown(problem.value)}: {_cut(problem.message)}"
+    return f"{file}:{line}: {problem_text(problem)}"
 
 
 def _cut(message: str) -> str:

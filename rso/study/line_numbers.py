@@ -3,8 +3,23 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 Place = tuple[str | int, ...]
+
+
+class LineElsewhere(int):
+    """A line of another file than the study's, such as a table of specimens, and what it is called there."""
+
+    file: Path
+    label: str
+
+    def __new__(cls, line: int, file: Path, label: str) -> LineElsewhere:
+        """The line (from 1) of a file."""
+        made = super().__new__(cls, line)
+        made.file, made.label = file, label
+        return made
+
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _KEY = re.compile(r'[ \t]*(?:"((?:[^"\\\n]|\\.)*)"|\'([^\'\n]*)\'|([A-Za-z0-9_-]+))[ \t]*')

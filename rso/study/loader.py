@@ -33,8 +33,18 @@ def load_study(path: str | Path) -> Study:
     checked by :func:`rso.study.resolve.resolve`.
     """
     file, text = study_source(path)
-    raw = _with_files(tables_of(file, text), file.parent)
-    lines = toml_lines(text)
+    raw, lines = tables_of(file, text), toml_lines(text)
+    if "specimens" in raw:
+        many = "this study has many specimens: name one (--specimen NAME; from Python specimen=...)"
+        raise study_error(file, lines, [Problem(("specimens",), f"{many}, or use rso run, status or rso.specimens")])
+    return study_of(file, raw, lines)
+
+
+def study_of(
+    file: Path, raw: dict[str, Any], lines: Mapping[Place, int], specimen: str = "", digest: str = ""
+) -> Study:
+    """The study of parsed tables, as of :func:`load_study`; `specimen` and `digest` are those of one of many."""
+    raw = _with_files(raw, file.parent)
     problems: list[Problem] = []
     study = None
     try:
@@ -46,10 +56,15 @@ def load_study(path: str | Path) -> Study:
     problems += _check_search(raw, measurements)
     problems += _check_names(raw, file.parent)
     problems += _check_look_alikes(raw)
-    problems += [] if study is None else [*_check_deck(study), *_check_objectives(study), *_check_backends(study)]
+    problems += (
+        [] if study is None else [*_check_deck(study), *_check_objectives(study), *_check_backends(study, specimen)]
+    )
     if problems or study is None:
         raise study_error(file, lines, problems)
-    study._source = StudySource(file, lines, measurements)
+    if specimen:
+        title = f"{study.study.title}: {specimen}"
+        study = study.model_copy(update={"study": study.study.model_copy(update={"title": title})})
+    study._source = StudySource(file, lines, measurements, specimen, digest)
     return study
 
 
@@ -288,8 +303,9 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
 
 
-def _check_backends(study: Study) -> Iterator[Problem]:
-    """Experiments name backends that there are, and every further one has an experiment."""
+def _check_backends(study: Study, specimen: str) -> Iterator[Problem]:
+    """Experiments name backends that there are, and every further one has an experiment, but of one specimen of many,
+    with which not every test was done."""
     for n, e in enumerate(study.experiments):
         if e.backend is not None and e.backend not in study.backends:
             yield Problem(("experiments", n, "backend"), choices_text(e.backend, study.backends), e.backend)
@@ -300,7 +316,7 @@ def _check_backends(study: Study) -> Iterator[Problem]:
             )
     used = {e.backend for e in study.experiments}
     for name, table in study.backends.items():
-        if name not in used:
+        if name not in used and not specimen:
             yield Problem(("backends", name), f'no experiment has it: give one backend = "{name}"')
         if table.template is not None or study.backend.template is not None:
             yield Problem(("backends", name), "a program with a template cannot stand beside other backends")

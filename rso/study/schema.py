@@ -6,6 +6,7 @@ is the backend's to say: see :func:`rso.study.resolve.resolve`.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from rso.core import disk
 from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.emulation.polynomial import HIGHEST
@@ -51,6 +53,7 @@ from rso.study.noise_table import NoiseTable
 from rso.study.objectives_table import ObjectivesTable
 from rso.study.search_table import SearchTable
 from rso.study.settings_files import named_files, with_relative_paths
+from rso.study.specimens_table import SpecimenTable
 
 if TYPE_CHECKING:
     DesignKind = str
@@ -326,11 +329,16 @@ class ReportTable(StudyFileTable):
 
 @dataclass(frozen=True, eq=False)
 class StudySource:
-    """Where a study came from: its file, the line of every key, and the measured files by experiment."""
+    """Where a study came from: its file, the line of every key, and the measured files by experiment.
+
+    Of one of many specimens its name, and a hash of what the file and the table of specimens say of it.
+    """
 
     file: Path
     lines: Mapping[Place, int]
     measurements: Mapping[str, Measurement] = field(default_factory=dict)
+    specimen: str = ""
+    digest: str = ""
 
 
 class Study(StudyFileTable):
@@ -343,6 +351,8 @@ class Study(StudyFileTable):
     parameters: dict[str, ParameterTable]
     experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)] = ()
     objectives: ObjectivesTable | None = None
+    specimens: Annotated[tuple[SpecimenTable, ...], BeforeValidator(list_to_tuple)] = ()
+    """Many specimens, each fitted for itself; or the name of a table of them."""
     columns: ColumnsTable | None = None
     doe: DoeTable = DoeTable()
     surrogate: SurrogateTable = SurrogateTable()
@@ -367,6 +377,16 @@ class Study(StudyFileTable):
     def folder(self) -> Path:
         """The folder that paths in the study are relative to."""
         return self._source.file.parent
+
+    @property
+    def specimen(self) -> str:
+        """The name of the specimen, of a study of many; else nothing."""
+        return self._source.specimen
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the study file, or of what it says of this specimen."""
+        return self._source.digest or hashlib.sha256(disk.read_bytes(self.file)).hexdigest()
 
     def inputs(self) -> list[Path]:
         """The files beside the study file from which it is read: data, points of a design, files that settings name."""

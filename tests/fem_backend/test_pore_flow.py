@@ -4,10 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from biphasic_layer import Layer, relaxation, stiffness, touching
 from scipy.integrate import solve_ivp
 
 from fem_backend.backend import BACKEND
 from fem_backend.kinematics import axisymmetric, pore_pressure
+from fem_backend.materials.permeability import HolmesMow
 from rso.contract import Case, Programme, Segment, SimulationFailed
 
 MU, NU = 0.01, 0.2
@@ -125,18 +127,20 @@ def stress(stretch: np.ndarray) -> np.ndarray:
     return MU * stretch ** (-2.0 / 3.0) * (stretch - invariant / (3.0 * stretch)) + K * (stretch - 1.0)
 
 
-def consolidated(times: np.ndarray, depth: float, ramp: float, k: float, n: int = 150) -> np.ndarray:
+def consolidated(times, depth, ramp, k, n: int = 150, closes=lambda J: 1.0) -> np.ndarray:
     """σ (MPa) under a porous plate that goes `depth` (mm) in `ramp` (s) and rests, at finite strain.
 
     ∂λ/∂t = ∂/∂Z (k/λ ∂P/∂Z) in the undeformed depth Z, the flux given at the top, none at the base (Gibson, England and
     Hussey 1967, Géotechnique 17, 261, with P(λ) for their stress): n cells, an implicit method of variable order.
+    `closes` is k/k₀ at J = λ.
     """
     h = HEIGHT / n
     stretch, found = np.ones(n), []
     for began, ends, rate in ((0.0, ramp, depth / ramp), (ramp, float(times[-1]), 0.0)):
 
         def change(_, at, rate=rate):
-            flux = k / (0.5 * (at[1:] + at[:-1])) * np.diff(stress(at)) / h
+            middle = 0.5 * (at[1:] + at[:-1])
+            flux = k * closes(middle) / middle * np.diff(stress(at)) / h
             return np.diff(np.concatenate([[rate], flux, [0.0]])) / h
 
         mine = times[(times > began) & (times <= ends)]
@@ -158,6 +162,66 @@ def test_consolidation_at_finite_strain():
     exact, small = consolidated(tau * unit, depth, ramp, k), AGGREGATE * 0.3 * relaxed(tau, 0.2)
     assert np.abs(F - exact).max() < 0.01 * exact.max()
     assert np.abs(F - small).max() > 0.1 * exact.max()
+
+
+def test_consolidation_with_pores_that_close():
+    """k of Holmes and Mow, half of k₀ and less under the plate: 1 % of the largest stress; a constant k is 10 % off."""
+    k, depth, M, alpha, solid = 1.0, 0.3 * HEIGHT, 1.0, 0.5, 0.2
+    unit = HEIGHT**2 / (k * AGGREGATE)
+    ramp, tau = 0.2 * unit, np.array([0.05, 0.1, 0.2, 0.25, 0.3, 0.5, 1.0])
+    law = {"M": M, "alpha": alpha, "solid_fraction": solid}
+    settings = {**PUCK, "material": {"law": "neo_hookean"}, "drainage": {"indenter": "porous", "holmes_mow": law}}
+    programme = Programme((0.0, ramp, unit), (0.0, depth, depth), (depth,), tuple(tau * unit))
+    response = BACKEND({"mu": MU, "D1": D1, "permeability": k}, Case("a", programme, settings))
+    F = response.channels["Fz"] / (np.pi * RADIUS**2)
+
+    def closes(J):
+        return ((J - solid) / (1.0 - solid)) ** alpha * np.exp(0.5 * M * (J**2 - 1.0))
+
+    exact, constant = (consolidated(tau * unit, depth, ramp, k, closes=by) for by in (closes, lambda J: 1.0))
+    assert np.abs(F - exact).max() < 0.01 * exact.max()
+    assert np.abs(F - constant).max() > 0.1 * exact.max()
+
+
+class TestALayerUnderAFlatEnd:
+    """A bonded layer under a porous flat end, with transforms alone beside it (Mak, Lai and Mow 1987)."""
+
+    LAYER, END, DEPTH, RAMP = Layer(MU, NU, 1.0 / AGGREGATE, 6.0), 3.0, 0.006, 0.05
+
+    def test_the_oracle_has_both_limits(self):
+        """A half-space drained, 4 μ a/(1 − ν), and undrained, 8 μ a; twice the points change 2e-4."""
+        end = touching(self.LAYER, 3.0, 0.003, 1e-5)
+        deep = Layer(MU, NU, 1.0 / AGGREGATE, 3000.0)
+        assert abs(stiffness(1e-9, deep, end).real / (4.0 * MU * end.a / (1.0 - NU)) - 1.0) < 2e-3
+        assert abs(stiffness(200.0, deep, end, 3).real / (8.0 * MU * end.a) - 1.0) < 0.03
+        times = 9.0 * np.array([0.1, 1.0])
+        one, two = (relaxation(times, 0.45, self.LAYER, end, fine=n) for n in (1, 2))
+        np.testing.assert_allclose(one, two, rtol=2e-4)
+
+    def test_relaxation(self):
+        """F/d from 0.05 to 20 a²/D: 1 % at every moment, 0.4 % beside its drained value, the radius of contact 1e-3."""
+        unit, fillet = self.END**2, 0.02 * self.END
+        tau = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0])
+        start = self.RAMP * unit
+        settings = {
+            "specimen": {"shape": "slab", "thickness": self.LAYER.h},
+            "indenter": {"shape": "flat", "radius": self.END, "fillet": fillet},
+            "support": {"kind": "bonded"},
+            "drainage": {"indenter": "porous"},
+            "material": {"law": "linear_elastic"},
+        }
+        programme = Programme(
+            (0.0, start, 25.0 * unit), (0.0, self.DEPTH, self.DEPTH), (self.DEPTH,), tuple(tau * unit)
+        )
+        values = {"mu": MU, "D1": D1, "permeability": self.LAYER.k}
+        found = BACKEND(values, Case("a", programme, settings)).channels
+        end = touching(self.LAYER, self.END, fillet, self.DEPTH)
+        exact = relaxation(found["time"], start, self.LAYER, end)
+        F = found["Fz"] / self.DEPTH
+        np.testing.assert_allclose(F, exact, rtol=0.01)
+        np.testing.assert_allclose(F / F[-1], exact / exact[-1], rtol=4e-3)
+        np.testing.assert_allclose(found["contact_radius"], end.c, rtol=1e-3)
+        assert F[0] > 1.5 * F[-1]  # enough is there to be missed
 
 
 class TestLiquidThatGivesWay:
@@ -263,6 +327,11 @@ class TestWhatIsRefused:
         with pytest.raises(SimulationFailed, match="travel over time"):
             forces({"permeability": 1.0}, SLAB, Programme(segments=segments, asked_N=(0.01,)))
 
+    @pytest.mark.parametrize("law", [{"M": -1.0}, {"solid_fraction": 1.0}, {"beta": 1.0}])
+    def test_a_wrong_number_of_holmes_and_mow(self, law):
+        with pytest.raises(ValueError, match=rf"drainage\.holmes_mow\.{next(iter(law))}"):
+            BACKEND.check(Case("a", HOLD, {**SLAB, "drainage": {"holmes_mow": law}}))
+
     def test_a_wrong_word(self):
         with pytest.raises(ValueError, match=r"drainage\.indenter"):
             BACKEND.check(Case("a", HOLD, {**SLAB, "drainage": {"indenter": "open"}}))
@@ -274,6 +343,16 @@ class TestKeys:
         plain = BACKEND.canonical({"mu": MU, "D1": D1}, Case("a", HOLD, SLAB))
         dry = {**SLAB, "drainage": {"indenter": "porous"}}
         assert BACKEND.canonical({"mu": MU, "D1": D1, "permeability": 0.0}, Case("a", HOLD, dry)) == plain
+
+    def test_a_constant_permeability_is_no_key(self):
+        """M = alpha = 0 is k₀ whatever the solid fraction; others count, and only with liquid."""
+        values = {"mu": MU, "D1": D1, "permeability": 1.0}
+        plain, same, other, dry = (
+            BACKEND.canonical({**values, "permeability": k}, Case("a", HOLD, {**SLAB, "drainage": {"holmes_mow": law}}))
+            for law, k in (({}, 1.0), ({"solid_fraction": 0.2}, 1.0), ({"M": 2.0}, 1.0), ({"M": 2.0}, 0.0))
+        )
+        assert plain == same != other
+        assert other[1].settings["drainage"]["holmes_mow"]["M"] == 2.0 and "drainage" not in dry[1].settings
 
     def test_with_pore_flow_the_times_count(self):
         values = {"mu": MU, "D1": D1, "permeability": 1.0}
@@ -290,16 +369,20 @@ def test_the_coupled_tangent():
     random = np.random.default_rng(3)
     u = 0.1 * random.normal(size=(len(points), 3)) * [1, 0, 1]
     u[points[:, 0] == 0.0, 0] = 0.0
-    p, flow, unit, storage = random.normal(size=len(space.vertices)), 0.7, 1.3, 0.4
+    p, unit, storage = random.normal(size=len(space.vertices)), 1.3, 0.4
+    law = HolmesMow(0.5, 2.0, 0.2)
+
+    def flows(H):
+        return [0.7 * v for v in law.relative(np.linalg.det(H + np.eye(3)))]
 
     def missing(u, p):
         H = axisymmetric.displacement_gradients(body, u)
         held = storage * (p[space.corners] @ axisymmetric.linear_functions().T)
         v = pore_pressure.volume_change(H, False) + held
-        return pore_pressure.mass(space, H + np.eye(3), v, p, flow)
+        return pore_pressure.mass(space, H + np.eye(3), v, p, flows(H)[0])
 
     H = axisymmetric.displacement_gradients(body, u)
-    data = pore_pressure.coupling(space, H + np.eye(3), p, flow, storage, unit, False)
+    data = pore_pressure.coupling(space, H + np.eye(3), p, *flows(H), storage, unit, False)
     rows = np.repeat(np.arange(space.pattern.size), np.diff(space.pattern.indptr))
     matrix = np.zeros((space.pattern.size,) * 2)
     matrix[rows, space.pattern.indices] = data

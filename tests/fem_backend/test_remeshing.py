@@ -21,7 +21,7 @@ from fem_backend.simulation.initial_state import initial_state
 from fem_backend.solver import history_steps
 from fem_backend.solver.controlled_steps import Drive, Leg
 from fem_backend.solver.load_steps import Instant
-from fem_backend.solver.newton import Counters
+from fem_backend.solver.newton import Counters, NotConverged
 
 
 def grid(n: int = 8):
@@ -76,6 +76,16 @@ def test_places_are_found_in_curved_cells_and_fields_carried_exactly_where_they_
     np.testing.assert_allclose(location.at_nodes(X, mesh.cells, cell, xi), at, atol=1e-9)
     with pytest.raises(location.Lost):
         location.located(X, mesh.cells, np.array([[5.0, 0.5]]))
+
+
+def test_places_are_found_in_thin_cells_whatever_middles_are_nearer():
+    """Cells 400 times as long as wide: those of many others have their middles nearer to an end."""
+    mesh = grid(40)
+    flat = mesh.points * [1.0, 0.0025]
+    at = np.random.default_rng(5).uniform([0.0, 0.0], [2.0, 0.0025], (300, 2))
+    cell, xi = location.located(flat, mesh.cells, at)
+    np.testing.assert_allclose(location.at_nodes(flat, mesh.cells, cell, xi), at, atol=1e-12)
+    assert (xi >= -1e-9).all() and (xi.sum(1) <= 1.0 + 1e-9).all()
 
 
 def test_a_linear_field_at_points_is_carried_exactly_and_no_field_gets_new_extremes():
@@ -269,6 +279,24 @@ def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(rene
     error = stated_errors(*experiment[:2], alone)
     for name in ("Fz", "uz(5,0)"):
         assert abs(among.channels[name][-1] - alone.channels[name][-1]) <= 2.0 * error[name][-1]  # each has its own
+
+
+def test_another_size_is_tried_where_the_first_mesh_has_no_equilibrium(monkeypatch):
+    """The run goes on as with a mesh that has one, on smaller elements."""
+    tried = []
+
+    def unlucky(at, state, size):
+        tried.append(size)
+        if size == rezoning.SIZES[0]:
+            raise NotConverged("contact", "none on this mesh", ())
+        return made(at, state, size)
+
+    made = rezoning.renewed
+    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "renewed", unlucky)
+    found = run("when_needed", (6.0,), SOFT)
+    assert found.legs and tried[:2] == list(rezoning.SIZES) and "outworn_mm" not in found.notes
+    assert max(jump for _, jump in found.legs) < 0.01
 
 
 def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):

@@ -14,7 +14,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "blind"
 README = (FOLDER / "README.md").read_text().split("\n")
-NAMES = ("catalogue", "library", "experiment", "generate", "score")
+NAMES = ("catalogue", "library", "experiment", "flat", "generate", "score")
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from rso.core.similarity import group
 from rso.doe import Box
 from rso.evaluation.store import RunStore
 from rso.inference import Data, EvaluatedPoint, TangentFrame, on_runs, tangents
-from rso.inference.gauss_newton import contradiction
+from rso.inference.gauss_newton import chi2_in_frame, contradiction
 from rso.report import render
 from rso.report.terminal import summary
 from rso.study.errors import StudyError
@@ -375,6 +375,25 @@ def test_the_first_step_is_that_of_gauss_newton_with_exact_scaling():
     expected = np.linalg.lstsq(A, np.log(y / one.f), rcond=None)[0]
     # ln y against ln f where the noise is relative: the two misfits differ in the second order of what is left.
     np.testing.assert_allclose(logs, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_errors_that_every_run_states_anew_do_not_lead_back_and_forth(seed):
+    """An error of the whole curve whose profile is another for every run: small readings, large stated errors."""
+    f, rng, u = frame(), np.random.default_rng(seed), np.linspace(0.1, 2, 20)
+    truth = sight(f, np.array([0.45, 0.55])).f
+    y = truth * (1.03 + 0.0045 * np.cos(9.0 * u + seed)) + 2e-4 * truth.max() * rng.standard_normal(20)
+
+    def data_of(s):
+        profile = 0.03 * y * (1.0 + 0.15 * np.cos(9.0 * u + 300.0 * s.x.sum()))
+        return (Data("top", "N", u, y, np.outer(profile, profile) + (2e-4 * y.max()) ** 2 * np.eye(20)),)
+
+    (d,) = on_runs(
+        f, lambda X: [sight(f, x) for x in X], data_of, np.array([[0.5, 0.5]]), tolerance=0.005, most=20, seed=0
+    )
+    assert d.confirmed
+    assert d.chi2 == pytest.approx(chi2_in_frame(d.data, d.best.f, f))
+    assert np.isfinite(d.data[0].covariance).all() and np.linalg.eigvalsh(d.data[0].covariance).min() > 0
 
 
 @pytest.mark.parametrize("similar", [True, False])

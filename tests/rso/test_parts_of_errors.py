@@ -41,7 +41,7 @@ def test_a_correlated_error_has_its_size_everywhere_and_its_correlation_by_the_d
     draws = np.random.default_rng(1).standard_normal((40_000, len(DEPTH))) @ np.linalg.cholesky(C + 1e-12 * np.eye(8)).T
     np.testing.assert_allclose(draws.std(axis=0), size, rtol=0.03)
     apart = DEPTH[5] - DEPTH[2]
-    expected = {"exponential": np.exp(-apart / length), "gaussian": np.exp(-0.5 * (apart / length) ** 2)}
+    expected = {"exponential": np.exp(-apart / length), "gaussian_correlation": np.exp(-0.5 * (apart / length) ** 2)}
     assert np.corrcoef(draws[:, 2], draws[:, 5])[0, 1] == pytest.approx(expected[kernel.__name__], abs=0.02)
 
 
@@ -150,3 +150,12 @@ def test_the_correlation_of_neighbours_is_that_of_the_noise():
     x = rng.standard_normal((4000, 100)) @ np.linalg.cholesky(C).T
     ρ = of_neighbours(x - x.mean(axis=1, keepdims=True))
     assert restored(ρ, 100) == pytest.approx(0.6, abs=0.015) and ρ < 0.582
+
+
+def test_errors_of_readings_at_one_depth_go_together_by_the_travel_there():
+    """In creep all readings have the depth where the hold began; the indenter goes on, and the error changes."""
+    held = Data("creep", "mm", np.full(8, 1.0), np.linspace(1.0, 2.0, 8), 1e-12 * np.eye(8))
+    together = with_model_errors(held, errors(numerical=0.01)).parts[NUMERICAL]
+    assert together[0, -1] == pytest.approx(1e-4)
+    C = with_model_errors(held, dataclasses.replace(errors(numerical=0.01), travel=held.value)).parts[NUMERICAL]
+    assert C[0, -1] / C[0, 0] == pytest.approx(np.exp(-0.5))

@@ -197,7 +197,7 @@ def run_gauss_newton(
         proofs,
         story,
         places,
-        eyes.data(best.best),
+        best.data,
         eyes.outcomes[best.best.x.tobytes()],
         eyes,
     )

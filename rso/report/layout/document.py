@@ -10,11 +10,12 @@ Mark = Literal["", "good", "bad", "warn", "strong", "quiet", "code"]
 
 @dataclass(frozen=True)
 class Cell:
-    """Text of a table cell; `pad` is invisible text behind it that keeps decimal points in line."""
+    """Text of a table cell; `pad` is invisible text behind it that keeps decimal points in line; `link` is a page."""
 
     text: str
     pad: str = ""
     mark: Mark = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)

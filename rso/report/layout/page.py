@@ -19,7 +19,13 @@ from rso.core import disk
 from rso.report.layout.document import Block, Picture, Report, Text
 
 _HERE = Path(__file__).parent
-PAGES = {"report": "Identification", "diagnosis": "Diagnosis", "ladder": "Ladder of models", "next": "Next experiment"}
+PAGES = {
+    "report": "Identification",
+    "specimens": "Specimens",
+    "diagnosis": "Diagnosis",
+    "ladder": "Ladder of models",
+    "next": "Next experiment",
+}
 GROWN, WIDEST = 1.8, 900  # px a point that a figure is drawn with; px
 NARROW = 420.0  # points: figures no wider than this shrink on a phone, others scroll
 FEW = 3  # warnings that stand open
