@@ -75,15 +75,17 @@ def moved_sentence(band: BandView) -> str:
     said = []
     if contact:
         way = "deeper" if contact > 0 else "less deep"
-        said.append(f"contact {quantity(abs(contact), 'mm', 2)} {way} than recorded{_usual(expected, 'contact', 'mm')}")
+        usual = _usual(expected, "contact", "mm", contact)
+        said.append(f"contact {quantity(abs(contact), 'mm', 2)} {way} than recorded{usual}")
     if gain:
         said.append(f"force {percent(abs(gain))} too {'high' if gain > 0 else 'low'}{_usual(expected, 'gain', '')}")
     return f"Fitted with it: {'; '.join(said)}." if said else ""
 
 
-def _usual(expected: Mapping[str, Any], key: str, unit: str) -> str:
+def _usual(expected: Mapping[str, Any], key: str, unit: str, size: float | None = None) -> str:
+    """What was expected of it before the fit, in the same unit."""
     sd = number(expected.get(key))
-    return "" if not sd else f" (expected ±{NBSP}{quantity(sd, unit, 2) if unit else percent(sd)})"
+    return "" if not sd else f" (expected ±{NBSP}{quantity(sd, unit, 2, size) if unit else percent(sd)})"
 
 
 def body(results: Results) -> Mapping[str, Any] | None:

@@ -370,11 +370,15 @@ def _facts(results: Results) -> tuple[Fact, ...]:
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
-            whose = "best candidate" if best.search else "fitted model"
+            band = fitted_band(results, experiment(results, name))
+            moved = band is not None and band.moved.any()
+            whose = "best candidate" if best.search else "fitted curve" if moved else "fitted model"
+            nrmse = number(best.metrics(name).get("nrmse"))
             note = f"NRMSE of the {whose}; {percent(base)} for the mean of the curve"
-            if not best.search:
-                note += "; errors that move the whole curve are in it"
-            facts.append(Fact("Fit", percent(number(best.metrics(name).get("nrmse"))), note))
+            if moved and band is not None:
+                note += f"; {percent(nrmse)} without contact shift and gain"
+                nrmse = number((band.data.get("metrics") or {}).get("nrmse"))
+            facts.append(Fact("Fit", percent(nrmse), note))
     facts += [*prediction_fact(results), *gap_fact(results)]
     if finished(results, "verify") and candidates(results):
         good = sum(c.verified for c in candidates(results))

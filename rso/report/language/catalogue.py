@@ -15,7 +15,7 @@ from pathlib import Path
 
 _HERE = Path(__file__).parent
 _SLOT = re.compile(r"\{(\w+)(!?)\}")
-_SENTENCE = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;])")
+_SENTENCE = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;]|p = )")
 _NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
 _WORDLESS = re.compile(r"[^A-Za-z]*$")
 _UNIT = r"(?:[kMGµm]?(?:N|Pa|m|s|g)(?:[²³]|⁻¹)?|min|h|d|%|°|mm/min|mm/s|N/mm)"
@@ -23,10 +23,11 @@ _SIZE = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴
 _QUANTITY = re.compile(rf"(?:{_SIZE}(?:\s{_UNIT})?|{_UNIT}|{_SIZE}\s(?:h|min)\s{_SIZE}\s(?:min|s))$")
 # What a study, a file or a machine calls its own: paths, keys, hashes, versions, settings as a study file has them.
 _OWN = re.compile(
-    r"[\w./ -]+\.(?:csv|toml|json|xlsx|stl)$|[0-9a-f]{8,64}$|\d{4}-\d\d-\d\d|rso \w+ |N-mm-MPa-s$|"
-    r"[\w-]+ \d[\w.]*, [\w-]+ \d|(?:[\w ]+: )?\w+ = |\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
+    r"[\w./-]+\.(?:csv|toml|json|xlsx|stl)$|[0-9a-f]{8,64}$|\d{4}-\d\d-\d\d(?:[T ][\d:.+Z]+)?$|rso [a-z]+ \S+|"
+    r"N-mm-MPa-s$|(?:[\w-]+ \d+\.[\w.]+, )+|(?:[a-z_ ]+: )?[a-z][a-z_0-9]+ = \S.*(?<!\.)$|"
+    r"\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
 )
-_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
+_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,15 @@ class Template:
     topic: str
 
     @functools.cached_property
-    def pattern(self) -> re.Pattern[str]:
-        """What the English one matches, each slot as a group of its name."""
+    def patterns(self) -> tuple[re.Pattern[str], ...]:
+        """What the English one matches, each slot a group of its name: first slots short, or long."""
+        return self._pattern(".+?"), self._pattern(".+")
+
+    def _pattern(self, anything: str) -> re.Pattern[str]:
         parts, end, seen = [], 0, set[str]()
         for m in _SLOT.finditer(self.english):
             parts.append(_spaced(self.english[end : m.start()]))
-            form = _FORMS.get(m[1].partition("_")[0], r".+?") if "_" in m[1] else r".+?"
+            form = _FORMS.get(m[1].partition("_")[0], anything) if "_" in m[1] else anything
             parts.append(f"(?P={m[1]})" if m[1] in seen else f"(?P<{m[1]}>{form})")
             seen.add(m[1])
             end = m.end()
@@ -112,8 +116,9 @@ class Catalogue:
         if (found := self._whole.get(" ".join(stripped.split()))) is not None:
             return self.numbers(found)
         for t in self._slotted:
-            if (m := t.pattern.fullmatch(stripped)) and (filled := self._filled(t, m)) is not None:
-                return filled
+            for pattern in t.patterns:
+                if (m := pattern.fullmatch(stripped)) and (filled := self._filled(t, m)) is not None:
+                    return filled
         return None
 
     def _filled(self, t: Template, m: re.Match[str]) -> str | None:
@@ -121,6 +126,8 @@ class Catalogue:
         values: dict[str, str] = {}
         for name, mark in _SLOT.findall(t.english):
             if not mark:
+                if _SENTENCE.search(m[name]):  # another sentence is no part of this one
+                    return None
                 values[name] = self.numbers(m[name])
             elif (inner := self.phrase(m[name])) is not None:
                 values[name] = inner
