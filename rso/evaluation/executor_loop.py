@@ -14,7 +14,7 @@ Ahead = dict[str, Future[Any]]  # what was begun before anybody waits for it, by
 
 
 @runtime_checkable
-class Remembering(Protocol):
+class KeyedExecutor(Protocol):
     """An executor that keeps what it computed by the key of the job, beyond the life of this process."""
 
     def submit_keyed(self, key: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
@@ -47,7 +47,7 @@ def drive(
 
     def submit(job: Job, attempt: int) -> None:
         begun = ahead.pop(job.key, None) if attempt == 1 else None
-        if begun is None and isinstance(executor, Remembering):
+        if begun is None and isinstance(executor, KeyedExecutor):
             begun = executor.submit_keyed(job.key, *job.call)
         future = begun or executor.submit(*job.call)
         running[future] = (job, attempt)
