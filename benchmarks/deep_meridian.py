@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from fem_backend.accuracy import two_grid
-from fem_backend.accuracy.error_estimate import stated
+from fem_backend.accuracy.error_estimate import stated_errors
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import assembly, indentation
 from fem_backend.simulation.experiment import Settings, read_settings
@@ -87,11 +87,11 @@ def cases() -> list[Deep]:
 def solved(settings: Settings, case: Deep, check: bool) -> tuple[np.ndarray, np.ndarray, float, str, tuple]:
     """Force and stated error (k,) N at the depths, nan where not reached, CPU s, how it ended and its new meshes."""
     knobs = BACKEND.knobs({"mu": case.values[0], "D1": case.values[1]}, settings)
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     model = assembly.model_for(settings, knobs, placement, None)
     started, end = time.process_time(), "done"
     try:
-        how = two_grid.checked if check else indentation.solve
+        how = two_grid.checked_on_coarse_mesh if check else indentation.simulate_indentation
         result = how(settings, knobs, placement, model, [Instant(d, d, True) for d in case.depths])
     except Stopped as stopped:
         end, result = f"{stopped.cause}: {stopped}", stopped.reached
@@ -102,7 +102,7 @@ def solved(settings: Settings, case: Deep, check: bool) -> tuple[np.ndarray, np.
     if lost:
         result, end = result.upto(lost[0]), lost[2]
     rest = missing[len(result.travel) :]
-    error = stated(settings, knobs, result)["Fz"]
+    error = stated_errors(settings, knobs, result)["Fz"]
     return np.append(result.Fz, rest), np.append(error, rest), spent, end, result.legs
 
 

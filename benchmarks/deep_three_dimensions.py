@@ -80,7 +80,7 @@ def run(body: str, support: str, level: str, key: str, meridian: bool = False, e
     mu, D1 = SETS[key]
     settings = experiment.for_travel(experiment.read_settings(table | {"derivatives": False}), DEPTHS[body][-1])
     knobs = BACKEND.knobs({"mu": mu, "D1": D1, **({} if meridian else UNSEEN.get(body, {}))}, settings)
-    placement, started = modelling.place(settings, knobs), time.process_time()
+    placement, started = modelling.placement_of(settings, knobs), time.process_time()
     assert placement.meridian == meridian
     settings = dataclasses.replace(settings, large_strain=not meridian)
     instants, stop = passages(Programme.ramp(tuple(map(float, DEPTHS[body])), 1.0)), ""
@@ -93,11 +93,11 @@ def run(body: str, support: str, level: str, key: str, meridian: bool = False, e
         modelling._model.cache_clear()
         model = modelling.model_for(settings, knobs, placement, None)
         try:
-            how = indentation.solve if element else two_grid.checked
+            how = indentation.simulate_indentation if element else two_grid.checked_on_coarse_mesh
             result = how(settings, knobs, placement, model, instants)
         except Stopped as stopped:
             stop, result = str(stopped), stopped.reached
-    stated = error_estimate.stated(settings, knobs, result)
+    stated = error_estimate.stated_errors(settings, knobs, result)
     coarser = None if result.coarser is None else {n: v.tolist() for n, v in result.coarser.items()}
     return {
         "travel": result.travel.tolist(),

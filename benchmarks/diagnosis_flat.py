@@ -28,7 +28,7 @@ import numpy as np
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme
 from rso.discrepancy.study_diagnosis import ask
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 REPORT = Path(__file__).parents[1] / "reports" / "diagnosis_flat.md"
 CHECK = Path(__file__).parent / "diagnosis"
@@ -118,7 +118,7 @@ def made(folder: Path, body: str) -> None:
             read = d + DEPTH_NOISE * rng.standard_normal(len(d))
             rows += [f"{a:.3f},{b:.4f},{c:.5f},{repeat},{k}" for a, b, c, k in zip(t, read, force, kinds, strict=True)]
         (folder / "measured" / f"{name}.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    every = [e.name for e in ask(load(study)).effects if e.place is None]
+    every = [e.name for e in ask(load_study(study)).effects if e.place is None]
     effects = [n for n in every if n not in IN_SPACE]
     print(f"{body}: left out {', '.join(n for n in every if n in IN_SPACE) or 'nothing'}; tried {', '.join(effects)}")
     with study.open("a", encoding="utf-8") as file:

@@ -33,8 +33,8 @@ from scipy.optimize import minimize
 
 from rso.benchmarks import indentation
 from rso.core.similarity import Group
-from rso.doe import Box, design, sobol
-from rso.emulation import feasibility, fit
+from rso.doe import Box, design, sobol_sequence
+from rso.emulation import feasibility, fit_surrogate
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))
 TRUE = np.array([0.012, 60.0])
@@ -55,7 +55,7 @@ def softness(X: np.ndarray) -> np.ndarray:
     return X[:, 1] - 0.5 * X[:, 0]
 
 
-LIMIT = float(np.quantile(softness(sobol(2, 4096, 0)), 1 - CORNER))
+LIMIT = float(np.quantile(softness(sobol_sequence(2, 4096, 0)), 1 - CORNER))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def leave_out(r: Runs) -> tuple[np.ndarray, np.ndarray]:
 def learnt_region(r: Runs, seed: int) -> Callable[[np.ndarray], np.ndarray]:
     """Mask of the points that are expected to have an answer."""
     values = [dict(zip(BOX.names, map(float, v), strict=True)) for v in BOX.from_unit(r.X)]
-    region = feasibility.learn(BOX, NO_GROUP, values, r.done.tolist(), seed)
+    region = feasibility.learn_feasibility(BOX, NO_GROUP, values, r.done.tolist(), seed)
     return lambda P: region.excess(dict(zip(BOX.names, BOX.from_unit(P).T, strict=True))) <= 0
 
 
@@ -108,7 +108,7 @@ def found(predict: Callable[[np.ndarray], np.ndarray], good: Callable[[np.ndarra
     def miss(X: np.ndarray) -> np.ndarray:
         return np.sum((predict(np.clip(X, 0, 1)) / target - 1) ** 2, axis=1) + 1e3 * ~good(np.clip(X, 0, 1))
 
-    pool = sobol(2, 4096, 0)
+    pool = sobol_sequence(2, 4096, 0)
     starts = pool[np.argsort(miss(pool))[:5]]
     exact = {"xatol": 1e-6, "fatol": 1e-14}
     ends = [minimize(lambda x: float(miss(x[None])[0]), s, method="Nelder-Mead", options=exact) for s in starts]
@@ -118,9 +118,9 @@ def found(predict: Callable[[np.ndarray], np.ndarray], good: Callable[[np.ndarra
 def judged(name: str, r: Runs, seed: int) -> list[float]:
     """Surrogate, target, mu, D1 (all in %), and whether the point found has no answer."""
     X, Y = RECIPES[name](r)
-    models = [fit("kriging", X, y, seed=seed) for y in Y.T]
+    models = [fit_surrogate("kriging", X, y, seed=seed) for y in Y.T]
     good = learnt_region(r, seed) if RECIPES[name] is leave_out else lambda P: np.ones(len(P), bool)
-    test = sobol(2, 2048, 99)
+    test = sobol_sequence(2, 2048, 99)
     test = test[softness(test) <= LIMIT]
     y = force(test)[:, 1]
     surrogate = np.sqrt(np.mean((models[1].predict(test)[0] - y) ** 2)) / y.std()

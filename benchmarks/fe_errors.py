@@ -257,13 +257,13 @@ def run(seed: int, k: int, level: str, kind: str = "") -> dict[str, Any]:
     if level not in LEVELS:
         control = dataclasses.replace(control, medium=1e-4, tight=1e-6)  # no digit that counts is lost
     settings = dataclasses.replace(settings, control=control)
-    placement = modelling.place(settings, knobs)
+    placement = modelling.placement_of(settings, knobs)
     out: dict[str, Any] = {"seed": seed, "k": k, "level": level, "kind": kind}
     try:
         built = modelling.model_for(settings, knobs, placement, None)
         instants = passages(one.programme)
         with mock.patch.object(modelling, "PENALTY", modelling.PENALTY * (STIFFER if kind == "stiff" else 1.0)):
-            result = indentation.solve(settings, knobs, placement, built, instants)
+            result = indentation.simulate_indentation(settings, knobs, placement, built, instants)
         out["channels"] = {n: v.tolist() for n, v in result.channels.items()}
         out["contact_error"], out["residual"] = result.contact_error.tolist(), result.residual.tolist()
     except (ArithmeticError, ValueError) as error:  # Stopped and NotModelled: the gate counts them
@@ -332,7 +332,7 @@ def calibrate(checked: list[Checked]) -> None:
         for name, parts in columns.items():
             if name not in ("Fx", "Fy"):
                 rest = np.maximum(c.true[name] - other.get(name, 0.0), 0.0)
-                rows.setdefault(error_estimate.kind(name), []).append((parts, rest))
+                rows.setdefault(error_estimate.calibration_kind(name), []).append((parts, rest))
         for name, parts in error_estimate.aslant(c.settings, c.knobs, c.result).items():
             own = columns[name] @ np.array(calibration(c.settings).shares["force"]) + other[name]
             rows.setdefault("lateral", []).append((parts, np.sqrt(np.maximum(c.true[name] ** 2 - own**2, 0.0))))
@@ -361,10 +361,10 @@ def table(checked: list[Checked]) -> None:
     )
     found: dict[str, list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]] = {}
     for c in checked:
-        for name, bound in error_estimate.stated(c.settings, c.knobs, c.result).items():
+        for name, bound in error_estimate.stated_errors(c.settings, c.knobs, c.result).items():
             if name not in ("time", "travel") and (bound > 0.0).any():
                 scale = np.abs(c.result.channels[name])
-                label = LABELS.get(name, "uz(x,y)" if error_estimate.kind(name) == "uz" else name)
+                label = LABELS.get(name, "uz(x,y)" if error_estimate.calibration_kind(name) == "uz" else name)
                 found.setdefault(label, []).append((c.settings.level, bound, c.true[name], scale))
     for name, rows in found.items():
         bound, true, scale = (np.concatenate([r[i] for r in rows]) for i in (1, 2, 3))

@@ -33,13 +33,13 @@ REPEATS = {"coarse": 3, "standard": 2, "fine": 1, "reference": 1}  # the last is
 def model_of(level: str) -> tuple[Settings, AssembledModel]:
     """The level's model on the mesh of this user's cache."""
     settings = experiment.read_settings({"mesh": {"level": level}})
-    return settings, assembly.model_for(settings, KNOBS, assembly.place(settings, KNOBS), None)
+    return settings, assembly.model_for(settings, KNOBS, assembly.placement_of(settings, KNOBS), None)
 
 
 def run(settings: Settings, built: AssembledModel, asked: np.ndarray = ASKED) -> Result:
     """Run to the asked travels at 1 mm/s."""
     instants = [Instant(s, s, True) for s in asked]
-    return indentation.solve(settings, KNOBS, assembly.place(settings, KNOBS), built, instants)
+    return indentation.simulate_indentation(settings, KNOBS, assembly.placement_of(settings, KNOBS), built, instants)
 
 
 def timed(settings: Settings, built: AssembledModel, repeats: int) -> tuple[Result, float]:
@@ -75,7 +75,7 @@ def _row(percent: np.ndarray) -> str:
 def solvers(built: AssembledModel, repeats: int = 3) -> None:
     """Seconds per factorisation and per solution of the undeformed stiffness on one mesh."""
     body = built.body
-    state = stress.evaluate(NeoHooke(KNOBS.mu, KNOBS.D1), np.zeros((*body.w.shape, 3, 3)), tangent=True)
+    state = stress.evaluate_stress(NeoHooke(KNOBS.mu, KNOBS.D1), np.zeros((*body.w.shape, 3, 3)), tangent=True)
     data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
     b = np.random.default_rng(0).normal(size=body.pattern.size)
     print(f"\nstandard mesh, {body.pattern.size} dofs: CPU s, median of {repeats}")

@@ -30,7 +30,7 @@ from rso.calibration.plan import make_plan
 from rso.contract import Case, Programme
 from rso.evaluation import Task, run_all
 from rso.evaluation.store import Done, RunStore
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 SETTINGS: dict[str, Any] = {
     "specimen": {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]},
@@ -95,7 +95,7 @@ def studied(folder: Path, search: str) -> tuple[dict[str, Any], float]:
     out = folder / ("direct" if search.startswith(DIRECT) else "surfaces")
     start = time.process_time()
     with RunStore(out) as store:
-        found = run_study(make_plan(load(folder)), store, Inline(), out, command="", jobs=1)
+        found = run_study(make_plan(load_study(folder)), store, Inline(), out, command="", jobs=1)
     return found, time.process_time() - start
 
 

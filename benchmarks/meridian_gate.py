@@ -49,7 +49,7 @@ def case(thickness: float, ratio: float, law: str, level: str, solver: str = "au
         }
     )
     knobs = Knobs(mu=MU, D1=2.0 / (ratio * MU), **LAWS[law])
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     return settings, knobs, placement, assembly.model_for(settings, knobs, placement, None)
 
 
@@ -110,12 +110,12 @@ def drawn(rng: np.random.Generator, level: str, remesh: str | None) -> tuple[str
 def tried(settings: Settings, values: Mapping[str, float], depth: float) -> tuple[str, float, float]:
     """How a run ends, how far it comes (share of its depth), and CPU s."""
     knobs = BACKEND.knobs(values, settings)
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     model = assembly.model_for(settings, knobs, placement, None)
     started = time.process_time()
     instants = [Instant(float(d), float(d), True) for d in np.linspace(depth / DEPTHS, depth, DEPTHS)]
     try:
-        result = indentation.solve(settings, knobs, placement, model, instants)
+        result = indentation.simulate_indentation(settings, knobs, placement, model, instants)
         lost = indentation.doubtful(result)
         end = ("done", 1.0) if lost is None else (lost[1], lost[0] / DEPTHS)
     except Stopped as stopped:
@@ -159,7 +159,7 @@ def balls(count: int) -> None:
             ready = case(thickness, ratio, law, level)
             started = time.process_time()
             instants = [Instant(d, d, True) for d in np.linspace(deepest / 20, deepest, 20)]
-            found = indentation.solve(*ready, instants)
+            found = indentation.simulate_indentation(*ready, instants)
         except (Stopped, ValueError) as error:
             print(f"{words} {time.process_time() - started:6.2f} s  {error}", flush=True)
             continue

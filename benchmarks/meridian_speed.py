@@ -27,7 +27,7 @@ def run(thickness: float, ratio: float, fineness: float, depths: np.ndarray, sol
     settings = replace(settings, fineness=fineness)
     model = assembly.model_for(settings, knobs, placement, None)
     started = time.process_time()
-    found = indentation.solve(settings, knobs, placement, model, [Instant(d, d, True) for d in depths])
+    found = indentation.simulate_indentation(settings, knobs, placement, model, [Instant(d, d, True) for d in depths])
     return found.Fz, time.process_time() - started, model.body.pattern.size, found.counters
 
 

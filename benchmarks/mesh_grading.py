@@ -62,10 +62,10 @@ class Row:
 def measure(mesh: Mesh, sizing: Sizing | None = None) -> Row:
     """Forces of one mesh for both laws."""
     settings = experiment.read_settings({})
-    place = assembly.place(settings, LAWS[0])
-    made = assembly.build(settings, mesh, place.specimen, place.planes)
+    place = assembly.placement_of(settings, LAWS[0])
+    made = assembly.build_model(settings, mesh, place.specimen, place.planes)
     instants = [Instant(d, d, True) for d in ASKED]
-    results = [indentation.solve(settings, law, place, made, instants) for law in LAWS]
+    results = [indentation.simulate_indentation(settings, law, place, made, instants) for law in LAWS]
     work, seconds = results[0].counters, results[0].cpu_s
     worst = float(meshing.scaled_jacobian(made.mesh).min())
     force = np.array([r.Fz for r in results])
@@ -78,7 +78,7 @@ def tries(sizing: Sizing, count: int) -> list[Row]:
     for k in range(count):
         jittered = replace(sizing, h0=sizing.h0 * (1.0 + JITTER * k))
         try:
-            rows.append(measure(meshing.make(meshing.tetwild_recipe(templates.NOMINAL, jittered)), jittered))
+            rows.append(measure(meshing.make_mesh(meshing.tetwild_recipe(templates.NOMINAL, jittered)), jittered))
         except (meshing.BadMesh, ArithmeticError, ValueError) as error:
             print(f"  a mesh of {asdict(jittered)} is left out: {error}")
     return rows
@@ -91,7 +91,7 @@ def limit(crude: Row, good: Row) -> np.ndarray:
     depth it scatters.  The error of the limit is about 0.15 %, seen from other pairs and from k between 1/8 and 1/4.
     """
     first, second = (
-        (row.force, measure(meshing.refined(templates.NOMINAL, row.mesh, 2)).force) for row in (crude, good)
+        (row.force, measure(meshing.subdivided(templates.NOMINAL, row.mesh, 2)).force) for row in (crude, good)
     )
     k = float(np.median((first[1] - second[1]) / (first[0] - second[0])))
     print(f"rate of convergence h^{-np.log2(k):.1f}; limit for K/μ = 34 and 200, N")
@@ -125,7 +125,7 @@ def write_templates(force: np.ndarray) -> dict[str, list[Row]]:
     folder = Path(templates.__file__).parent
     rows = {level: tries(templates.LEVELS[level], count) for level, count in TRIES.items()}
     chosen = {level: best(found, force) for level, found in rows.items()}
-    chosen["reference"] = measure(meshing.refined(templates.NOMINAL, chosen["coarse"].mesh, 2))
+    chosen["reference"] = measure(meshing.subdivided(templates.NOMINAL, chosen["coarse"].mesh, 2))
     for level, row in chosen.items():
         words = json.dumps(asdict(row.sizing)) if row.sizing else "coarse, every tetrahedron cut into eight"
         (folder / f"{level}.npz").write_bytes(templates.template_bytes(row.mesh, words))

@@ -26,8 +26,8 @@ from pathlib import Path
 import numpy as np
 
 from rso import benchmarks
-from rso.doe import Box, design, sobol
-from rso.emulation import fit, sensitivity
+from rso.doe import Box, design, sobol_sequence
+from rso.emulation import fit_surrogate, sensitivity
 from rso.optimise import nsga2
 
 HERE = Path(__file__).parent
@@ -102,7 +102,7 @@ def indices(n: int = 2**13) -> list[str]:
         ("Ishigami", benchmarks.ishigami, 3, benchmarks.ishigami_indices()),
         ("Sobol-G", lambda X: benchmarks.sobol_g(X, a), 8, benchmarks.sobol_g_indices(a)),
     ):
-        r = sensitivity.sobol(f, d, 0, n=n)
+        r = sensitivity.saltelli_indices(f, d, 0, n=n)
         for words, found, interval, truth in (
             ("first", r.first, r.first_interval, exact[0]),
             ("total", r.total, r.total_interval, exact[1]),
@@ -122,8 +122,8 @@ def bands(problems: tuple[Problem, ...], seeds: int, points: int = 512) -> tuple
     lines = [f"90 % bands of kriging, {seeds} designs: share of new values within, plain -> widened; interval score"]
     for i, p in enumerate(problems):
         for seed in range(seeds):
-            X, Q = design("lhs", p.d, p.runs, 500 + seed), sobol(p.d, points, seed)
-            model, y = fit("kriging", X, p.f(X), seed=0), p.f(Q)
+            X, Q = design("lhs", p.d, p.runs, 500 + seed), sobol_sequence(p.d, points, seed)
+            model, y = fit_surrogate("kriging", X, p.f(X), seed=0), p.f(Q)
             for k, m in enumerate((replace(model, inflate=1.0, rivals=()), model)):
                 mean, sd = m.predict(Q)
                 over = np.abs(mean - y) - 1.645 * sd
@@ -140,9 +140,9 @@ def many(points: int = 4096) -> list[str]:
     """CPU time (s) of kriging an output of many runs, and its error over the deviation of new values."""
     lines = ["Kriging of many runs: CPU time of one output, error over the deviation of new values"]
     for f, name, d, runs in ((benchmarks.borehole, "borehole", 8, 500), (benchmarks.branin, "Branin", 2, 300)):
-        X, Q = design("lhs", d, runs, 0), sobol(d, points, 9)
+        X, Q = design("lhs", d, runs, 0), sobol_sequence(d, points, 9)
         began = time.process_time()
-        model, y = fit("kriging", X, f(X), seed=0), f(Q)
+        model, y = fit_surrogate("kriging", X, f(X), seed=0), f(Q)
         spent = time.process_time() - began
         lines.append(f"  {name}, d = {d}, {runs} runs: {spent:.3g} s, {np.std(model.mean(Q) - y) / np.std(y):.2g}")
     return lines
@@ -157,7 +157,7 @@ def compare(
         label = f"{p.name}, d = {p.d}, {p.runs} runs"
         found[label] = {}
         for seed in range(seeds):
-            X, Q = design("lhs", p.d, p.runs, seed), sobol(p.d, points, 999)
+            X, Q = design("lhs", p.d, p.runs, seed), sobol_sequence(p.d, points, 999)
             k = len(keys)
             keys.append((label, p.f(Q)))
             arrays |= {f"X{k}": X, f"y{k}": p.f(X), f"Q{k}": Q} | ({f"G{k}": gradient(p.f, X)} if slopes else {})
@@ -184,12 +184,12 @@ def ours(p: Problem, X: np.ndarray, Q: np.ndarray, seed: int, G: np.ndarray | No
     """Name, CPU seconds and predictions of the surrogates of rso."""
     y = p.f(X)
     more = design("lhs", p.d, 2 * p.runs, seed)
-    jobs: dict[str, Callable[[], object]] = {"rso kriging": lambda: fit("kriging", X, y, seed=0)}
+    jobs: dict[str, Callable[[], object]] = {"rso kriging": lambda: fit_surrogate("kriging", X, y, seed=0)}
     if G is None:
-        jobs["rso auto"] = lambda: fit("auto", X, y, seed=0)
+        jobs["rso auto"] = lambda: fit_surrogate("auto", X, y, seed=0)
     else:
-        jobs["rso kriging, gradients"] = lambda: fit("kriging", X, y, seed=0, gradients=G)
-        jobs["rso kriging, twice the runs"] = lambda: fit("kriging", more, p.f(more), seed=0)
+        jobs["rso kriging, gradients"] = lambda: fit_surrogate("kriging", X, y, seed=0, gradients=G)
+        jobs["rso kriging, twice the runs"] = lambda: fit_surrogate("kriging", more, p.f(more), seed=0)
     for name, job in jobs.items():
         start = time.process_time()
         model = job()

@@ -64,7 +64,7 @@ def stress(folder: Path | None) -> None:
     ν = (3.0 * k - 2.0) / (6.0 * k + 2.0)
     a = (0.75 * F * R * (1.0 - ν) / (2.0 * SET_4["mu"])) ** (1.0 / 3.0)  # E* = 2 μ/(1 − ν)
     body, point = solved.model.body, solved.result.points[0]
-    nodal = post.nodal(body, output.fields(solved, point))
+    nodal = post.nodal(body, output.state_fields(solved, point))
     x = body.nodes + point.evaluation.u
     z = point.load.indenter.centre[2] - 3.0 - x[:, 2]
     on = (np.hypot(x[:, 0], x[:, 1]) < 1e-6) & (z > 0.1 * a) & (z < 3.0 * a)
@@ -82,7 +82,7 @@ def stress(folder: Path | None) -> None:
         r = 0.5 * (own[0, 0] + own[1, 1])
         print(f"| {one:.2f} | {own[2, 2]:.3f} | {σz[k]:.3f} | {r - own[2, 2]:.3f} | {σr[k] - σz[k]:.3f} |")
     if folder is not None:
-        print("\n".join(map(str, output.draw(solved, folder))))
+        print("\n".join(map(str, output.draw_pictures(solved, folder))))
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ from rso.contract import CAUSES, Case, SimulationFailed
 from rso.contract.segments import CONTROLS
 
 
-def schema() -> dict[str, Any]:
+def request_schema() -> dict[str, Any]:
     """What a caller needs to write a request and to read a response."""
     return {
         "name": BACKEND.name,
@@ -77,7 +77,7 @@ def schema() -> dict[str, Any]:
     }
 
 
-def answer(request: dict[str, Any], vtu: Path | None = None, pictures: Path | None = None) -> dict[str, Any]:
+def response_to(request: dict[str, Any], vtu: Path | None = None, pictures: Path | None = None) -> dict[str, Any]:
     """Response to a request as plain data; a failure of the model is a response, misuse raises ValueError."""
     if set(request) != {"values", "case"}:
         raise ValueError(f"request: exactly 'values' and 'case' are expected, got {sorted(request)}")
@@ -97,7 +97,7 @@ def answer(request: dict[str, Any], vtu: Path | None = None, pictures: Path | No
     if vtu is not None:
         output.write_files(solved, vtu)
     if pictures is not None:
-        output.draw(solved, pictures)
+        output.draw_pictures(solved, pictures)
     return BACKEND.response(solved).to_json()
 
 
@@ -118,7 +118,7 @@ def compile_kernels() -> None:
     mapped = {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}}
     for settings in ({"specimen": round_one.build().plain()}, mapped):
         programme = {"time_s": [0, 1], "travel_mm": [0, 1], "asked_mm": [1]}
-        answer(
+        response_to(
             {"values": {"mu": 0.01, "D1": 5.8}, "case": {"name": "any", "programme": programme, "settings": settings}}
         )
 
@@ -148,7 +148,7 @@ def main(arguments: list[str]) -> int:
         return int(end.code or 0)
     if options.schema:
         try:
-            print(json.dumps(schema(), indent=2), flush=True)
+            print(json.dumps(request_schema(), indent=2), flush=True)
         except BrokenPipeError:  # whoever reads has read enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -163,7 +163,7 @@ def main(arguments: list[str]) -> int:
         if not isinstance(request, dict):
             raise ValueError("request: a table with 'values' and 'case' is expected")
         _writable(options.response, [f for f in (options.vtu, options.pictures) if f is not None])
-        response = answer(request, options.vtu, options.pictures)
+        response = response_to(request, options.vtu, options.pictures)
         options.response.write_text(json.dumps(response, indent=1), encoding="utf-8")
     except (OSError, ValueError) as error:  # anything else is a bug and must look like one
         print(f"{options.request}: {error}", file=sys.stderr)

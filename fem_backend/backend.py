@@ -16,7 +16,7 @@ import numpy as np
 from fem_backend import closed_forms, members, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
-from fem_backend.accuracy.error_estimate import at_depth, stated
+from fem_backend.accuracy.error_estimate import at_depth, stated_errors
 from fem_backend.adapter import cost_model, deformed, derived, model_hierarchy, new_study, priors, programmes
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
@@ -30,7 +30,7 @@ from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
-from fem_backend.simulation.knobs import known as every
+from fem_backend.simulation.knobs import knobs_class as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
@@ -133,7 +133,7 @@ class FiniteElements:
 
     def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
-        return priors.marks(experiment.read_settings(settings))
+        return priors.camera_marks(experiment.read_settings(settings))
 
     def derived(self, settings: Mapping[str, Any], given: Collection[str]) -> Sequence[DerivedQuantity]:
         """E, ν, K and long-term moduli; see :mod:`fem_backend.adapter.derived`."""
@@ -161,7 +161,7 @@ class FiniteElements:
 
     def levels(self, settings: Mapping[str, Any]) -> tuple[tuple[Mapping[str, Any], ...], ...]:
         """Models from simple to rich, alternatives side by side: :func:`.model_hierarchy.levels`."""
-        return model_hierarchy.levels(settings)
+        return model_hierarchy.model_levels(settings)
 
     def closed_form(self, values: Mapping[str, float], case: Case) -> Response:
         """The indenter's closed form of the case, for no cost; see :func:`.model_hierarchy.closed_form`."""
@@ -170,24 +170,24 @@ class FiniteElements:
         return model_hierarchy.closed_form(settings, self.knobs(values, settings), case.programme)
 
     def formulas(self, values: Mapping[str, float], case: Case) -> tuple[FormulaCurve, ...]:
-        """Closed forms of the literature at the asked travels: :func:`fem_backend.adapter.formulas.formulas`."""
+        """Closed forms of the literature at the asked travels: :func:`fem_backend.adapter.formulas.formula_forces`."""
         settings = experiment.read_settings(case.settings)
         programme = case.programme
         asked = np.array(programme.asked_mm)
         if not programme.segments and programme.asked_s:  # moments of a way back
             asked = np.unique([*asked, *np.interp(programme.asked_s, programme.time_s, programme.travel_mm)])
-        return literature.formulas(settings, self.knobs(values, settings), asked)
+        return literature.formula_forces(settings, self.knobs(values, settings), asked)
 
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
         """(low, value, high) of mu and D1 by Hertz, before any simulation: :func:`.model_hierarchy.start`."""
         return model_hierarchy.start(experiment.read_settings(case.settings), travel, force)
 
     def cost(self, values: Mapping[str, float], case: Case) -> float:
-        """Seconds that a run takes, roughly; see :func:`fem_backend.adapter.cost_model.seconds`."""
+        """Seconds that a run takes, roughly; see :func:`fem_backend.adapter.cost_model.estimated_seconds`."""
         settings = experiment.read_settings(case.settings)
         used = dataclasses.asdict(self.knobs(values, settings))
         placement = _placement(settings, tuple(sorted(used.items())), every())
-        return cost_model.seconds(settings, placement, path_dependent(settings, values))
+        return cost_model.estimated_seconds(settings, placement, path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled, and for artefacts that have no hash."""
@@ -199,7 +199,7 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         through = _through(settings)
         if programmes.controlled(case.programme):
-            programmes.check(case.programme, settings, through)
+            programmes.check_programme(case.programme, settings, through)
         if case.programme.segments:
             return
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
@@ -222,7 +222,9 @@ class FiniteElements:
             return self._canonical(values, case)
         given = tuple((k, type(v), v) for k, v in values.items())
         stamps = members.stamps(case.settings)
-        kept, plain, programme = _canonical_again(self, given, text, case.programme, stamps, experiment.table())
+        kept, plain, programme = _canonical_again(
+            self, given, text, case.programme, stamps, experiment.settings_model()
+        )
         own = {k: dict(v) if isinstance(v, dict) else v for k, v in plain.items()}
         return dict(kept), dataclasses.replace(case, settings=own, programme=programme)
 
@@ -279,7 +281,7 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
-            placement = modelling.place(settings, knobs)
+            placement = modelling.placement_of(settings, knobs)
             settings = cohesive.resolved(settings, knobs, deepest) if placement.meridian else settings
             modelling.admit(settings, knobs, placement)
             end = admissible_depth.inadmissible(settings, knobs, deepest)
@@ -302,7 +304,7 @@ class FiniteElements:
 
     def jkr(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm that pulls."""
-        return model_hierarchy.jkr(experiment.read_settings(settings), depth, force)
+        return model_hierarchy.jkr_start(experiment.read_settings(settings), depth, force)
 
     def resolution(self, settings: Mapping[str, Any], depth: float, given: Collection[str] = ()) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm).
@@ -322,7 +324,7 @@ class FiniteElements:
         """How much of a specimen of revolution is modelled with these values, in words; None of another specimen."""
         settings = experiment.read_settings(case.settings)
         try:
-            placed = modelling.place(settings, self.knobs(values, settings))
+            placed = modelling.placement_of(settings, self.knobs(values, settings))
         except ValueError:  # NotModelled, too: the run itself will say why
             return None
         if placed.meridian:
@@ -381,7 +383,9 @@ class FiniteElements:
         """Ranges of a new study by a loading Fz (n,) N at depths (n,) mm; see :mod:`fem_backend.adapter.new_study`."""
         own = experiment.read_settings(settings)
         if literature.thickness(own) is None:
-            return new_study.parameters(depth, force, lambda u, F: self.hertz(settings, u, F), self._jkr(settings))
+            return new_study.suggested_ranges(
+                depth, force, lambda u, F: self.hertz(settings, u, F), self._jkr(settings)
+            )
         first = literature.shear_modulus(own, depth, force) if len(depth) else None
         name = first[0] if first else new_study.HERTZ
 
@@ -390,7 +394,7 @@ class FiniteElements:
             return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
 
         walled = literature.wall_nearby(own) is not None
-        return new_study.parameters(depth, force, layer, self._jkr(settings), name, walled)
+        return new_study.suggested_ranges(depth, force, layer, self._jkr(settings), name, walled)
 
     def _jkr(self, settings: Mapping[str, Any]) -> new_study.Limit:
         return lambda u, F: self.jkr(settings, u, F)
@@ -407,7 +411,7 @@ class FiniteElements:
         by_force = programmes.controlled(case.programme)
         if not moved and not by_force and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
-                out["anchor"] = warm_starts.recipe(settings, knobs, case.programme.asked_mm)
+                out["anchor"] = warm_starts.anchor_recipe(settings, knobs, case.programme.asked_mm)
             except NotModelled:
                 pass  # the run itself will say why
         return out
@@ -415,7 +419,9 @@ class FiniteElements:
     def make(self, recipe: str) -> bytes:
         """A mesh or an anchor from its recipe; raises SimulationFailed (bad_geometry) if there is none."""
         try:
-            return warm_starts.make(recipe) if warm_starts.is_anchor(recipe) else meshing.cached(recipe).to_bytes()
+            return (
+                warm_starts.make_anchor(recipe) if warm_starts.is_anchor(recipe) else meshing.cached(recipe).to_bytes()
+            )
         except meshing.BadMesh as error:
             raise SimulationFailed("bad_geometry", f"no mesh: {error}") from error
 
@@ -436,7 +442,7 @@ class FiniteElements:
         if programmes.controlled(case.programme):
             return self._by_force(case, settings, knobs, None if path is None else str(path))
         try:
-            placement = modelling.place(settings, knobs)
+            placement = modelling.placement_of(settings, knobs)
             if placement.meridian:
                 settings = cohesive.resolved(settings, knobs, max(case.programme.travel_mm))
             settings = dataclasses.replace(settings, large_strain=settings.large_strain and not placement.meridian)
@@ -447,13 +453,15 @@ class FiniteElements:
             model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
             guess, started = None, time.process_time()
             if anchor is not None:
-                guess = warm_starts.guess(str(anchor), model, closed_forms.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
+                guess = warm_starts.anchor_guess(
+                    str(anchor), model, closed_forms.poisson_ratio(knobs.mu, 2.0 / knobs.D1)
+                )
             elastic = not path_dependent(settings, dataclasses.asdict(knobs))
             if guess is None and elastic and not placement.meridian and two_grid.worthwhile(settings, knobs):
-                guess = two_grid.guess(settings, knobs, placement, model, instants)
+                guess = two_grid.coarse_guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            how = two_grid.limit if settings.level == meshing.LIMIT else indentation.solve
-            how = two_grid.checked if placement.meridian or settings.large_strain else how
+            how = two_grid.extrapolated_result if settings.level == meshing.LIMIT else indentation.simulate_indentation
+            how = two_grid.checked_on_coarse_mesh if placement.meridian or settings.large_strain else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             if (lost := indentation.doubtful(result)) is not None:
@@ -481,14 +489,14 @@ class FiniteElements:
         """As `solve`, of a programme that a force controls."""
         settings = experiment.with_multipliers(settings)
         try:
-            placement = modelling.place(settings, knobs)
+            placement = modelling.placement_of(settings, knobs)
             deepest = _through(settings) * (1.0 - ROUNDED)
             why = f"{settings.specimen.described} reaches no farther along the way of the indenter"
             end = admissible_depth.inadmissible(settings, knobs, deepest)
             limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
             drive = programmes.driven(case.programme, *limit)
             model = modelling.model_for(settings, knobs, placement, mesh)
-            result = _begun(controlled.checked(settings, knobs, placement, model, drive), case.programme)
+            result = _begun(controlled.checked_programme(settings, knobs, placement, model, drive), case.programme)
             if (lost := indentation.doubtful(result)) is None:
                 return Solved(settings, knobs, placement, model, result)
             failed = _ended(lost, result, model, settings, knobs)
@@ -573,7 +581,7 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
 def _of_revolution(settings: Settings, knobs: Knobs) -> bool:
     """Whether the meridian of a run is modelled alone."""
     try:
-        return modelling.place(settings, knobs).meridian
+        return modelling.placement_of(settings, knobs).meridian
     except NotModelled:
         return False  # the run itself will say why
 
@@ -633,7 +641,9 @@ def _placement(settings: Settings, kept: tuple[tuple[str, float], ...], knobs: t
     if any(name in MODULI for name, _ in kept):
         return _placement(settings, tuple(pair for pair in kept if pair[0] not in MODULI), knobs)
     try:
-        return modelling.place(settings, knobs(**dict.fromkeys(MODULI, 1.0), **{k: v for k, v in kept if k in known}))
+        return modelling.placement_of(
+            settings, knobs(**dict.fromkeys(MODULI, 1.0), **{k: v for k, v in kept if k in known})
+        )
     except NotModelled:
         return None  # the run itself will say why
 
@@ -731,7 +741,7 @@ def _response(result: Result, model: AssembledModel, settings: Settings, knobs: 
     return Response(
         channels=result.channels,
         units=outputs.units(settings),
-        error=controlled.moved(stated(settings, knobs, result), result),
+        error=controlled.errors_of_travel(stated_errors(settings, knobs, result), result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,
     )

@@ -98,7 +98,7 @@ class EllipsoidShape:
         return x / np.linalg.norm(s, axis=1, keepdims=True)
 
 
-def arrays(x: np.ndarray, *vectors: ArrayLike) -> list[np.ndarray]:
+def kernel_arrays(x: np.ndarray, *vectors: ArrayLike) -> list[np.ndarray]:
     """Points as contiguous (n, 3) and vectors (3,), all float64, for the kernels."""
     return [np.ascontiguousarray(x, float).reshape(-1, 3), *(np.ascontiguousarray(v, float) for v in vectors)]
 

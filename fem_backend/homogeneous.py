@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError, create_mo
 from fem_backend import members
 from fem_backend.laws import LAWS, Material
 from fem_backend.laws.law import Elastic
-from fem_backend.laws.law import plain as law_table
+from fem_backend.laws.law import canonical_law as law_table
 from fem_backend.materials import stress
 from fem_backend.simulation.knobs import composed
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
@@ -42,7 +42,7 @@ def _positive(value: float) -> float:
     return value
 
 
-Length = Annotated[float, BeforeValidator(members.number), AfterValidator(_positive)]
+Length = Annotated[float, BeforeValidator(members.finite_number), AfterValidator(_positive)]
 
 
 class HomogeneousTable(members.MemberTable):
@@ -69,7 +69,7 @@ def _model(now: tuple) -> Any:
     )
 
 
-def read(settings: Mapping[str, Any]) -> Any:
+def read_material_settings(settings: Mapping[str, Any]) -> Any:
     """Settings as a table with a material; ValueError naming key, value and choices."""
     try:
         return _model(tuple(LAWS.members.items())).model_validate(dict(settings))
@@ -95,7 +95,7 @@ def law_of(settings: Any, values: Mapping[str, float]) -> Any:
     return LAWS.members[used[0] if used else table.law].of(knobs, table.ogden)
 
 
-def nominal(law: Any, test: str, stretch: np.ndarray) -> np.ndarray:
+def nominal_stress(law: Any, test: str, stretch: np.ndarray) -> np.ndarray:
     """Nominal stress P (n,) MPa of a law in a test at stretches λ (n,), its free faces without load.
 
     P₁ = λ₁ S₁₁ with S of the law at F = diag(λ₁, λ₂, λ₃) and S₃₃ = 0 on free faces.  Raises ValueError where no
@@ -110,7 +110,7 @@ def nominal(law: Any, test: str, stretch: np.ndarray) -> np.ndarray:
         free = FREE[test]
         lateral = [v * np.exp(side) if k + 1 in free else v for k, v in enumerate(lateral)]
         H = np.stack([x, *lateral], -1)[None, :, :, None] * np.eye(3) - np.eye(3)
-        S = stress.evaluate(material, H, tangent=False).S[0]
+        S = stress.evaluate_stress(material, H, tangent=False).S[0]
         return S[:, 0] * x, S[:, 2]
 
     if not FREE[test]:
@@ -146,14 +146,14 @@ class HomogeneousTests:
         """ValueError for settings that are none, and for travels that compress to nothing."""
         if case.programme.still:
             raise ValueError("programme: nothing is moved; time_s and travel_mm are expected")
-        settings = read(case.settings)
+        settings = read_material_settings(case.settings)
         deepest = max(case.programme.travel_mm)
         if settings.sense == "compression" and deepest >= settings.length:
             raise ValueError(f"length = {settings.length:g} mm: a travel of {deepest:g} mm leaves nothing of it")
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Knobs at neutral dropped; no times."""
-        settings, known = read(case.settings), {p.name: p for p in self.parameters}
+        settings, known = read_material_settings(case.settings), {p.name: p for p in self.parameters}
         kept = drop_neutral(self.parameters, {k: known[k].check(v) for k, v in values.items()})
         table = settings.material.build()
         plain = {"test": settings.test, "sense": settings.sense, "length": settings.length, "area": settings.area,
@@ -170,14 +170,14 @@ class HomogeneousTests:
 
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
         """Forces at the asked travels; SimulationFailed where the law has no answer."""
-        settings = read(case.settings)
+        settings = read_material_settings(case.settings)
         time, travel = case.programme.passages()
         sign = 1.0 if settings.sense == "tension" else -1.0
         known = {p.name: p.default for p in self.parameters if p.default is not None}
         try:
             law = law_of(settings, {**known, **values})
             stretch = 1.0 + sign * travel / settings.length
-            P = nominal(law, settings.test, stretch)
+            P = nominal_stress(law, settings.test, stretch)
         except (ValueError, stress.Inverted) as error:
             raise SimulationFailed("inadmissible", str(error)) from error
         return Response({"time": time, "travel": travel, "Fz": sign * P * settings.area}, UNITS)

@@ -128,9 +128,9 @@ class OpenSet(Generic[Member]):
             raise refused(f": a table with the keys {', '.join(keys)} is expected")
         tag = value.get(self.tag, self.default)
         if not isinstance(tag, str) or tag not in self.members:
-            raise refused(f" is not modelled; {choose(str(tag), list(self.members))}", self.tag, tag)
+            raise refused(f" is not modelled; {nearest_choices(str(tag), list(self.members))}", self.tag, tag)
         known = {k: most for k, most in self.marks.items() if k in getattr(self.members[tag], "marks", self.marks)}
-        return {k: v for k, v in value.items() if not marked(k, v, known)}
+        return {k: v for k, v in value.items() if not is_revision_mark(k, v, known)}
 
 
 @functools.lru_cache(maxsize=128)
@@ -139,12 +139,12 @@ def _of_others(knobs: tuple[tuple[str, type | None], ...], name: str) -> frozens
     return frozenset().union(*names.values()) - names[name]
 
 
-def marked(key: str, value: object, marks: Mapping[str, int]) -> bool:
+def is_revision_mark(key: str, value: object, marks: Mapping[str, int]) -> bool:
     """Whether a key is a mark of the backend with one of its revision numbers; stored runs may have an earlier one."""
     return type(value) is int and key in marks and 1 <= value <= marks[key]
 
 
-def choose(word: str, choices: Sequence[str]) -> str:
+def nearest_choices(word: str, choices: Sequence[str]) -> str:
     """The nearest choice, if one is near, and all of them."""
     near = difflib.get_close_matches(word, choices, n=1)
     return f"{f'did you mean {near[0]!r}? ' if near else ''}choose from {', '.join(choices)}"
@@ -188,7 +188,7 @@ def problems(
             out.append(f"{'.'.join(place)}{own['text'] if given is MISSING else f' = {given!r}' + own['text']}")
         elif e["type"] == "extra_forbidden":
             text = f"{'.'.join(place)} = {given!r}: unknown" if place[1:] else f"unknown setting {place[0]!r}"
-            out.append(f"{text}; {choose(place[-1], keys)}")
+            out.append(f"{text}; {nearest_choices(place[-1], keys)}")
         else:
             out.append(f"{'.'.join(place)} = {given!r}: {e['msg']}")
     return out
@@ -197,7 +197,7 @@ def problems(
 # ------------------------------------------------------------------------------------------------- kinds of values
 
 
-def finite(value: object) -> bool:
+def is_finite(value: object) -> bool:
     """Whether a value is a finite real number that is no truth value."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
@@ -207,7 +207,7 @@ def finite(value: object) -> bool:
         return False
 
 
-def number(value: Any) -> float:
+def finite_number(value: Any) -> float:
     """One finite number."""
     return numbers(1)(value)[0]
 
@@ -218,7 +218,7 @@ def numbers(count: int) -> Callable[[Any], tuple[float, ...]]:
     def check(value: Any) -> tuple[float, ...]:
         given = [value] if count == 1 else value
         good = isinstance(given, list | tuple) and len(given) == count
-        if not good or not all(map(finite, given)):
+        if not good or not all(map(is_finite, given)):
             text = any(isinstance(v, str) for v in given) if good else isinstance(given, str)
             plain = ", without quotes and units: lengths are in mm" if text else ""
             raise refused(f": {count} finite number(s) expected{plain}")
@@ -243,7 +243,7 @@ def at_least(low: float, words: str) -> Callable[[Any], float]:
     """A validator of one finite number that is not below `low`."""
 
     def check(value: Any) -> float:
-        if number(value) < low:
+        if finite_number(value) < low:
             raise refused(f": {words}", value=float(value))
         return float(value)
 
@@ -254,7 +254,7 @@ def above(low: float, words: str) -> Callable[[Any], float]:
     """A validator of one finite number above `low`."""
 
     def check(value: Any) -> float:
-        if number(value) <= low:
+        if finite_number(value) <= low:
             raise refused(f": {words}", value=float(value))
         return float(value)
 
@@ -274,7 +274,7 @@ def one_of(choices: Iterable[str]) -> Callable[[Any], str]:
 
     def check(value: Any) -> str:
         if not isinstance(value, str) or value not in known:
-            raise refused(f" is not modelled; {choose(str(value), known)}")
+            raise refused(f" is not modelled; {nearest_choices(str(value), known)}")
         return value
 
     return check

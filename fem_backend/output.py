@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fem_backend import post
-from fem_backend.adapter.deformed import fields
+from fem_backend.adapter.deformed import state_fields
 from fem_backend.backend import Solved
 from fem_backend.contact import tractions
 
@@ -22,7 +22,7 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
     for k, point in enumerate(solved.result.points):
         system = solved.on(point).system
         body, surface = system.body, system.pressing.surface
-        nodal = post.nodal(body, fields(solved.on(point), point))
+        nodal = post.nodal(body, state_fields(solved.on(point), point))
         pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
         data = {
             "cauchy_MPa": nodal.cauchy,
@@ -38,7 +38,7 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
     return paths
 
 
-def draw(solved: Solved, folder: Path) -> list[Path]:
+def draw_pictures(solved: Solved, folder: Path) -> list[Path]:
     """Two PNG per asked instant: a section through the contact and the surface from above."""
     from fem_backend.post import pictures
 
@@ -47,7 +47,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
     for k, point in enumerate(solved.result.points):
         on = solved.on(point)
         body, surface = on.system.body, on.system.pressing.surface
-        nodal = post.nodal(body, fields(solved.on(point), point))
+        nodal = post.nodal(body, state_fields(solved.on(point), point))
         u, touch = point.evaluation.u, point.load.pressing
         points = tractions.contact_points(surface, body.nodes + u)
         pressed = point.evaluation.contact.pressure > 0

@@ -246,7 +246,9 @@ class TrilaterationFit:
         return self.x + np.random.default_rng(seed).standard_normal((n, len(self.x))) @ root.T
 
 
-def fit(problem: TrilaterationProblem, seed: int = 0, starts: int = 4, iterations: int = 80) -> TrilaterationFit:
+def fit_trilateration(
+    problem: TrilaterationProblem, seed: int = 0, starts: int = 4, iterations: int = 80
+) -> TrilaterationFit:
     """Most probable curve by damped Fisher scoring from several starts (the prior's middle and draws of it)."""
     rng = np.random.default_rng(seed)
     best: tuple[float, np.ndarray] | None = None
@@ -283,7 +285,7 @@ def _climb(problem: TrilaterationProblem, x: np.ndarray, iterations: int) -> tup
     return value, x
 
 
-def sample(
+def sample_trilateration(
     problem: TrilaterationProblem,
     fitted: TrilaterationFit,
     seed: int,
@@ -312,7 +314,7 @@ def sample(
     return chain[np.linspace(0, len(chain) - 1, keep).astype(int)]
 
 
-def log_evidence(problem: TrilaterationProblem, draws: np.ndarray, best: float) -> float:
+def trilateration_log_evidence(problem: TrilaterationProblem, draws: np.ndarray, best: float) -> float:
     """ln Z from draws (n, d) of the posterior and its highest value: Laplace's formula with the draws' covariance.
 
     Source: Lewis & Raftery, J. Am. Stat. Assoc. 92 (1997) 648, eq. 6.

@@ -47,7 +47,7 @@ from rso.discrepancy.library.tables import Library
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import run_all
 from rso.evaluation.store import RunStore
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
 SECTIONS = (
@@ -75,12 +75,12 @@ class NothingRuns(Executor):
 
 def library_of(folder: Path, store: Path) -> Library:
     """The library of a study from a copy of its store."""
-    asked = ask(load(folder))
+    asked = ask(load_study(folder))
     with tempfile.TemporaryDirectory() as folder_of_copy:
         copy = Path(folder_of_copy) / "store"
         shutil.copytree(store, copy, ignore=shutil.ignore_patterns("*.lock", "*.html", "*.pdf"))
         with RunStore(copy) as runs:
-            return discrepancy.build(
+            return discrepancy.build_library(
                 asked.base, asked.plan, asked.effects, lambda t: run_all(asked.base.backend, t, runs, NothingRuns())
             )
 

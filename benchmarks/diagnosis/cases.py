@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from rso.discrepancy.evidence import attribution, noise
 from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
-from rso.discrepancy.evidence.gaussian_mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
+from rso.discrepancy.evidence.gaussian_mixture import log_tiles, mean_prediction, mixture_log_evidence, ready, whitening
 from rso.discrepancy.library.effects import Effect, Size
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
@@ -172,7 +172,7 @@ class Table:
             if Yw is None:
                 Yw = self._white[id(h.white)] = h.white(self.Y)
             parts = np.array_split(rows, max(1, -(-len(rows) // AT_ONCE)))
-            each.append(np.concatenate([log_evidence(h, Yw[p]) for p in parts]) if len(rows) else np.zeros(0))
+            each.append(np.concatenate([mixture_log_evidence(h, Yw[p]) for p in parts]) if len(rows) else np.zeros(0))
         return logsumexp(np.array(each) + self.evidence.log_weights(effects, unexplained)[:, None], axis=0)
 
     def add_pairs(self, wanted: dict[tuple[Effect, Effect], list[int]]) -> None:
@@ -227,6 +227,6 @@ def other_bench(
     off = np.eye(len(rows)) - H if projected else np.eye(len(rows))
     whites = [white]
     for gap in bench.settings.priors.gaps:
-        K = off @ noise.unexplained(bench.library, force, *gap)[np.ix_(rows, rows)] @ off.T
+        K = off @ noise.gap_covariance(bench.library, force, *gap)[np.ix_(rows, rows)] @ off.T
         whites.append(replace(whitening(C[np.ix_(rows, rows)] + K), rows=rows))
     return replace(bench, C=C, whites=tuple(whites), alone=())

@@ -14,7 +14,7 @@ from sections import Say, table
 
 from rso.discrepancy.diagnosis import WHOLE
 from rso.discrepancy.evidence.attribution import Evidence
-from rso.discrepancy.evidence.cross_validation import held_out, predicts
+from rso.discrepancy.evidence.cross_validation import held_out_evidence, predicts
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.verdict import Judgement
 from rso.discrepancy.library.effects import Effect
@@ -48,7 +48,7 @@ def check(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: n
     if judged.verdict not in WHOLE:
         return Checked(judged, judged.verdict, judged.verdict, judged.chosen, np.nan)
     looked, pure = controls.looked_at(evidence, effects, judged, y, seed), Hypothesis(judged.chosen.effects)
-    held = held_out(evidence.bench, y, [Hypothesis(()), pure])
+    held = held_out_evidence(evidence.bench, y, [Hypothesis(()), pure])
     gain = sum(c.gain.get(pure.name, np.nan) for c in held)  # some experiment alone can show it: nobody asks
     if not predicts(held, pure):
         return Checked(judged, looked, "unexplained", Hypothesis((), True), gain)

@@ -20,7 +20,7 @@ from rso.discrepancy.evidence import attribution, hypotheses
 from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.gaussian_mixture import mean_prediction, posterior
 from rso.discrepancy.evidence.residual_test import residual_score
-from rso.discrepancy.evidence.verdict import Judgement, judge
+from rso.discrepancy.evidence.verdict import Judgement, judge_comparison
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
@@ -146,7 +146,7 @@ def judged_without(table: Table, source: str, threshold: float, rows: Sequence[i
     first = dict(zip(rows, attribution.comparisons(few, np.array(rows)), strict=True))
     gap = [i for i in rows if first[i].statistic > threshold]
     last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
-    return [(few, judge(last[i], i in gap)) for i in rows]
+    return [(few, judge_comparison(last[i], i in gap)) for i in rows]
 
 
 def taken_out(
@@ -195,7 +195,7 @@ def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int])
         two = table.seen_by([*table.effects, replace(e, name=e.name + TWIN, cause="")])
         first = {i: attribution.comparisons(two, np.array([i]))[0]}
         gap = first[i].statistic > threshold
-        out.append(judge(contested(two, [i], first)[0] if gap else first[i], gap).verdict)
+        out.append(judge_comparison(contested(two, [i], first)[0] if gap else first[i], gap).verdict)
     return out
 
 
@@ -266,13 +266,13 @@ def next_tests(
     everything = {n: ((e,), None) for n, e in known.items() if e.family == "model"}
     there = {
         c.words: (c, v)
-        for c in proposals.candidates(library)
-        if (v := next_test.simulated(library, c, everything, run)) is not None
+        for c in proposals.proposed_tests(library)
+        if (v := next_test.candidate_library(library, c, everything, run)) is not None
     }
     plan = library.plan
     once_more = [[t for t in plan.tests if t.experiment == k] for k in sorted({t.experiment for t in plan.tests})]
     again = [replace(library, plan=replace(plan, tests=tuple(tests), profiles=())) for tests in once_more]
-    gauges = next_test.gauges(library, bench)
+    gauges = next_test.gauge_tests(library, bench)
     out: dict[str, list[bool]] = {"proposed": [], "random": [], "any of the list": []}
     chances = []
     for i in rows:
@@ -333,7 +333,7 @@ def _answer(
     at = cases.at[i] if acting else cases.at[i][:d]
     A, c = predict(there, acting, at[None], bench.modulus)
     f = cases.modulus[i] * A[0] + c[0]
-    C = next_test.covariance(there, bench, f)
+    C = next_test.new_tests_covariance(there, bench, f)
     y = f + cholesky(C, lower=True) @ rng.standard_normal(len(f))
     logs = []
     for effects, post in posts.values():
@@ -353,7 +353,7 @@ def _answer_direct(words: str, gauges, bench: Shared, posts, cases: Cases, i: in
         if gauges.get(e.size.name, ("",))[0] != words or e.size.neutral is None:
             continue
         resolution = gauges[e.size.name][1]
-        off = next_test.sizes(bench, effects, post, e) - e.size.neutral
+        off = next_test.effect_sizes(bench, effects, post, e) - e.size.neutral
         own = cases.effects[i][0].name == n
         scale = (cases.modulus[i] / (1.0 if e.family == "model" else bench.modulus)) ** e.size.exponent
         true = float(e.size.value(cases.at[i][d])) * scale - e.size.neutral if own else 0.0

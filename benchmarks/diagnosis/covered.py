@@ -16,7 +16,7 @@ from rso.discrepancy.evidence import attribution, noise
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.marginal_ranges import draws, reach
-from rso.discrepancy.evidence.verdict import judge
+from rso.discrepancy.evidence.verdict import judge_comparison
 from rso.discrepancy.library.prediction import predict
 
 DRAWS = 1000
@@ -72,7 +72,7 @@ def intervals(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> 
     last = dict(enumerate(first)) | dict(zip(rows, contested(table, rows, first), strict=True))
     out, verdicts = [], []
     for i, y in enumerate(cases.Y):
-        judged = judge(last[i], i in rows)
+        judged = judge_comparison(last[i], i in rows)
         h = evidence.best(judged.chosen.effects, y, judged.chosen.unexplained, loose=bool(judged.chosen.effects))
         post = posterior(h, h.white(y), DRAWS, np.random.default_rng(seed + i))
         was = np.quantile(draws(library, post)[library.base.modulus], [ENDS[0], ENDS[-1]])

@@ -16,7 +16,7 @@ from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
-from rso.discrepancy.evidence.verdict import Judgement, judge
+from rso.discrepancy.evidence.verdict import Judgement, judge_comparison
 from rso.discrepancy.library.effects import Effect
 
 DRAWS = 400
@@ -70,7 +70,9 @@ class Scored:
         B = range(len(contests))
         self.truth = [cases.truth(i) for i in B]
         self.found = np.array([c.statistic > threshold for c in first])
-        self.judged: list[Judgement] = [judge(c, bool(g), rules) for c, g in zip(contests, self.found, strict=True)]
+        self.judged: list[Judgement] = [
+            judge_comparison(c, bool(g), rules) for c, g in zip(contests, self.found, strict=True)
+        ]
         source = {e.name.removesuffix("_twin"): e.source for c in contests[:1] for h in c.hypotheses for e in h.effects}
         self.named = [{source[n.removesuffix("_twin")] for n in j.named} for j in self.judged]
         self.probability = [by_key(c, c.probability) for c in contests]

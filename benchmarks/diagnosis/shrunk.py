@@ -16,7 +16,7 @@ from sections import Say, table
 
 from rso.discrepancy.evidence import attribution, noise, shrinkage
 from rso.discrepancy.evidence.attribution import Comparison, Evidence
-from rso.discrepancy.evidence.cross_validation import left_out, shrinkage_of
+from rso.discrepancy.evidence.cross_validation import left_out_gaps, shrinkage_of
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.shrinkage import Shrinkage
@@ -73,8 +73,8 @@ def covariance(whole: Library, evidence: Evidence, y: np.ndarray) -> np.ndarray:
     h = evidence.best((), y)
     post = posterior(h, h.white(y), 2000, np.random.default_rng(0))
     force = shrinkage.predicted(whole, (), post, evidence.bench.modulus)
-    levels = {**noise.levels(whole.plan), **evidence.bench.levels}
-    return noise.covariance(whole, levels, force, noise.slope_of(whole, force))
+    levels = {**noise.noise_levels(whole.plan), **evidence.bench.levels}
+    return noise.data_covariance(whole, levels, force, noise.slope_of(whole, force))
 
 
 def means(whole: Library, evidence: Evidence, cases: Cases, rng: np.random.Generator) -> np.ndarray:
@@ -128,7 +128,7 @@ def closed(
     own = replace(whole, plan=plan)
     library, y = replace(own, plan=plan.seen()), values[seen_rows(plan)]
     if in_turn:
-        return left_out(library, evidence.bench, evidence, y, hypothesis, seed, anew)
+        return left_out_gaps(library, evidence.bench, evidence, y, hypothesis, seed, anew)
     return shrinkage_of(own, library, evidence.bench, evidence, y, hypothesis, seed)
 
 

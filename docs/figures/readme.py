@@ -45,7 +45,7 @@ def stress(axes: plt.Axes, figure: plt.Figure, values: dict[str, float], case: o
     solved = BACKEND.solve(values, case)
     point = solved.result.points[-1]
     body = solved.on(point).system.body
-    nodal = post.nodal(body, output.fields(solved, point))
+    nodal = post.nodal(body, output.state_fields(solved, point))
     at = body.nodes + point.evaluation.u
     triangles = np.asarray(body.cells)[:, :3]
     kpa = 1e3 * np.asarray(nodal.von_mises)

@@ -35,7 +35,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | N
     law = stuff.law
     if law.unconditional or _uneven(knobs) or stuff.fibre is not None or any(settings.specimen.laws):
         return None
-    indenter, share = modelling.place(settings, knobs).indenter, 1.0
+    indenter, share = modelling.placement_of(settings, knobs).indenter, 1.0
     share -= error_estimate.sinking(settings, knobs)
     depths = np.linspace(0.0, deepest, COUNT)[1:]
     strain = indenter.strain(share * depths)
@@ -51,7 +51,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | N
 
 def small_strains(settings: Settings, knobs: Knobs, deepest: float) -> str | None:
     """Why a run of the linear law to the `deepest` travel (mm) will end early; None where it may not."""
-    R = modelling.place(settings, knobs).indenter.length
+    R = modelling.placement_of(settings, knobs).indenter.length
     if not LAWS.members[settings.law].small_strain or deepest <= SMALL * R:
         return None
     return (

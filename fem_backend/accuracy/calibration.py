@@ -55,7 +55,7 @@ class Calibration:
 
 
 @functools.cache
-def known() -> Mapping[tuple[str, str], Calibration]:
+def calibrated_pairs() -> Mapping[tuple[str, str], Calibration]:
     """(specimen, indenter) → its calibration, for all pairs of the table."""
     found = {}
     for pair in tomllib.loads(TABLE.read_text(encoding="utf-8"))["pair"]:
@@ -68,7 +68,7 @@ def known() -> Mapping[tuple[str, str], Calibration]:
 
 def calibration(settings: Settings) -> Calibration:
     """The calibration of this pair; for one that nobody has fitted the first of the table, inflated by UNKNOWN."""
-    table = known()
+    table = calibrated_pairs()
     pair = settings.specimen.name, settings.indenter.name
     return table[pair] if pair in table else replace(next(iter(table.values())), inflated=UNKNOWN)
 

@@ -28,7 +28,7 @@ RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what t
 ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
 CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
-COMPARED = 0.35  # of the difference to elements of twice the size, see `compared`
+COMPARED = 0.35  # of the difference to elements of twice the size, see `coarse_mesh_errors`
 AHEAD = 1.1  # times the travel: deeper differences say nothing of a deep one
 LASTED = 2.0  # times as long: two moments of a rest that are neighbours
 IN_SPACE = 1.1  # order of what is missed in space by the number of nodes: h^3.3
@@ -38,12 +38,12 @@ BESIDE = 1.25  # times the travel: as far a new mesh says something of the error
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
-def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+def stated_errors(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """Estimated error of each channel (k,) in its unit; `time` and `travel` are exact, what is zero by symmetry too.
 
     error = Σ c_j column_j (see `columns`) + what contact and steps leave (`run_terms`); of Fx and Fy by the root of the
-    sum of squares with `aslant` and with the difference and a share of the sum of `sticking` and `creeping`: steps hold
-    too much where a surface sticks, creep too little.
+    sum of squares with `aslant` and with the difference and a share of the sum of `sticking` and `friction_creep`:
+    steps hold too much where a surface sticks, creep too little.
 
     A calibration, not a bound: in 47 random experiments on held bodies 97 % of the errors of the force and 93 to 98 %
     of those of the other channels lie below, in the median by 1.6 times (force, area, radius), 2 to 4 times (the
@@ -59,7 +59,7 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     """
     if result.coarser is None:
         return calibrated(settings, knobs, result)
-    found = compared(settings, knobs, result)
+    found = coarse_mesh_errors(settings, knobs, result)
     if not settings.large_strain:
         return found
     least = calibrated(settings, knobs, result)
@@ -67,22 +67,22 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
 
 
 def calibrated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
-    """Error of each channel (k,) by what meshes of the level miss on this specimen; see `stated`."""
+    """Error of each channel (k,) by what meshes of the level miss on this specimen; see `stated_errors`."""
     c = calibration(settings)
     shares, other = c.shares, run_terms(settings, knobs, result)
     out = {name: np.zeros_like(result.travel) for name in result.channels}
     for name, parts in columns(settings, knobs, result).items():
-        out[name] = parts @ np.array(shares[kind(name)])
+        out[name] = parts @ np.array(shares[calibration_kind(name)])
     out |= {name: out[name] + left for name, left in other.items()}
-    out |= {name: np.maximum(out[name], least) for name, least in unresolved(settings, knobs, result).items()}
+    out |= {name: np.maximum(out[name], least) for name, least in unresolved_contact(settings, knobs, result).items()}
     turned = {n: parts @ np.array(shares["lateral"]) for n, parts in aslant(settings, knobs, result).items()}
-    stuck, crept = sticking(settings, knobs, result), creeping(settings, knobs, result)
+    stuck, crept = sticking(settings, knobs, result), friction_creep(settings, knobs, result)
     for n, part in turned.items():
         out[n] = np.linalg.norm([out[n], part, crept[n] - stuck[n], CANCELS * (crept[n] + stuck[n])], axis=0)
     return {n: c.inflated * v for n, v in out.items()} if c.inflated != 1.0 else out
 
 
-def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """Error of each channel (k,) by the same run on a coarser mesh, c; of a meridian with elements of twice the size:
 
         e_k = m_k |c_k|_s r_k + what contact and steps leave,   r_k² = mean (f_j − c_j)²/s_j² over s_k/2 ≤ s_j ≤ 2 s_k
@@ -141,7 +141,7 @@ def compared(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
         out[name] = out[name] + (more - deeper * np.abs(result.channels[name]) if name in FORCES else more)
     beyond = settings.specimen.beyond(settings.indenter.length)
     out["Fz"] = out["Fz"] + beyond * result.channels["contact_radius"] / settings.indenter.length * size
-    penetration = c.penetration * settings.indenter.length * (1.0 + stiffness(knobs))
+    penetration = c.penetration * settings.indenter.length * (1.0 + log_bulk_ratio(knobs))
     out["uz_max"] = np.maximum(out["uz_max"] - penetration, 1e-6 * travel)
     return out
 
@@ -194,7 +194,7 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     if result.system is None or not settings.level:
         return 1.0
     corners = result.system.body.nodes[result.system.pressing.surface.facets[:, :3]]
-    x, y = beneath(settings, knobs)
+    x, y = indenter_place(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
     near = corners[away <= max(BELOW_INDENTER * settings.indenter.length, float(away.min()))]
     h = float(np.linalg.norm(near - np.roll(near, 1, axis=1), axis=2).mean())
@@ -203,30 +203,30 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
 
 def stretched(settings: Settings, knobs: Knobs) -> float:
     """The share of the place in it."""
-    return 1.0 + calibration(settings).off_top * settings.specimen.off_top(*beneath(settings, knobs))
+    return 1.0 + calibration(settings).off_top * settings.specimen.off_top(*indenter_place(settings, knobs))
 
 
-def beneath(settings: Settings, knobs: Knobs) -> tuple[float, float]:
+def indenter_place(settings: Settings, knobs: Knobs) -> tuple[float, float]:
     """Where the ball is in the specimen's frame, (x, y) mm: misalignment and tilt move it, and the fine elements."""
-    return modelling.fine_at(settings, knobs, modelling.place(settings, knobs))
+    return modelling.fine_at(settings, knobs, modelling.placement_of(settings, knobs))
 
 
 def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """What contact and steps leave on any mesh, (k,) in the channel's unit.
 
     What is out of balance may be missing in a force.  A step is rough for friction by its share of the travel, and for
-    relaxation (see `relaxing`, of displacements and contact `recovering`); attraction errs by a share of Bradley's
-    pull-off force 2πWR*, the more the shorter its range.  `uz_max` has what the ball penetrates, a surface point its
-    share of it.
+    relaxation (see `relaxation_step_error`, of displacements and contact `recovering`); attraction errs by a share of
+    Bradley's pull-off force 2πWR*, the more the shorter its range.  `uz_max` has what the ball penetrates, a surface
+    point its share of it.
     """
     size = whole_force(result)
     step = newly(settings, result)
     left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
     left = left + result.residual + distorted(settings, knobs, result)
     c = calibration(settings)
-    deep = c.penetration * settings.indenter.length * (1.0 + stiffness(knobs))
-    points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
-    left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
+    deep = c.penetration * settings.indenter.length * (1.0 + log_bulk_ratio(knobs))
+    points = {profile_name(place): deep * surface_share(result, profile_name(place)) for place in settings.profile}
+    left = left + relaxation_step_error(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
     pull *= 0.0 if result.coarser is not None else min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
@@ -259,11 +259,14 @@ def distorted(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
         return np.zeros_like(result.travel)  # the other mesh tells
     x = (np.maximum(result.travel, 0.0) - sunk(settings, knobs, result)) / settings.indenter.length
     return (
-        c.distorted * c.at(settings.level).distorts * (c.at_least + stiffness(knobs)) * np.maximum(x - c.deep, 0.0) ** 3
+        c.distorted
+        * c.at(settings.level).distorts
+        * (c.at_least + log_bulk_ratio(knobs))
+        * np.maximum(x - c.deep, 0.0) ** 3
     )
 
 
-def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
+def relaxation_step_error(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     """What steps leave (k,) N in the force of a body that relaxes: Σg |F| ds/s, and a share of the largest so far.
 
     By the first power of ds, see `newly`, as F ~ s^(3/2): at travel 1 and 2 mm in steps of 0.33 mm with g = 0.3 to 0.6,
@@ -284,7 +287,12 @@ def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     of what a point has moved under the weight.
     """
     deepest = np.maximum.accumulate(result.travel)
-    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(np.abs(deepest), 1e-300)
+    share = (
+        RELAXING
+        * relaxed(settings, knobs)
+        * longest_step_so_far(settings, result)
+        / np.maximum(np.abs(deepest), 1e-300)
+    )
     back, touched = result.travel < deepest, whole_force(result) > 0.0
     left = np.where(back & ~touched, share, 0.0)
     creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, CREEPING * share)
@@ -313,7 +321,7 @@ def sticking(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     return {n: step * held for n, held in taken(settings, knobs, result).items()}
 
 
-def creeping(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+def friction_creep(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """What the penalty of friction lets the surface creep after a ball that sticks: (k,) N of Fx and Fy.
 
     A spring ε_T πa² in a row with the surface's own 8Ga/(2 − ν) (Johnson 1985, §7.2; ν = 1/2): of what friction takes
@@ -330,7 +338,7 @@ def taken(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndar
     """What friction takes (k,) N of Fx and Fy: ||F| n_i − F_i|, n normal to the body where the ball first touches."""
     out = {n: np.zeros_like(result.travel) for n in ("Fx", "Fy")}
     if knobs.friction:
-        at = modelling.place(settings, knobs)
+        at = modelling.placement_of(settings, knobs)
         normal = at.rotation.T @ at.normal
         for n, along_n in zip(out, normal[:2], strict=True):
             if result.channels[n].any():  # else zero by symmetry
@@ -338,7 +346,7 @@ def taken(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndar
     return out
 
 
-def pressed(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+def pressure_forces(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """Size (k,) N of the forces of the pressures: |F_i|, and of a lateral one what friction takes besides.
 
     Friction takes back what the pressures push the ball aside with, but not the error: at (20, 0) and 4 mm the levels
@@ -350,18 +358,18 @@ def pressed(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
 
 
 def newly(settings: Settings, result: Result) -> np.ndarray:
-    """ds/s (k,) at travel s, ds the `longest` step up to there."""
-    ds = longest(settings, result)
+    """ds/s (k,) at travel s, ds the longest step up to there."""
+    ds = longest_step_so_far(settings, result)
     return ds / np.maximum(np.maximum(np.abs(result.travel), ds), 1e-300)
 
 
-def longest(settings: Settings, result: Result) -> np.ndarray:
+def longest_step_so_far(settings: Settings, result: Result) -> np.ndarray:
     """The longest step (k,) mm so far: asked travels may lie closer than the path's steps."""
     gap = np.abs(np.diff(result.travel, prepend=0.0))
     return np.maximum.accumulate(gap / np.maximum(np.ceil(gap / settings.control.path - 1e-9), 1.0))
 
 
-def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+def unresolved_contact(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """Least error (k,) N of the forces where the fitted contact is smaller than half an element: F h₀/a.
 
     F is the larger of what was found and the closed form's, as the ball may lie between the points of contact; a is the
@@ -386,7 +394,7 @@ def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
 def at_depth(settings: Settings, depth: float) -> float:
     """Share of the force that the mesh misses at a depth (mm), before any run, with a of the closed form.
 
-    Of a nearly incompressible body at the top: that of `unresolved` where a < h₀/2, else that of `columns` with
+    Of a nearly incompressible body at the top: that of `unresolved_contact` where a < h₀/2, else that of `columns` with
     3 % (h₀/a)² on every level (at 0.024 R coarse and standard are 8 % above Hertz, fine and reference 3 %).
     Of what may be solved on its meridian: 0.13 % f² + 35 % (h₀/a)², f the fineness, as of slabs and a half-space at 0.1
     to 1.5 R beside an independent program.
@@ -422,12 +430,12 @@ def whole_force(result: Result) -> np.ndarray:
     return np.linalg.norm([result.channels[n] for n in FORCES], axis=0)
 
 
-def along(result: Result, name: str) -> np.ndarray:
+def surface_share(result: Result, name: str) -> np.ndarray:
     """q = |u|/travel (k,) of a surface point, at most 1: what touches the ball moves with it."""
     return np.clip(np.abs(result.channels[name]) / np.maximum(np.abs(result.travel), 1e-12), 0.0, 1.0)
 
 
-def stiffness(knobs: Knobs) -> float:
+def log_bulk_ratio(knobs: Knobs) -> float:
     """log₁₀ K/μ, at least 0."""
     return float(np.log10(max(2.0 / (knobs.D1 * knobs.mu), 1.0)))
 
@@ -437,7 +445,7 @@ def contrast(knobs: Knobs) -> float:
     return abs(float(np.log(knobs.skin_ratio))) if knobs.skin_thickness > 0.0 else 0.0
 
 
-def lumped(settings: Settings, knobs: Knobs) -> float:
+def mixed_cell_factor(settings: Settings, knobs: Knobs) -> float:
     """Factor of what is missed at the edge of contact where elements hold skin and core: 1 + 1.7 |ln ratio| 4w(1 − w).
 
     w = t/2h₀, at most 1: nothing is missed of what is far thinner than an element, or thicker.
@@ -485,7 +493,7 @@ def aslant(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     where it is zero by symmetry.
     """
     size = mesh_factor(settings, knobs) * unreached(settings, knobs, result) * whole_force(result)
-    parts = np.stack([size, size * stiffness(knobs)], axis=-1)
+    parts = np.stack([size, size * log_bulk_ratio(knobs)], axis=-1)
     return {n: parts * result.channels[n].any() for n in ("Fx", "Fy")}
 
 
@@ -493,9 +501,9 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     """What the error of each channel grows with, (k, j) in its unit.
 
     Forces, area, radius, pressure: m · value · (1, (h₀/a)², log₁₀ K/μ), a the contact radius, h₀ the element size and m
-    the `mesh_factor`; the value of a lateral force is what is `pressed`.  On a loose body forces have 3/2 F g/d
+    the `mesh_factor`; the value of a lateral force is that of `pressure_forces`.  On a loose body forces have 3/2 F g/d
     besides, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2);
-    d is at least what makes that the force itself. A skin adds to the first two, see `lumped` and `layered`.
+    d is at least what makes that the force itself. A skin adds to the first two, see `mixed_cell_factor` and `layered`.
     `uz_max`: (m h₀ (h₀/a)², d²/2R), the ball's lowest point as far beside the axis, R Fx/Fz, as it is beside a node, d.
     `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` on its support, times
     what its elements there make of it.
@@ -506,8 +514,8 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     at, mesh = result.channels, mesh_factor(settings, knobs) * unreached(settings, knobs, result)
     travel = np.maximum(np.abs(result.travel), 1e-12)
     size = whole_force(result)
-    edge = lumped(settings, knobs) * (settings.h0 / np.maximum(at["contact_radius"], 0.5 * settings.h0)) ** 2
-    stiff = np.full_like(travel, stiffness(knobs))
+    edge = mixed_cell_factor(settings, knobs) * (settings.h0 / np.maximum(at["contact_radius"], 0.5 * settings.h0)) ** 2
+    stiff = np.full_like(travel, log_bulk_ratio(knobs))
     shape = np.stack([np.ones_like(travel), edge, stiff], axis=-1)
     c, room = calibration(settings), settings.support.clearance(knobs)
     below = c.at(settings.level).below
@@ -516,7 +524,7 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     play = play * eased(settings, knobs, result)
     through = shape * [layered(settings, knobs), 1.0, 1.0]
     forces = np.concatenate([c.at(settings.level).extrapolated * mesh * through, play[:, None]], axis=-1)
-    out = {n: size_n[:, None] * forces for n, size_n in pressed(settings, knobs, result).items()}
+    out = {n: size_n[:, None] * forces for n, size_n in pressure_forces(settings, knobs, result).items()}
     least = 0.5 * settings.h0 * (size > 0.0)  # a patch fitted over too few points may vanish
     radius = np.maximum(at["contact_radius"], least)
     hertz = 1.5 * size / np.maximum(np.pi * radius**2, 1e-300)
@@ -532,7 +540,7 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     out["bulge"] = np.stack([mesh * np.abs(at["bulge"]), mesh * np.abs(result.travel), down], axis=-1)
     for place in settings.profile:
         name = profile_name(place)
-        q, r = along(result, name), np.hypot(place[0] - settings.point[0], place[1] - settings.point[1])
+        q, r = surface_share(result, name), np.hypot(place[0] - settings.point[0], place[1] - settings.point[1])
         load = size / (4.0 * np.pi * knobs.mu * np.maximum(at["contact_radius"], max(r, 0.5 * settings.h0)))
         free = mesh * (1.0 - q) * np.maximum(np.abs(at[name]), load)
         kink = (4.0 * q * (1.0 - q)) ** 2 * settings.h0**2 / settings.indenter.length * stretched(settings, knobs)
@@ -540,6 +548,6 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     return out
 
 
-def kind(name: str) -> str:
+def calibration_kind(name: str) -> str:
     """Which shares of a calibration are those of a channel."""
     return "force" if name in FORCES else "uz" if name.startswith("uz(") else name

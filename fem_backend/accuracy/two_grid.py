@@ -53,7 +53,7 @@ def coarse(
     crude = _on_coarse(settings)
     crude = replace(crude, control=replace(crude.control, **(control or {})))
     model = modelling.model_for(crude, knobs, placement, None)
-    return model, indentation.solve(crude, knobs, placement, model, instants, gradients=slopes)
+    return model, indentation.simulate_indentation(crude, knobs, placement, model, instants, gradients=slopes)
 
 
 def _on_coarse(settings: Settings) -> Settings:
@@ -63,7 +63,7 @@ def _on_coarse(settings: Settings) -> Settings:
     return replace(crude, large_strain=settings.large_strain)
 
 
-def guess(
+def coarse_guess(
     settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, instants: Sequence[Instant]
 ) -> Guess:
     """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
@@ -75,12 +75,12 @@ def guess(
     except Stopped as stopped:
         crude = modelling.model_for(_on_coarse(settings), knobs, placement, None)
         points = stopped.points
-    return carried(crude, points, model)
+    return prolonged_start(crude, points, model)
 
 
-def carried(crude: AssembledModel, points: Sequence[LoadPoint], model: AssembledModel) -> Guess:
+def prolonged_start(crude: AssembledModel, points: Sequence[LoadPoint], model: AssembledModel) -> Guess:
     """Start (n, 3) at a travel (mm) from points on the coarse mesh, before their multipliers."""
-    cells, N = located(crude, model.body.nodes)
+    cells, N = located_in_coarse(crude, model.body.nodes)
     held = model.body.free.reshape(-1, 3) < 0
     states = {p.travel: p.stages[0].equilibrium.evaluation.u for p in points}
 
@@ -94,7 +94,7 @@ def carried(crude: AssembledModel, points: Sequence[LoadPoint], model: Assembled
     return offer
 
 
-def limit(
+def extrapolated_result(
     settings: Settings,
     knobs: Knobs,
     placement: Placement,
@@ -114,8 +114,8 @@ def limit(
     try:
         crude, first = coarse(settings, knobs, placement, instants, slopes)
         if start is None and not settings.support.loose and knobs.weight == 0.0:
-            start = carried(crude, first.points, model)
-        second = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
+            start = prolonged_start(crude, first.points, model)
+        second = indentation.simulate_indentation(settings, knobs, placement, model, instants, start, slopes)
     except Stopped as stopped:
         stopped.points = []
         raise
@@ -136,7 +136,7 @@ def limit(
     )
 
 
-def checked(
+def checked_on_coarse_mesh(
     settings: Settings,
     knobs: Knobs,
     placement: Placement,
@@ -151,11 +151,11 @@ def checked(
     early, its channels are nan from there on, and the result says so.  Raises NotModelled and Stopped, as the run
     itself does; without the other where that has no mesh or no answer at all.
     """
-    result = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
-    crude = _twice(settings) if placement.meridian else rougher(settings)
+    result = indentation.simulate_indentation(settings, knobs, placement, model, instants, start, slopes)
+    crude = _twice(settings) if placement.meridian else rougher_mesh(settings)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
-        first = indentation.solve(crude, knobs, placement, other, instants)
+        first = indentation.simulate_indentation(crude, knobs, placement, other, instants)
     except NotModelled as error:
         return replace(result, unchecked=f"{COARSE} has no mesh ({error}): {AS_OTHERS}")
     except Stopped as stopped:
@@ -173,7 +173,7 @@ def _twice(settings: Settings) -> Settings:
     return replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
 
 
-def rougher(settings: Settings) -> Settings:
+def rougher_mesh(settings: Settings) -> Settings:
     """The settings with a third to two thirds of the nodes in space: a level below, or a mapped mesh of ⅔ n."""
     mesh, length = dict(settings.mesh), settings.indenter.length
     if settings.level not in ROUGHER:
@@ -184,7 +184,7 @@ def rougher(settings: Settings) -> Settings:
     return replace(settings, recipe=made.recipe, mesh=made.used, h0=made.h0, level=made.level, fineness=made.fineness)
 
 
-def located(coarse: AssembledModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def located_in_coarse(coarse: AssembledModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (p, 10) and shape functions (p, 10) of the coarse cell that each of `points` (p, 3) mm lies in.
 
     Cells are taken as straight-sided; a point outside of all is moved into the nearest.

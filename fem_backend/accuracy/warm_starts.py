@@ -25,17 +25,17 @@ from fem_backend.simulation.assembly import AssembledModel
 from fem_backend.simulation.derivatives import Slopes, travel_of
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import initial_state
-from fem_backend.simulation.knobs import Knobs, known
+from fem_backend.simulation.knobs import Knobs, knobs_class
 from fem_backend.solver.load_steps import Guess, Instant, Stage, Stopped
 from fem_backend.solver.newton import Counters
 
 
-def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
+def anchor_recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
     """Recipe of the anchor: the plain neo-Hookean experiment with μ = 1 MPa and K/μ rounded to a power of ten.
 
     Its model must have the nodes of the run's, so it keeps the symmetry that the knobs leave.  Raises NotModelled.
     """
-    placement = modelling.place(settings, knobs)
+    placement = modelling.placement_of(settings, knobs)
     ratio = 2.0 / (knobs.mu * knobs.D1)
     plain = experiment.plain_settings(settings) | {"material": {"law": LAWS.default}, "profile": [], "earlier": 0.0}
     decade = 10.0 ** min(max(round(math.log10(ratio)), 0), 2)
@@ -59,7 +59,7 @@ def is_anchor(recipe: str) -> bool:
     return "anchor" in json.loads(recipe)
 
 
-def make(recipe: str) -> bytes:
+def make_anchor(recipe: str) -> bytes:
     """Compute an anchor, an npz of as many asked travels k as could be reached.
 
     travel (k,) mm; u (k, s, n, 3) mm at the stages s of the multipliers; its derivative `slope` (k, s, n, 3) by
@@ -67,8 +67,8 @@ def make(recipe: str) -> bytes:
     """
     data = json.loads(recipe)
     settings = replace(experiment.read_settings(data["settings"]), large_strain=data.get("large_strain", False))
-    knobs = known()(mu=1.0, D1=2.0 / data["K_over_mu"], **settings.support.from_anchor(data))
-    placement = replace(modelling.place(settings, knobs), planes=tuple(data["planes"]))
+    knobs = knobs_class()(mu=1.0, D1=2.0 / data["K_over_mu"], **settings.support.from_anchor(data))
+    placement = replace(modelling.placement_of(settings, knobs), planes=tuple(data["planes"]))
     model = modelling.model_for(settings, knobs, placement, None)
     instants = [Instant(s, s, True) for s in data["asked_mm"]]
     counters = Counters(deadline=time.process_time() + settings.control.time_limit_s)
@@ -105,7 +105,7 @@ def make(recipe: str) -> bytes:
     return out.getvalue()
 
 
-def guess(path: str, model: AssembledModel, ratio: float) -> Guess:
+def anchor_guess(path: str, model: AssembledModel, ratio: float) -> Guess:
     """Starts at a travel (mm), for a body of Poisson's ratio `ratio`, from an anchor's file.
 
     States (n, 3) at the stages of the multipliers; None where it offers nothing for this model.
@@ -127,5 +127,5 @@ def guess(path: str, model: AssembledModel, ratio: float) -> Guess:
 
 @functools.lru_cache(maxsize=8)
 def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    travel, u, slope, ratio = meshing.arrays(path, "anchor", ("travel", "u", "slope", "ratio"))
+    travel, u, slope, ratio = meshing.read_arrays(path, "anchor", ("travel", "u", "slope", "ratio"))
     return travel, u.astype(float), slope.astype(float), float(ratio)

@@ -9,7 +9,7 @@ OF_LEVEL = {"coarse": 1.0, "standard": 2.6, "fine": 5.0, "reference": 9.0, "limi
 MERIDIAN, WAY = 0.6, 3.0  # seconds of one on the level coarse, and how many times that where the way counts
 
 
-def seconds(settings: Settings, placement: Placement | None, way: bool) -> float:
+def estimated_seconds(settings: Settings, placement: Placement | None, way: bool) -> float:
     """Seconds of one thread, right to a factor of two or so; those of a whole model where nothing can be placed."""
     if placement is not None and placement.meridian:
         return MERIDIAN * OF_LEVEL.get(settings.level, 1.0) * (WAY if way else 1.0)

@@ -26,12 +26,12 @@ MANY = 40  # edges of a meridian that are drawn as one straight piece each
 STRAIGHT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # pieces of a quadratic triangle
 
 
-def fields(on: InitialState, point: LoadPoint) -> post.Fields:
+def state_fields(on: InitialState, point: LoadPoint) -> post.Fields:
     """Stress and stretch at the quadrature points of one state, with the history that led there."""
     system, load = on.system, point.load
     H = point.evaluation.H
     state = response.state(system.body, system.material, H, load.history, load.dt, system.scale)
-    return post.fields(system.body, point.evaluation.u, system.material, state=state)
+    return post.stress_fields(system.body, point.evaluation.u, system.material, state=state)
 
 
 def deformed(
@@ -73,7 +73,7 @@ def _loading(travels: Sequence[float]) -> list[int]:
 
 def _nodal(on: InitialState, point: LoadPoint) -> dict[str, np.ndarray]:
     """The fields of `UNITS` at the nodes (n,)."""
-    nodal = post.nodal(on.system.body, fields(on, point))
+    nodal = post.nodal(on.system.body, state_fields(on, point))
     return {"von Mises stress": nodal.von_mises, "pressure": -np.trace(nodal.cauchy, axis1=-2, axis2=-1) / 3.0}
 
 

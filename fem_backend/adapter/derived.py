@@ -31,7 +31,7 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
         return np.asarray(v["mu"] * (1.0 - sum(v[name] for name in shares)))
 
     found = [
-        DerivedQuantity("E", "E", f"{when}Young's modulus", "MPa", lambda v: youngs_modulus(v["mu"], v["D1"])),
+        DerivedQuantity("E", "E", f"{when}Young's modulus", "MPa", lambda v: youngs_modulus_of_D1(v["mu"], v["D1"])),
         DerivedQuantity(
             "nu",
             "ν",
@@ -52,12 +52,12 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
                 "E∞",
                 "long-term Young's modulus",
                 "MPa",
-                lambda v: youngs_modulus(long_term(v), v["D1"]),
+                lambda v: youngs_modulus_of_D1(long_term(v), v["D1"]),
             ),
         ]
     return tuple(found)
 
 
-def youngs_modulus(mu: np.ndarray, D1: np.ndarray) -> np.ndarray:
+def youngs_modulus_of_D1(mu: np.ndarray, D1: np.ndarray) -> np.ndarray:
     """E = 18μ/(6 + μ D₁) (MPa) of μ (MPa) and D₁ (1/MPa)."""
     return np.asarray(18.0 * mu / (6.0 + mu * D1))

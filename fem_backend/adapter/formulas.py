@@ -24,7 +24,7 @@ STICKS, REACHES = 3.0, 0.1  # Tabor's parameter above which JKR, and below which
 INCOMPRESSIBLE = 0.5
 
 
-def formulas(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[FormulaCurve, ...]:
+def formula_forces(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[FormulaCurve, ...]:
     """Force Fz (n,) N of each closed form at travels (n,) mm, simplest first; none where the pair has none.
 
     μ and K = 2/D₁ give E and ν; errors of sizes and place count, other effects and nonlinear terms of the law do not.

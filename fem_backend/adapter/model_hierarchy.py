@@ -22,7 +22,7 @@ WIDER = 1.5  # what the moduli of Hertz are multiplied and divided with for a ra
 LOOSEST, TIGHTEST = 0.2, 0.4999  # ν of the ends of a range of D₁
 
 
-def levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...], ...]:
+def model_levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...], ...]:
     """Rungs of a ladder as plain data, the levels of one rung side by side.
 
     Hertz → linear elastic, both with ν = 0.49 (D₁μ held) → neo-Hookean → Mooney-Rivlin, Yeoh, Ogden with one constant
@@ -109,7 +109,7 @@ def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float | 
     return float(unit @ force / (unit @ unit))
 
 
-def jkr(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, float]:
+def jkr_start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, float]:
     """Knobs of Fz (n,) N over travel (n,) mm that pulls, and where contact is (mm): `Indenter.adhesive_fit`."""
     return settings.indenter.adhesive_fit(travel, force, settings.specimen.mean_curvature(*settings.point))
 

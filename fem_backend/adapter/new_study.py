@@ -40,7 +40,7 @@ def geometry(given: Given, depths: Sequence[float] = ()) -> dict[str, Line]:
     chosen: dict[str, list[str]] = {}
     guesses: dict[str, str] = {}
     for name, values in given.items():
-        words = written(known[name], values)
+        words = option_text(known[name], values)
         for noun, table in _tables(known[name], known[name].completed(values, depths)).items():
             tables[noun] = {**tables.get(noun, {}), **table}
             said.setdefault(noun, []).append(words)
@@ -67,7 +67,7 @@ def geometry(given: Given, depths: Sequence[float] = ()) -> dict[str, Line]:
     return {noun: lines[noun] for noun in SETS}
 
 
-def written(option: Option, values: Sequence[float | str]) -> str:
+def option_text(option: Option, values: Sequence[float | str]) -> str:
     """An option as it was given: --slab 2.3 mm."""
     units = [*option.units, *option.units[-1:] * len(values)]
     each = [f"{v:g} {u}" if isinstance(v, float) else str(v) for v, u in zip(values, units, strict=False)]
@@ -79,7 +79,7 @@ def _tables(option: SettingsOption, values: Sequence[float | str]) -> Mapping[st
     try:
         return option.settings(*values)
     except ValueError as error:
-        raise ValueError(f"{written(option, values)}: {error}") from error
+        raise ValueError(f"{option_text(option, values)}: {error}") from error
 
 
 def _read(noun: str, table: Mapping[str, Any], said: Sequence[str]) -> Any:
@@ -118,7 +118,7 @@ def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, floa
     return Line({"level": level}, said)
 
 
-def parameters(
+def suggested_ranges(
     depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit, name: str = HERTZ, walled: bool = False
 ) -> dict[str, Line]:
     """Ranges about the modulus that a loading Fz (n,) N at depths (n,) mm has in a limit; wide ones if n = 0.

@@ -12,7 +12,7 @@ import numpy as np
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import ADDITIONS, LAWS
 from fem_backend.simulation.experiment import Settings, on_axis
-from fem_backend.simulation.knobs import known
+from fem_backend.simulation.knobs import knobs_class
 from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
 
@@ -72,7 +72,7 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
 
 def usual(own: Settings) -> dict[str, float]:
     """Knob → its default where the declared one belongs to another size of body or indenter."""
-    return dict(_usual(own, known()))
+    return dict(_usual(own, knobs_class()))
 
 
 @functools.lru_cache(maxsize=256)
@@ -85,7 +85,7 @@ def _factors(own: Settings) -> dict[str, float]:
     """What knobs that hold a length belong to, over its usual size, where that is another."""
     of_it = (*(k for support in SUPPORTS.members.values() for k in support.lengths), *OF_THE_SPECIMEN)
     factors = {**own.specimen.factors(), **dict.fromkeys(of_it, own.specimen.ratio)}
-    lengths = {f.name for f in fields(known()) if f.metadata["parameter"].unit == "mm"}  # not angles or shares
+    lengths = {f.name for f in fields(knobs_class()) if f.metadata["parameter"].unit == "mm"}  # not angles or shares
     factors |= dict.fromkeys((*lengths.intersection(own.indenter.gauges), *OF_THE_INDENTER), own.indenter.ratio)
     return {name: k for name, k in factors.items() if abs(k - 1.0) > 1e-9}
 
@@ -125,7 +125,7 @@ def tests(own: Settings) -> dict[str, Mapping[str, Any]]:
     return {**own.indenter.tests(), **places}
 
 
-def marks(own: Settings) -> dict[str, list[list[float]]]:
+def camera_marks(own: Settings) -> dict[str, list[list[float]]]:
     """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
     lines = own.specimen.lines(own.point, own.indenter.cover, own.indenter.ratio)
     return {words: line for words, line in lines.items() if len(line) > 5}

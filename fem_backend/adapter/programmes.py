@@ -17,7 +17,7 @@ def controlled(programme: Programme) -> bool:
     return bool(programme.segments) or programme.forced
 
 
-def check(programme: Programme, settings: Settings, deepest: float) -> None:
+def check_programme(programme: Programme, settings: Settings, deepest: float) -> None:
     """Raise ValueError for segments and asked forces that are not modelled, naming key, value, unit and bounds."""
     if settings.level == LIMIT:
         raise ValueError(f'mesh.level = "{LIMIT}": its forces are extrapolated at a travel; take "reference"')

@@ -41,7 +41,7 @@ from fem_backend.closed_forms.homogeneous import (
     nominal_neo_hooke,
     nominal_ogden,
     nominal_yeoh,
-    relaxation,
+    relaxed_share,
     softening,
 )
 from fem_backend.closed_forms.layer import (
@@ -97,7 +97,7 @@ __all__ = [
     "paraboloid",
     "plane_modulus",
     "poisson_ratio",
-    "relaxation",
+    "relaxed_share",
     "rounded_flat",
     "sneddon_cone",
     "sneddon_flat",

@@ -68,7 +68,7 @@ def nominal_fibre(stretch: np.ndarray, k1: float, k2: float) -> np.ndarray:
     return 2 * x * k1 * pull * np.exp(k2 * pull**2)
 
 
-def relaxation(time: np.ndarray, g: tuple, tau: tuple) -> np.ndarray:
+def relaxed_share(time: np.ndarray, g: tuple, tau: tuple) -> np.ndarray:
     """Share of the isochoric stress left at a time (s) after a sudden strain, 1 − Σ gᵢ (1 − exp(−t/τᵢ)).
 
     Source: Holzapfel 2000, §6.10; Simo & Hughes 1998, §10.2.

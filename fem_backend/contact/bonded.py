@@ -36,7 +36,7 @@ def loads(facets: np.ndarray, N: np.ndarray, weights: np.ndarray, t: np.ndarray,
     return out
 
 
-def stiffness(
+def bond_stiffness(
     held: np.ndarray, N: np.ndarray, weights: np.ndarray, place: np.ndarray, epsilon: np.ndarray, data: np.ndarray
 ) -> None:
     """Add ∫ ε_b N_a N_b dA₀ I of the glued points to `data` at the places (f, 3a, 3a), −1 for none."""

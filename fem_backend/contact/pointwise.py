@@ -15,7 +15,7 @@ OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 
 @numba.njit(cache=True)
-def points(facets, N, x):  # type: ignore[no-untyped-def]
+def quadrature_points(facets, N, x):  # type: ignore[no-untyped-def]
     """Points (f, q, 3) of quadratic facets: triangles or, of a meridian, edges."""
     points = np.zeros((len(facets), len(N), 3))
     for f in range(len(facets)):
@@ -71,7 +71,7 @@ def _rubs(friction, p, bilateral, bound, f, q):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def evaluate(  # type: ignore[no-untyped-def]
+def evaluate_points(  # type: ignore[no-untyped-def]
     facets,
     N,
     weights,
@@ -137,7 +137,7 @@ def evaluate(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def tangent(  # type: ignore[no-untyped-def]
+def tangent_at_points(  # type: ignore[no-untyped-def]
     facets,
     N,
     weights,

@@ -173,7 +173,7 @@ def contact_surface(body: Body, facets: np.ndarray, true: Curved | None = None, 
     facets = facets.astype(np.int64)
     N, area = _along(body, facets) if facets.shape[1] == 3 else _across(body, facets, order)
     dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 3 * facets.shape[1])]
-    points = pointwise.points(facets, N, body.nodes)
+    points = pointwise.quadrature_points(facets, N, body.nodes)
     offset = np.zeros_like(points)
     if true is not None:
         offset = true.project(points.reshape(-1, 3)).reshape(points.shape) - points
@@ -200,7 +200,7 @@ def _along(body: Body, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
     """Contact points (f, q, 3) mm at nodal positions x (n, 3)."""
-    return pointwise.points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
+    return pointwise.quadrature_points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
 
 
 def contact_history(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
@@ -231,7 +231,7 @@ def follows(pair: Pair) -> bool:
     return plain and pair.surface.facets.shape[1] == 3
 
 
-def evaluate(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None = None) -> ContactState:
+def evaluate_contact(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None = None) -> ContactState:
     """Energy, residual and force at current positions x (n, 3) mm.
 
     Of a pair that `follows`, pressures `known` to first order (f, q) MPa say which points have a pressure λ − ε g, then
@@ -245,7 +245,7 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None =
     gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
     before, motion = _before(pair, touch)
     epsilon = _epsilon(pair, touch)
-    residual, force, pressure, traction, slipping, attraction, energy = pointwise.evaluate(
+    residual, force, pressure, traction, slipping, attraction, energy = pointwise.evaluate_points(
         surface.facets,
         surface.N,
         surface.weights,
@@ -271,7 +271,7 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray | None =
     return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction, pressure)
 
 
-def tangent(
+def contact_tangent(
     pair: Pair, x: np.ndarray, touch: Touch, state: ContactState, data: np.ndarray, geometric: bool = True
 ) -> np.ndarray:
     """Add ∂R/∂x to `data` and return ∂R/∂s (n, 3) N/mm for a rigid body moving as c + s·direction.
@@ -286,20 +286,21 @@ def tangent(
     moving = np.zeros(x.shape)
     if pair.held is not None:
         glued, epsilon = bonded.glued(pair.held), _epsilon(pair, touch)
-        bonded.stiffness(pair.held, surface.N, surface.weights, surface.place, epsilon, data)
+        bonded.bond_stiffness(pair.held, surface.N, surface.weights, surface.place, epsilon, data)
         rate = np.where(glued[..., None], bonded.BOND * epsilon[..., None] * np.asarray(touch.direction, float), 0.0)
         moving -= bonded.loads(surface.facets, surface.N, surface.weights, rate, len(x))
         pressure, gap = np.where(glued, 0.0, pressure), np.where(glued, np.inf, gap)
     active = np.nonzero(((pressure > 0) | (state.attraction > 0) | pair.bilateral).any(1))[0]
     points = (
-        pointwise.points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
+        pointwise.quadrature_points(surface.facets[active], surface.N, np.ascontiguousarray(x, float))
+        + surface.offset[active]
     )
     _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)
     start, motion = _before(pair, touch)
     if pair.friction > 0.0:
         points0, traction0, gap0, bound, met = start
         start = points0[active], traction0[active], gap0[active], bound[active], met[active]
-    pointwise.tangent(
+    pointwise.tangent_at_points(
         surface.facets[active],
         surface.N,
         surface.weights[active],

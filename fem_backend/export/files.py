@@ -9,7 +9,7 @@ import numpy as np
 
 from fem_backend.export.abaqus import abaqus_deck
 from fem_backend.export.febio import LOG, febio_deck
-from fem_backend.export.material_cards import NotWritten, cards, constants
+from fem_backend.export.material_cards import NotWritten, card_constants, cards
 from fem_backend.export.solid_model import AROUND, SolidModel, solid_model
 from fem_backend.simulation import assembly
 from fem_backend.simulation.experiment import Settings
@@ -32,10 +32,10 @@ def exported(
     if kind == "cards":
         if any(settings.specimen.laws):
             raise NotWritten("layers with a law of their own: their cards are not written")
-        return cards(constants(assembly.material(settings, knobs)), remarks)
+        return cards(card_constants(assembly.material(settings, knobs)), remarks)
     asked, _ = programme.passages()
     model = solid_model(settings, knobs, (np.array(programme.time_s), np.array(programme.travel_mm)), asked, mesh)
-    said = [*remarks, *about(model)]
+    said = [*remarks, *export_notes(model)]
     if kind == "febio":
         where = f"{LOG} holds Fz (N) of the rigid indenter; its size is the force on it"
         return {"indentation.feb": febio_deck(model, [*said, where])}
@@ -43,7 +43,7 @@ def exported(
     return {"indentation.inp": abaqus_deck(model, [*said, where])}
 
 
-def about(model: SolidModel) -> list[str]:
+def export_notes(model: SolidModel) -> list[str]:
     """What a reader must know: units, the share of symmetry, and in what this model is not the one that was fitted."""
     part = {1: "the whole", 2: "a half", 4: "a quarter"}[model.share]
     gap = 100.0 * (1.0 - math.cos(math.pi / AROUND))

@@ -52,7 +52,7 @@ class Constants:
         return (self.polynomial or {}).get((i, j), 0.0)
 
 
-def constants(stuff: Material, factor: float = 1.0) -> Constants:
+def card_constants(stuff: Material, factor: float = 1.0) -> Constants:
     """The law of a material, all of whose moduli are `factor` times as large; NotWritten for effects beyond the law."""
     if stuff.fibre is not None:
         raise NotWritten("fibres are not written for other programs: their laws of fibres differ")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem_backend.contact.tractions import Pair
-from fem_backend.export.material_cards import Constants, NotWritten, constants
+from fem_backend.export.material_cards import Constants, NotWritten, card_constants
 from fem_backend.indenters import INDENTERS
 from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS
@@ -17,7 +17,7 @@ from fem_backend.simulation import assembly
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
-from fem_backend.simulation.knobs import known as every
+from fem_backend.simulation.knobs import knobs_class as every
 from fem_backend.specimens import SPECIMENS
 from rso.contract import parameters_of
 
@@ -75,7 +75,7 @@ def solid_model(
     Raises NotWritten for what is not written for other programs, :class:`.assembly.NotModelled` for what is no body.
     """
     _only_written(knobs, settings)
-    placement = dataclasses.replace(assembly.place(settings, knobs), meridian=False)
+    placement = dataclasses.replace(assembly.placement_of(settings, knobs), meridian=False)
     if not placement.indenter.of_revolution:
         raise NotWritten(f"{placement.indenter.described}: only indenters of revolution are meshed for other programs")
     model = assembly.model_for(settings, knobs, placement, mesh)
@@ -89,7 +89,7 @@ def solid_model(
         raise NotWritten("an indenter that is glued on is not written")
     parts, which = _materials(settings, knobs, body, system.scale)
     surface = _outward(body, _touched(system.pressing))
-    points, shell = revolved(placement)
+    points, shell = revolved_surface(placement)
     return SolidModel(
         body.nodes,
         body.cells,
@@ -127,12 +127,12 @@ def _materials(
     """Different materials and which one each cell has; a cell that two share has the one at most of its points."""
     stuff = assembly.material(settings, knobs)
     if scale is None:
-        return (constants(stuff),), np.zeros(len(body.cells), int)
+        return (card_constants(stuff),), np.zeros(len(body.cells), int)
     of_cell = np.median(np.asarray(scale, float), axis=1)
     values, which = np.unique(np.round(of_cell, 12), return_inverse=True)
     if len(values) > MOST_MATERIALS:
         raise NotWritten(f"a stiffness that changes from place to place ({len(values)} values) is not written")
-    return tuple(constants(stuff, float(v)) for v in values), which
+    return tuple(card_constants(stuff, float(v)) for v in values), which
 
 
 def _touched(pair: Pair) -> np.ndarray:
@@ -172,7 +172,7 @@ def _sides(cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.array([known[tuple(sorted(map(int, f[:3])))] for f in facets])
 
 
-def revolved(placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+def revolved_surface(placement: Placement) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (k, 3) mm and outward faces (j, 4) of an indenter of revolution where it first touches the specimen.
 
     The meridian is that which it draws itself, within its reach; nodes lie on the true surface, so that the flat pieces

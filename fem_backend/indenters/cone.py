@@ -13,7 +13,7 @@ from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import Meridian, half_space_force, half_space_radius, outline
+from fem_backend.indenters.meridian import Meridian, half_space_force, half_space_radius, meridian_outline
 from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
@@ -69,14 +69,14 @@ class Cone(OfRevolution):
             if angle is not None and pyramid is not None:
                 raise members.refused(": half_angle is given, too; one of the two is expected", "pyramid", pyramid)
             if pyramid is not None and (not isinstance(pyramid, str) or pyramid not in PYRAMIDS):
-                words = members.choose(str(pyramid), list(PYRAMIDS))
+                words = members.nearest_choices(str(pyramid), list(PYRAMIDS))
                 raise members.refused(f" is not modelled; {words}", "pyramid", pyramid)
             if angle is None and pyramid is None:
                 words = f": missing; {range_}, or pyramid = {' | '.join(PYRAMIDS)}"
                 raise members.refused(words, "half_angle", members.MISSING)
-            if angle is not None and (not members.finite(angle) or not SLIMMEST <= angle <= BLUNTEST):
+            if angle is not None and (not members.is_finite(angle) or not SLIMMEST <= angle <= BLUNTEST):
                 raise members.refused(f" degrees: {range_} is expected", "half_angle", angle)
-            if tip is members.MISSING or (members.finite(tip) and tip == 0.0):
+            if tip is members.MISSING or (members.is_finite(tip) and tip == 0.0):
                 words = ": missing; " if tip is members.MISSING else " mm: "
                 words += "a sharp tip has an infinite pressure, which no mesh resolves: give the radius of its tip"
                 words += ", a tenth of the depth or less"
@@ -203,4 +203,4 @@ class Cone(OfRevolution):
 @functools.lru_cache(maxsize=64)
 def _meridian(half_angle: float, tip_radius: float) -> Meridian:
     flank = math.radians(90.0 - half_angle)
-    return outline([(flank, tip_radius), (flank, math.inf)])
+    return meridian_outline([(flank, tip_radius), (flank, math.inf)])

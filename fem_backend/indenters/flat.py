@@ -13,7 +13,7 @@ from pydantic import model_validator
 
 from fem_backend import closed_forms, members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import UPRIGHT, Meridian, outline
+from fem_backend.indenters.meridian import UPRIGHT, Meridian, meridian_outline
 from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
@@ -50,16 +50,16 @@ class Flat(OfRevolution):
             radius, fillet = value.get("radius", members.MISSING), value.get("fillet", members.MISSING)
             if radius is members.MISSING:
                 raise members.refused(": missing; the radius of the cylinder is expected", "radius", radius)
-            if not members.finite(radius) or radius <= 0.0:
+            if not members.is_finite(radius) or radius <= 0.0:
                 return value
             range_ = f"{1.006 * SHARPEST * radius:.3g} to {radius:g} mm (0.01 to 1 of the radius)"
             range_ += f", e.g. {ADVISED * radius:.3g} mm"
             sharp = "a sharp edge has an infinite pressure, which no mesh resolves: give the radius of its edge"
             if fillet is members.MISSING:
                 raise members.refused(f": missing; {sharp}, {range_}", "fillet", fillet)
-            if members.finite(fillet) and 0.0 <= fillet < SHARPEST * radius:
+            if members.is_finite(fillet) and 0.0 <= fillet < SHARPEST * radius:
                 raise members.refused(f" mm: {sharp}, {range_}", "fillet", float(fillet))
-            if members.finite(fillet) and fillet > radius:
+            if members.is_finite(fillet) and fillet > radius:
                 raise members.refused(f" mm: larger than the radius; give {range_}", "fillet", float(fillet))
             return value
 
@@ -188,4 +188,4 @@ class Flat(OfRevolution):
 
 @functools.lru_cache(maxsize=64)
 def _meridian(radius: float, fillet: float) -> Meridian:
-    return outline([(0.0, radius - fillet), (UPRIGHT, fillet), (UPRIGHT, math.inf)])
+    return meridian_outline([(0.0, radius - fillet), (UPRIGHT, fillet), (UPRIGHT, math.inf)])

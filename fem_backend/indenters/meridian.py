@@ -16,7 +16,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fem_backend.geometry import arrays
+from fem_backend.geometry import kernel_arrays
 
 STRAIGHT, ARC = 0.0, 1.0
 UPRIGHT = 0.5 * math.pi
@@ -121,7 +121,7 @@ class Meridian:
         the unit vector `direction` (3,).  C¹ outside, and inside to the depth of the least radius of curvature;
         deeper inside, above a flat end, g = −h, the distance from the end.
         """
-        flat, tip, direction = arrays(x, tip, direction)
+        flat, tip, direction = kernel_arrays(x, tip, direction)
         g, n, hessian = _gap(flat, tip, direction, self.pieces, self.starts)
         return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
 
@@ -138,7 +138,7 @@ class Meridian:
         return points[(points <= 2.0 * farthest).all(1)]
 
 
-def outline(steps: Iterable[tuple[float, float]]) -> Meridian:
+def meridian_outline(steps: Iterable[tuple[float, float]]) -> Meridian:
     """The meridian that begins on the axis, horizontally, and goes on by `steps` (angle φ at the end, size mm).
 
     A step to the angle where it begins is straight, of the length `size`; one to a larger angle an arc of that radius.

@@ -12,12 +12,12 @@ from pydantic import BeforeValidator
 
 from fem_backend import closed_forms, members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import Meridian, outline
+from fem_backend.indenters.meridian import Meridian, meridian_outline
 from fem_backend.indenters.revolution import LARGEST, OfRevolution
 
 LEVEL = 1e-6  # of its length: points that near to the plate lie on it
 SPAN = 1.0 / 3.0  # length over the smallest length of the specimen
-WIDE = outline([(0.0, math.inf)])
+WIDE = meridian_outline([(0.0, math.inf)])
 
 
 @INDENTERS.register

@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import ARC, UPRIGHT, Meridian, half_space_force, half_space_radius, outline
+from fem_backend.indenters.meridian import ARC, UPRIGHT, Meridian, half_space_force, half_space_radius, meridian_outline
 from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
@@ -106,7 +106,7 @@ def fault(points: Sequence[tuple[float, float]], rows: Sequence[int]) -> str | N
                 f"row {rows[k]}: a sharp edge at r = {points[k][0]:g} mm, of {math.degrees(angles[k - 1]):.3g} to "
                 f"{math.degrees(angles[k]):.3g} degrees: give points of its rounding"
             )
-    made = joined(tuple(points))
+    made = meridian_through(tuple(points))
     least = SHARPEST * _length(made, points[-1][0])
     if made.tightest < least:
         k = int(np.argmin(np.where(made.pieces[:, 0] == ARC, made.pieces[:, 3], np.inf)))
@@ -125,7 +125,7 @@ def _straight(angles: Sequence[float]) -> list[bool]:
 
 
 @functools.lru_cache(maxsize=64)
-def joined(points: Points) -> Meridian:
+def meridian_through(points: Points) -> Meridian:
     """The meridian through points (r, z) mm: straight where they lie in line, else two arcs from each to the next.
 
     The tangent at a point is that of the circle through it and its neighbours, so a circle is met exactly; arcs meet
@@ -153,7 +153,7 @@ def joined(points: Points) -> Meridian:
         second = first * (1.0 - math.cos(alpha)) / (1.0 - math.cos(beta))
         at = float(theta[k + 1])
         steps += [(float(psi[k]), float(first)), (at, float(second))]
-    return outline([*steps, (at, math.inf)])
+    return meridian_outline([*steps, (at, math.inf)])
 
 
 def _length(meridian: Meridian, width: float) -> float:
@@ -198,7 +198,7 @@ class MeasuredProfile(OfRevolution):
                     raise members.refused(f": {error}", "file", file) from error
             else:
                 pairs = isinstance(points, list | tuple) and all(
-                    isinstance(p, list | tuple) and len(p) == 2 and all(map(members.finite, p)) for p in points
+                    isinstance(p, list | tuple) and len(p) == 2 and all(map(members.is_finite, p)) for p in points
                 )
                 if not pairs:
                     raise members.refused(": a list of [r, z] in mm is expected", "points", points)
@@ -259,7 +259,7 @@ class MeasuredProfile(OfRevolution):
     @property
     def meridian(self) -> Meridian:
         """Arcs through the points."""
-        return joined(self.points)
+        return meridian_through(self.points)
 
     @property
     def size(self) -> tuple[str, float]:

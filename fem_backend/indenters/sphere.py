@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from fem_backend import closed_forms, members
 from fem_backend.contact.tractions import ContactSurface
-from fem_backend.geometry import STILL, arrays
+from fem_backend.geometry import STILL, kernel_arrays
 from fem_backend.indenters.indenter import INDENTERS
 from fem_backend.indenters.revolution import USUAL, Axial
 from fem_backend.indenters.spherical_patch import Patch, contact_patch
@@ -139,7 +139,7 @@ class Sphere(Axial):
 
         `direction` is the unit way into the body (mm/mm); only the shaft, which trails behind, needs it.
         """
-        flat, centre, direction = arrays(x, centre, direction)
+        flat, centre, direction = kernel_arrays(x, centre, direction)
         g, n, hessian = _sphere_gap(flat, centre, direction, float(self.R), self.shaft)
         return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
 

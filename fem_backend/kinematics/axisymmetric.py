@@ -192,7 +192,7 @@ def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
     return out, energy
 
 
-def carried(
+def linearised_stresses(
     body: MeridianBody,
     F: np.ndarray,
     S: np.ndarray,

@@ -14,7 +14,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
+from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _volume(w, H, K, s, small):  # type: ignore[no-untyped-def]
     return p, energy
 
 
-def pressed(F: np.ndarray, S: np.ndarray, C: np.ndarray | None, p: np.ndarray, small: bool) -> tuple:
+def with_pressure(F: np.ndarray, S: np.ndarray, C: np.ndarray | None, p: np.ndarray, small: bool) -> tuple:
     """Stresses S + p J C⁻¹ (m, q, 6), and moduli ℂ + p J (C⁻¹ ⊗ C⁻¹ − 2 C⁻¹ ⊙ C⁻¹) where they are asked for."""
     return _pressed(F, S, np.zeros((0, 0, 6, 6)) if C is None else C, p, small)
 
@@ -221,7 +221,7 @@ def _pressed(F, S, C, pressure, small):  # type: ignore[no-untyped-def]
             J = f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]) - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
             J += f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
             cauchy_green(f, J, c, inverse)
-            spread(inverse, B)
+            fill_tensor(inverse, B)
             pull = pressure[e] * J
             for a in range(6):
                 i, j = ROW[a], COL[a]

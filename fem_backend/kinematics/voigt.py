@@ -25,7 +25,7 @@ def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def spread(c, A):  # type: ignore[no-untyped-def]
+def fill_tensor(c, A):  # type: ignore[no-untyped-def]
     """Fill A (3, 3) from its components c (6,)."""
     for k in range(6):
         A[ROW[k], COL[k]] = c[k]

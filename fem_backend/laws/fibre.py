@@ -10,7 +10,7 @@ from typing import ClassVar
 import numba
 import numpy as np
 
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
+from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
 from rso.contract import knob
 
 
@@ -97,7 +97,7 @@ def _add(F, jac, k1, k2, a0, W, S, C4, tangent):  # type: ignore[no-untyped-def]
                 S[e, q, k] += 2.0 * w1 * d[k]
             if not tangent:
                 continue
-            spread(ci, G)
+            fill_tensor(ci, G)
             for k in range(6):
                 i, j = ROW[k], COL[k]
                 for l in range(k, 6):

@@ -36,7 +36,7 @@ def pairs(what: str, value: Any) -> tuple[tuple[float, float], ...]:
     return tuple((a, b) for a, b in map(members.numbers(2), value))
 
 
-def relaxation(value: Any) -> tuple[tuple[float, float], ...]:
+def prony_terms(value: Any) -> tuple[tuple[float, float], ...]:
     """Further Prony terms (g, τ in s): g ≥ 0, τ > 0, Σg < 1."""
     terms = pairs("[g, tau in s]", value)
     if any(g < 0 or tau <= 0 for g, tau in terms) or sum(g for g, _ in terms) >= 1:
@@ -49,7 +49,7 @@ class LawTable(members.MemberTable):
 
     ogden: tuple[tuple[float, float], ...] = ()
     """Further terms (alpha, share of mu), of law = "ogden" alone."""
-    prony: Annotated[tuple[tuple[float, float], ...], BeforeValidator(relaxation)] = ()
+    prony: Annotated[tuple[tuple[float, float], ...], BeforeValidator(prony_terms)] = ()
     """Terms (g, tau in s) of relaxation besides those of the knobs."""
 
     @field_validator("ogden", mode="before")
@@ -66,7 +66,9 @@ class LawTable(members.MemberTable):
         return self
 
 
-def plain(law: str, terms: tuple[tuple[float, float], ...], prony: tuple[tuple[float, float], ...]) -> dict[str, Any]:
+def canonical_law(
+    law: str, terms: tuple[tuple[float, float], ...], prony: tuple[tuple[float, float], ...]
+) -> dict[str, Any]:
     """The table of a law as it enters the key of a run, with all defaults written out."""
     return {"law": law, "ogden": [list(t) for t in terms], "prony": [list(t) for t in prony]}
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import field_validator
 
 from fem_backend import members
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
+from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
 from fem_backend.laws import law
 from fem_backend.laws.law import LAWS, Isotropic, pairs
 from rso.contract import knob
@@ -171,7 +171,7 @@ def _quotients(y):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _stretches(c, x, e, v, a):  # type: ignore[no-untyped-def]
     """Fill x = λ² (3,), e = ln λ̄ (3,) and the directions, columns of v, of C given as c (6,); `a` (3, 3) is room."""
-    spread(c, a)
+    fill_tensor(c, a)
     _jacobi(a, v)
     # Σ ln λ̄ = 0 exactly, which a log of J alone would miss by round-off
     mean = (math.log(a[0, 0]) + math.log(a[1, 1]) + math.log(a[2, 2])) / 6.0

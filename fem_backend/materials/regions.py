@@ -81,7 +81,7 @@ def _without(material: Material, names: Collection[str]) -> Material:
     return Material(material.law, **left)
 
 
-def parts(material: Substance) -> list[tuple[Material, np.ndarray | slice]]:
+def region_materials(material: Substance) -> list[tuple[Material, np.ndarray | slice]]:
     """The materials of a body and the cells of each, where it has any."""
     if not isinstance(material, Regions):
         return [(material, slice(None))]

@@ -30,7 +30,7 @@ class Answer:
     history: History | None
 
 
-def answer(
+def material_response(
     body: Body, material: Substance, u: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
 ) -> Answer:
     """The answer to displacements u (n, 3) mm at the end of a step of Δt = dt s; raises stress.Inverted."""
@@ -38,12 +38,12 @@ def answer(
         H = tetrahedra.displacement_gradients(body, u)
         if body.mean:
             return _mean_answer(body, material, H, history, dt, scale)
-        state = stress.evaluate(material, H, False, history, dt, scale)
+        state = stress.evaluate_stress(material, H, False, history, dt, scale)
         force = tetrahedra.internal_force(body, state.F, state.S)
         return Answer(H, float((body.w * state.energy).sum()), force, state.history)
     H = axisymmetric.displacement_gradients(body, u)
     pointwise, K, s = projected(body, material, scale)
-    state = stress.evaluate(pointwise, H, False, history, dt, scale)
+    state = stress.evaluate_stress(pointwise, H, False, history, dt, scale)
     volume = axisymmetric.volume(body, H, K, s, material.small_strain)
     force = axisymmetric.internal_force(body, state.F, state.S, volume.p)
     return Answer(H, float((body.w * state.energy).sum()) + volume.energy, force, state.history)
@@ -56,9 +56,9 @@ def state(
     if isinstance(body, tetrahedra.Body):
         if body.mean:
             return _mean_state(body, material, H, False, history, dt, scale)[0]
-        return stress.evaluate(material, H, False, history, dt, scale)
+        return stress.evaluate_stress(material, H, False, history, dt, scale)
     pointwise, K, s = projected(body, material, scale)
-    found = stress.evaluate(pointwise, H, False, history, dt, scale)
+    found = stress.evaluate_stress(pointwise, H, False, history, dt, scale)
     volume = axisymmetric.volume(body, H, K, s, material.small_strain)
     p = volume.p @ axisymmetric.linear_functions().T
     F = found.F
@@ -66,7 +66,7 @@ def state(
     return replace(found, S=found.S + pull[..., ROW, COL])
 
 
-def tangent(
+def material_tangent(
     body: Body, material: Substance, H: np.ndarray, history: History | None, dt: float, scale: np.ndarray | None
 ) -> np.ndarray:
     """Tangent of the nodal forces at displacement gradients H (m, q, 3, 3) as `data` of the pattern, N/mm."""
@@ -74,7 +74,7 @@ def tangent(
         if body.mean:
             state = _mean_state(body, material, H, True, history, dt, scale)[0]
         else:
-            state = stress.evaluate(material, H, True, history, dt, scale)
+            state = stress.evaluate_stress(material, H, True, history, dt, scale)
         assert state.C is not None  # which was asked for
         data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
         if body.mean:
@@ -82,7 +82,7 @@ def tangent(
             tetrahedra.volume_stiffness(body, state.F, K, s, data)
         return data
     (pointwise, K, s), small = projected(body, material, scale), material.small_strain
-    state = stress.evaluate(pointwise, H, True, history, dt, scale)
+    state = stress.evaluate_stress(pointwise, H, True, history, dt, scale)
     volume = axisymmetric.volume(body, H, K, s, small)
     assert state.C is not None
     return axisymmetric.stiffness(body, state.F, state.S_geometric, state.C, volume.p, K, s, small)
@@ -99,9 +99,9 @@ def _mean_state(
 ) -> tuple[PointState, tetrahedra.MeanVolume]:
     """Stress of tetrahedra that take the mean of their volume change beyond K = LOCAL μ, and that."""
     (pointwise, K, s), small = projected(body, material, scale, LOCAL_MEAN), material.small_strain
-    found = stress.evaluate(pointwise, H, moduli, history, dt, scale)
+    found = stress.evaluate_stress(pointwise, H, moduli, history, dt, scale)
     volume = tetrahedra.volume(body, H, K, s, small)
-    S, C = tetrahedra.pressed(found.F, found.S, found.C, volume.p, small)
+    S, C = tetrahedra.with_pressure(found.F, found.S, found.C, volume.p, small)
     return replace(found, S=S, C=C if moduli else None, S_geometric=found.S_geometric if small else S), volume
 
 
@@ -145,22 +145,22 @@ def linearised(
 ) -> Linearised:
     """Stresses and moduli of a meridian at displacement gradients H (m, q, 3, 3)."""
     pointwise, K, s = projected(body, material, scale)
-    state = stress.evaluate(pointwise, H, True, history, dt, scale)
+    state = stress.evaluate_stress(pointwise, H, True, history, dt, scale)
     return Linearised(state, axisymmetric.volume(body, H, K, s, material.small_strain), K, s, material.small_strain)
 
 
-def stiffness(body: MeridianBody, at: Linearised, turning: Turning | None) -> np.ndarray:
+def meridian_stiffness(body: MeridianBody, at: Linearised, turning: Turning | None) -> np.ndarray:
     """Tangent `data` of a meridian, N/mm, with other stresses in its geometric part."""
     assert at.state.C is not None
     S, p = (at.state.S_geometric, at.volume.p) if turning is None or at.small else (turning.S, turning.p)
     return axisymmetric.stiffness(body, at.state.F, S, at.state.C, p, at.K, at.scale, at.small)
 
 
-def carried(body: MeridianBody, at: Linearised, step: np.ndarray) -> Turning:
+def stresses_after_step(body: MeridianBody, at: Linearised, step: np.ndarray) -> Turning:
     """Stresses to first order after a step (n, 3) mm: S + ℂ : sym(Fᵀ δH), p̂ + K Π (cof F : δH)."""
     assert at.state.C is not None
     dH = axisymmetric.displacement_gradients(body, step)
-    S, p = axisymmetric.carried(body, at.state.F, at.state.S, at.state.C, at.volume.p, dH, at.K, at.scale)
+    S, p = axisymmetric.linearised_stresses(body, at.state.F, at.state.S, at.state.C, at.volume.p, dH, at.K, at.scale)
     return Turning(S, p)
 
 
@@ -178,7 +178,7 @@ def projected(
 
 def modulus_at_points(body: Body, material: Substance) -> float:
     """The largest K + μ (MPa) whose stress is found from displacement gradients at the points alone, not projected."""
-    of = [split(m)[0] if isinstance(body, MeridianBody) else m for m, _ in regions.parts(material)]
+    of = [split(m)[0] if isinstance(body, MeridianBody) else m for m, _ in regions.region_materials(material)]
     return max(m.bulk_modulus + m.shear_modulus for m in of)
 
 

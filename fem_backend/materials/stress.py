@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
+from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
 from fem_backend.laws import Derivatives, Law, Material
 from fem_backend.materials.regions import Regions
 
@@ -57,7 +57,7 @@ def virgin(material: Material | Regions | Law, m: int, q: int) -> History | None
     return History(np.zeros((m, q, 6)), np.zeros((terms, m, q, 6)), np.zeros((m, q)))
 
 
-def evaluate(
+def evaluate_stress(
     material: Material | Regions | Law,
     H: np.ndarray,
     tangent: bool,
@@ -107,7 +107,7 @@ def _by_region(
         if not len(c):
             continue
         began = None if history is None else History(history.S_iso[c], history.h[:, c], history.W_max[c])
-        part = evaluate(material, H[c], tangent, began, dt, None if scale is None else scale[c])
+        part = evaluate_stress(material, H[c], tangent, began, dt, None if scale is None else scale[c])
         for name in ("F", "S", "S_geometric", "C", "energy"):
             value = getattr(part, name)
             if value is not None:
@@ -200,7 +200,7 @@ def _finish(F, jac, S, C4, energy, u1, u2, factor, slope, added, scale, tangent)
             energy[e, q] *= much
             if not tangent:
                 continue
-            spread(ci, G)
+            fill_tensor(ci, G)
             volume, steep = p + u2[e, q] * J * J, slope[e, q]
             for k in range(6):
                 i, j = ROW[k], COL[k]
@@ -289,7 +289,7 @@ def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[
                 S[e, q, k] = 2.0 * (W1 * a[k] + W2 * b[k] + 0.5 * U1 * J * ci[k])
             if not tangent:
                 continue
-            spread(ci, G)
+            fill_tensor(ci, G)
             aa, ab, bb, uu = w11[e, q], w12[e, q], w22[e, q], u2[e, q] * 0.25 * J2
             cc = W1 * j23 * I1 / 9.0 + W2 * j43 * 4.0 / 9.0 * I2 + 0.25 * U1 * J + uu
             gg = W1 * j23 * I1 / 3.0 + W2 * j43 * 2.0 / 3.0 * I2 - 0.5 * U1 * J

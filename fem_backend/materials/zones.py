@@ -38,7 +38,7 @@ class ZoneShape(Protocol):
 
 
 SPLIT = 8  # pieces along an edge of a cut cell
-CAVITY = 1e-3  # stiffness ratio of a hole: see `scale`
+CAVITY = 1e-3  # stiffness ratio of a hole: see `modulus_factor`
 ROUND = 0.02  # half width of the rounded ends of [0, 1]: keeps the fractions differentiable
 FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of the face opposite to a corner
 
@@ -73,7 +73,7 @@ def skin(body: Body, specimen: ZoneShape, thickness: float) -> np.ndarray:
 def inclusion(body: Body, centre: np.ndarray, radius: float) -> np.ndarray:
     """Fraction (m, q) of each weight within `radius` (mm) of `centre` (3,) mm.  ValueError if the radius is negative.
 
-    Whether the ball fits into the specimen is checked by `scale`.
+    Whether the ball fits into the specimen is checked by `modulus_factor`.
     """
     if not radius >= 0.0:
         raise ValueError(f"inclusion of radius {radius!r} mm: must not be negative")
@@ -91,7 +91,7 @@ def cavity(body: Body, centre: np.ndarray, semi_axes: np.ndarray) -> np.ndarray:
     return _ellipsoid(body, np.asarray(centre, float), axes)
 
 
-def scale(
+def modulus_factor(
     body: Body,
     specimen: ZoneShape,
     skin: tuple[float, float] | None = None,
@@ -149,7 +149,7 @@ def scale(
     return s if changed else None
 
 
-_skin, _inclusion, _cavity = skin, inclusion, cavity  # `scale` names its arguments like the functions
+_skin, _inclusion, _cavity = skin, inclusion, cavity  # `modulus_factor` names its arguments like the functions
 
 
 def depth(specimen: ZoneShape, X: np.ndarray) -> np.ndarray:
@@ -231,7 +231,9 @@ def _fractions(
         phi = level(cells, lattice)
         # the plane through the corners misses a curved φ: its mean error over a piece is 4/5 of that at the middle
         bend = 0.8 * (phi[:, pieces].mean(-1) - level(cells, middles))
-        moments, whole = _moments(body.nodes[body.cells[cells]], phi, bend, lattice, pieces, shape(middles)[1])
+        moments, whole = _moments(
+            body.nodes[body.cells[cells]], phi, bend, lattice, pieces, quadratic_shape_functions(middles)[1]
+        )
         fraction[cells] = _fit(body.w[cells], barycentric(points.T), moments, whole)
     return fraction
 
@@ -241,7 +243,7 @@ def barycentric(xi: np.ndarray) -> np.ndarray:
     return np.column_stack([1.0 - xi.sum(1), xi])
 
 
-def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def quadratic_shape_functions(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Quadratic shape functions (k, 10) and their gradients (k, 10, 3) at barycentric points (k, 4)."""
     values = [ElementTetP2().lbasis(at[:, 1:].T, a) for a in range(10)]
     return np.stack([v[0] for v in values], axis=1), np.stack([v[1].T for v in values], axis=1)
@@ -249,7 +251,7 @@ def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _points(body: Body, cells: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Places (c, k, 3) of barycentric points (k, 4) in cells (c,)."""
-    return np.einsum("ka,cai->cki", shape(at)[0], body.nodes[body.cells[cells]])
+    return np.einsum("ka,cai->cki", quadratic_shape_functions(at)[0], body.nodes[body.cells[cells]])
 
 
 def _missed(body: Body, specimen: ZoneShape, cells: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:

@@ -9,21 +9,21 @@ have graded grids in three dimensions, see `grids`.
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
-from fem_backend.meshing.meridian import MeridianMesh, Size, graded, halved, triangulated
-from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
+from fem_backend.meshing.meridian import MeridianMesh, Size, graded_coordinates, halved, triangulated
+from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, read_arrays, volumes, with_mid_edge_nodes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import (
     LIMIT,
     MAKERS,
     cached,
-    make,
+    make_mesh,
     mapped_recipe,
     mesher,
-    nominal,
+    nominal_body,
     template_recipe,
     tetwild_recipe,
 )
-from fem_backend.meshing.refined import refined
+from fem_backend.meshing.refined import subdivided
 from fem_backend.meshing.templates import CRUDE, LEVELS, RADIUS, SIZINGS, template_fits, template_mesh
 
 __all__ = [
@@ -39,24 +39,24 @@ __all__ = [
     "Mesh",
     "Size",
     "Sizing",
-    "arrays",
     "assemble",
     "cached",
-    "graded",
+    "graded_coordinates",
     "halved",
     "kuhn_simplex",
-    "make",
+    "make_mesh",
     "mapped_quarter",
     "mapped_recipe",
     "mesher",
-    "nominal",
-    "quadratic",
-    "refined",
+    "nominal_body",
+    "read_arrays",
     "scaled_jacobian",
+    "subdivided",
     "template_fits",
     "template_mesh",
     "template_recipe",
     "tetwild_recipe",
     "triangulated",
     "volumes",
+    "with_mid_edge_nodes",
 ]

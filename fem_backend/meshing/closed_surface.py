@@ -52,7 +52,7 @@ def closed(vertices: np.ndarray, facets: np.ndarray) -> ClosedSurface:
     out[turned] = out[turned][:, ::-1]
     if turned.any() and not turned.all():
         repairs.append(f"{int(min(turned.sum(), (~turned).sum()))} facets turned as their neighbours are")
-    if volume(vertices, out) < 0.0:
+    if enclosed_volume(vertices, out) < 0.0:
         out = out[:, ::-1]
         if not turned.any():
             repairs.append("all facets turned: the surface was inside out")
@@ -64,7 +64,7 @@ def edges_of(facets: np.ndarray) -> np.ndarray:
     return np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
 
 
-def volume(vertices: np.ndarray, facets: np.ndarray) -> float:
+def enclosed_volume(vertices: np.ndarray, facets: np.ndarray) -> float:
     """Σ a·(b × c)/6 over the facets: what they enclose, negative where they face inwards."""
     a, b, c = (vertices[facets[:, k]] - vertices[facets[0, 0]] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from skfem import MeshTet, MeshTet2
 
-from fem_backend.meshing.meridian import graded
+from fem_backend.meshing.meridian import graded_coordinates
 from fem_backend.meshing.mesh import BadMesh, Mesh, volumes
-from fem_backend.meshing.placing import mirrored, scaled_jacobian
+from fem_backend.meshing.placing import mirrored_mesh, scaled_jacobian
 from fem_backend.meshing.templates import CRUDE
 
 NAME = "grid"  # of the mesher in a recipe
@@ -34,7 +34,7 @@ Form = Callable[[np.ndarray], np.ndarray]  # points (n, 3) mm of the body from t
 Along = Sequence[float]  # planes x, y or z (mm) that a grid must hit, from the middle or the base on
 
 
-def recipe(x: Along, y: Along, z: Along, length: float, level: str, edges: str = "") -> str:
+def grid_recipe(x: Along, y: Along, z: Along, length: float, level: str, edges: str = "") -> str:
     """Recipe of a grid that hits planes at x, y, z for an indenter of a `length`, all in mm; `edges` as of `cut`."""
     words = {"x": list(x), "y": list(y), "z": list(z), "length": length, "fineness": FINENESS[level], "edges": edges}
     return json.dumps({"mesher": NAME, "version": 1, **words}, sort_keys=True)
@@ -45,20 +45,22 @@ def first_size(length: float, level: str) -> float:
     return NEAR * FINENESS[level] * length
 
 
-def made(data: Mapping[str, Any]) -> Mesh:
+def made_grid(data: Mapping[str, Any]) -> Mesh:
     """The quarter of the box from the data of a recipe."""
     length, factor = data["length"], data["fineness"]
 
     def along(planes: list[float]) -> np.ndarray:
         near = min(NEAR * length, planes[-1] / FEWEST[0])
-        return graded(lambda x: factor * (near + BESIDE * np.maximum(x - REACH * length, 0.0)), tuple(planes))
+        return graded_coordinates(
+            lambda x: factor * (near + BESIDE * np.maximum(x - REACH * length, 0.0)), tuple(planes)
+        )
 
     def up(z: np.ndarray) -> np.ndarray:
         below, height = data["z"][-1] - z, data["z"][-1] - data["z"][0]
         size = NEAR * length + BELOW * below + (BESIDE - BELOW) * np.maximum(below - DEEP * length, 0.0)
         return factor * np.minimum(size, height / FEWEST[1])
 
-    return cut(along(data["x"]), along(data["y"]), graded(up, tuple(data["z"])), data["edges"])
+    return cut(along(data["x"]), along(data["y"]), graded_coordinates(up, tuple(data["z"])), data["edges"])
 
 
 def cut(x: np.ndarray, y: np.ndarray, z: np.ndarray, edges: str = "") -> Mesh:
@@ -140,7 +142,7 @@ def on_grid(
     box, tets = mesh.vertices, mesh.tets
     for axis in (0, 1):
         if not planes[axis]:
-            box, tets = mirrored(box, tets, axis)
+            box, tets = mirrored_mesh(box, tets, axis)
     linear = MeshTet(np.ascontiguousarray(box.T), np.ascontiguousarray(tets.T))
     numbers = MeshTet2.from_mesh(linear)
     grid = np.column_stack(

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from fem_backend.geometry import EllipsoidShape
-from fem_backend.meshing.mesh import Mesh, finish, merge
+from fem_backend.meshing.mesh import Mesh, finish, merge_vertices
 
 
 def mapped_quarter(body: EllipsoidShape, n: int, slip: float) -> Mesh:
@@ -22,7 +22,7 @@ def mapped_quarter(body: EllipsoidShape, n: int, slip: float) -> Mesh:
     barycentric = np.c_[n - points[:, 0], points[:, 0] - points[:, 1], points[:, 1] - points[:, 2], points[:, 2]] / n
     upper = barycentric @ corners
     vertices = np.vstack([upper, upper * [1, 1, -1]])
-    vertices, tets = merge(vertices, np.vstack([tets, tets + len(upper)]))
+    vertices, tets = merge_vertices(vertices, np.vstack([tets, tets + len(upper)]))
     l1, l2 = np.abs(vertices).sum(1), np.linalg.norm(vertices, axis=1)
     ball = vertices * (l1 / np.where(l2 > 0, l2, 1.0))[:, None]
     e = np.array([0.0, 0.0, 1.0])

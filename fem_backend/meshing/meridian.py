@@ -30,7 +30,7 @@ class MeridianMesh:
         return single[~(self.points[single, 0] == 0.0).all(1)]
 
 
-def graded(size: Size, places: tuple[float, ...], samples: int | None = None) -> np.ndarray:
+def graded_coordinates(size: Size, places: tuple[float, ...], samples: int | None = None) -> np.ndarray:
     """Coordinates from the first to the last of `places` (mm, increasing), with each of them among these.
 
     Between two places ∫ dx/size elements, rounded up, at equal shares of the integral over `samples` places.

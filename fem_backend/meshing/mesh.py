@@ -65,15 +65,15 @@ class Mesh:
     @classmethod
     def from_bytes(cls, data: bytes) -> Mesh:
         """Inverse of `to_bytes`; ValueError for bytes that hold no mesh."""
-        return cls(*arrays(io.BytesIO(data), "mesh", ("vertices", "tets")))
+        return cls(*read_arrays(io.BytesIO(data), "mesh", ("vertices", "tets")))
 
     @classmethod
     def from_file(cls, path: Path | str) -> Mesh:
         """Inverse of `to_bytes`; ValueError for a file that holds no mesh."""
-        return cls(*arrays(path, "mesh", ("vertices", "tets")))
+        return cls(*read_arrays(path, "mesh", ("vertices", "tets")))
 
 
-def arrays(path: Path | str | io.BytesIO, what: str, names: Sequence[str]) -> list[np.ndarray]:
+def read_arrays(path: Path | str | io.BytesIO, what: str, names: Sequence[str]) -> list[np.ndarray]:
     """Arrays by name from an npz that stands for `what`; ValueError naming both where they cannot be read."""
     try:
         with np.load(path, allow_pickle=False) as data:
@@ -88,7 +88,7 @@ def volumes(mesh: Mesh) -> np.ndarray:
     return np.linalg.det(p[:, 1:] - p[:, :1]) / 6.0
 
 
-def merge(vertices: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def merge_vertices(vertices: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Identify vertices that coincide to 1e-9 and drop cells that collapse."""
     _, first, inverse = np.unique(np.round(vertices, 9) + 0.0, axis=0, return_index=True, return_inverse=True)
     cells = inverse.ravel()[cells]
@@ -139,7 +139,7 @@ def _align_rim(body: EllipsoidShape, points: np.ndarray, curved: np.ndarray) -> 
         points[nearest] = body.project(points[None, nearest])[0]
 
 
-def quadratic(body: EllipsoidShape, mesh: Mesh) -> MeshTet2:
+def with_mid_edge_nodes(body: EllipsoidShape, mesh: Mesh) -> MeshTet2:
     """Ten-node tetrahedra whose mid-edge nodes lie on the ellipsoid, on the symmetry planes and on the rim."""
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
     numbers = MeshTet2.from_mesh(linear)  # its nodes are averages over cells: equal to the bit they are not

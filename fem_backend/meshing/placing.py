@@ -15,7 +15,7 @@ from skfem.refdom import RefTet
 
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import prestretched
-from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
+from fem_backend.meshing.mesh import BadMesh, Mesh, with_mid_edge_nodes
 
 FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
 LEAST = -1.0  # share of the projective map: a tower's elements fold with less
@@ -38,10 +38,10 @@ def assemble(
 
     `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
     whole body.  Nodes of the quarter come first, then their mirror images.  `upright` elements stay so under the point
-    (see `moved`), whatever the shape of the body; without it they lean by its flatness.  `deep` is the length (mm) of
-    an indenter that goes deep, for which nodes are gathered (see `prestretched`).  Raises ValueError when a point is
-    off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt, a
-    scaled Jacobian below `least`.
+    (see `moved_on_surface`), whatever the shape of the body; without it they lean by its flatness.  `deep` is the
+    length (mm) of an indenter that goes deep, for which nodes are gathered (see `prestretched`).  Raises ValueError
+    when a point is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are
+    spoilt, a scaled Jacobian below `least`.
     """
     for axis in (0, 1):
         if planes[axis] and point[axis] != 0.0:
@@ -51,12 +51,12 @@ def assemble(
         X = prestretched.below_pole(X, nominal.semi_axes, deep)
     for axis in (0, 1):
         if not planes[axis]:
-            X, tets = mirrored(X, tets, axis)
+            X, tets = mirrored_mesh(X, tets, axis)
     share = (point[0] / body.a, point[1] / body.b)
-    X = moved(X, *share, nominal) if upright else translated(X, *share)
+    X = moved_on_surface(X, *share, nominal) if upright else translated(X, *share)
     if math.hypot(*share) > FARTHEST + 1e-12:
         raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
-    ball = quadratic(EllipsoidShape(1.0, 1.0, 1.0), Mesh(X, tets))
+    ball = with_mid_edge_nodes(EllipsoidShape(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
     worst, least = float(scaled_jacobian(placed).min()), GATHERED * least if deep else least
     if worst < least:
@@ -64,7 +64,7 @@ def assemble(
     return placed
 
 
-def mirrored(X: np.ndarray, tets: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def mirrored_mesh(X: np.ndarray, tets: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """The mesh and its mirror image in the plane X[axis] = 0, whose nodes are shared."""
     off = np.nonzero(X[:, axis] != 0.0)[0]
     image = np.arange(len(X))
@@ -97,7 +97,7 @@ def translated(X: np.ndarray, p: float, q: float) -> np.ndarray:
     return np.stack([(away * xs + moved * sx) / below, (away * ys + moved * sy) / below, away * z / below], 1) + 0.0
 
 
-def moved(X: np.ndarray, p: float, q: float, body: EllipsoidShape) -> np.ndarray:
+def moved_on_surface(X: np.ndarray, p: float, q: float, body: EllipsoidShape) -> np.ndarray:
     """As `translated`, but what stands on the pole stands on the surface of `body` at the new place.
 
     The conformal map does so in the ball; a body's own axes shear that, a plate of a/c = 5 by 60° at p = 0.35.  The

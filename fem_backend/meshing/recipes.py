@@ -30,7 +30,7 @@ MAKERS: dict[str, Callable[[Mapping[str, Any]], Mesh]] = {}  # of meshes of othe
 OFF = 0.09  # of the volume: straight edges of a coarse mesh cut that much off, see `finish`
 
 
-def make(recipe: str) -> Mesh:
+def make_mesh(recipe: str) -> Mesh:
     """Mesh from its recipe (JSON with the keys mesher, semi_axes and size or level).
 
     fTetWild runs in a child process: it is native code that can crash, and it litters its working directory.
@@ -87,7 +87,7 @@ def _said(what: str) -> Iterator[None]:
     print(f"  {what}: made in {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
 
 
-def nominal(recipe: str) -> EllipsoidShape:
+def nominal_body(recipe: str) -> EllipsoidShape:
     """The body (mm) that the mesh of a recipe stands for: similar specimens of all sizes may share one."""
     return EllipsoidShape(*json.loads(recipe)["semi_axes"])
 
@@ -136,13 +136,13 @@ def cached(recipe: str) -> Mesh:
     mesh, and hold the body of the recipe; any other is made again and replaced.
     """
     if mesher(recipe) == "template":
-        return make(recipe)  # it lies beside the program already
+        return make_mesh(recipe)  # it lies beside the program already
     own = identity(recipe)
     path = cache() / f"{hashlib.sha256(own.encode()).hexdigest()}.npz"
     found = _kept(path, own)
     if found is not None:
         return found
-    mesh = make(recipe)
+    mesh = make_mesh(recipe)
     _keep(path, own, mesh.to_bytes())
     return _kept(path, own) or mesh  # the first of two racing processes wins: both then use the same mesh
 
@@ -192,7 +192,7 @@ def _kept(path: Path, recipe: str) -> Mesh | None:
         v = volumes(mesh)
         if mesher(recipe) in MAKERS:
             return mesh if v.min() > 0 else None
-        stands_for = v.min() > 0 and abs(v.sum() / (nominal(recipe).volume() / 4) - 1) <= OFF
+        stands_for = v.min() > 0 and abs(v.sum() / (nominal_body(recipe).volume() / 4) - 1) <= OFF
     except (OSError, ValueError, IndexError, TypeError, MemoryError):
         return None
     return mesh if stands_for else None

@@ -7,12 +7,12 @@ from skfem import MeshTet
 
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mapped import kuhn_simplex
-from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic, volumes
+from fem_backend.meshing.mesh import BadMesh, Mesh, volumes, with_mid_edge_nodes
 
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
-def refined(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:
+def subdivided(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:
     """Mesh (mm) with every quadratic tetrahedron of the quarter `mesh` cut into n³ (Freudenthal 1942).
 
     New vertices lie on the quadratic elements, those of the surface on the ellipsoid; planes and rim stay exact, edges
@@ -22,7 +22,7 @@ def refined(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:
     points, pieces = kuhn_simplex(n)
     weight = np.c_[n - points[:, 0], points[:, 0] - points[:, 1], points[:, 1] - points[:, 2], points[:, 2]]
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
-    X = quadratic(body, mesh).doflocs.T
+    X = with_mid_edge_nodes(body, mesh).doflocs.T
     ends = np.sort(linear.edges, axis=0)
     order = np.lexsort(ends[::-1])
     code = ends[0, order] * len(mesh.vertices) + ends[1, order]

@@ -20,13 +20,13 @@ PASSES = 16  # of halving edges: 3⁻¹ · 2¹⁶ is beyond any grading
 Sizes = Callable[[np.ndarray], np.ndarray]
 
 
-def remeshed(surface: SmoothSurface, sizes: Sizes, fixed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def remeshed_surface(surface: SmoothSurface, sizes: Sizes, fixed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) on the smooth surface and facets (m, 3), edges about `sizes(points)` long; `fixed` is a vertex.
 
     The dual of a Voronoi diagram on a dense triangulation, whose sites are moved to the centres of their cells
     (Valette and Chassery 2004).  Raises BadMesh where that is no closed surface: sizes too large for the shape.
     """
-    x, facets = refined(surface, lambda p: DENSE * sizes(p))
+    x, facets = refined_surface(surface, lambda p: DENSE * sizes(p))
     x = np.vstack([x, surface.project(fixed[None])])  # joined to the nearest: a site that never moves
     first = int(np.argmin(np.linalg.norm(x[:-1] - x[-1], axis=1)))
     x[first], x = x[-1], x[:-1]
@@ -54,7 +54,7 @@ def remeshed(surface: SmoothSurface, sizes: Sizes, fixed: np.ndarray) -> tuple[n
     return made.vertices[used], inverse.reshape(made.facets.shape)
 
 
-def refined(surface: SmoothSurface, sizes: Sizes, passes: int = PASSES) -> tuple[np.ndarray, np.ndarray]:
+def refined_surface(surface: SmoothSurface, sizes: Sizes, passes: int = PASSES) -> tuple[np.ndarray, np.ndarray]:
     """The facets cut until no edge is longer than `sizes(middle)`, all vertices on the smooth surface."""
     x, facets = surface.project(surface.vertices), surface.facets.copy()
     for _ in range(passes):

@@ -20,11 +20,11 @@ from skfem import ElementTetP2, MeshTet, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend.meshing.closed_surface import closed, volume
+from fem_backend.meshing.closed_surface import closed, enclosed_volume
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
 from fem_backend.meshing.placing import REGULAR, WORST, scaled_jacobian
 from fem_backend.meshing.recipes import in_child
-from fem_backend.meshing.remeshed import refined, remeshed
+from fem_backend.meshing.remeshed import refined_surface, remeshed_surface
 from fem_backend.meshing.smooth_surface import SmoothSurface
 from fem_backend.meshing.surface_files import read_surface
 from fem_backend.meshing.tetwild import TETWILD_SCALE, die_with_parent, tetrahedra
@@ -62,8 +62,8 @@ class Scan:
     @functools.cached_property
     def volume(self) -> float:
         """Volume (mm³): that of facets halved on the smooth surface, of which a third of the gain is added again."""
-        x, f = refined(self.smooth, lambda p: np.zeros(len(p)), passes=1)
-        flat, finer = volume(self.smooth.project(self.vertices), self.facets), volume(x, f)
+        x, f = refined_surface(self.smooth, lambda p: np.zeros(len(p)), passes=1)
+        flat, finer = enclosed_volume(self.smooth.project(self.vertices), self.facets), enclosed_volume(x, f)
         return finer + (finer - flat) / 3.0
 
     @functools.cached_property
@@ -168,17 +168,17 @@ def scan_recipe(
     )
 
 
-def place_of(recipe: str) -> list[float]:
+def fine_place(recipe: str) -> list[float]:
     """The place (3,) mm of the surface about which the mesh of a recipe is fine."""
     return list(json.loads(recipe)["place"])
 
 
-def make(data: Mapping[str, Any]) -> Mesh:
+def make_scan_mesh(data: Mapping[str, Any]) -> Mesh:
     """The mesh of a recipe, made in a child process; raises BadMesh."""
     return in_child("fem_backend.meshing.scans", json.dumps(data), "a scanned surface")
 
 
-def graded(data: Mapping[str, Any]) -> Mesh:
+def graded_tetrahedra(data: Mapping[str, Any]) -> Mesh:
     """Tetrahedra of the smooth body of a recipe by fTetWild, boundary vertices on the surface; raises BadMesh.
 
     Its surface is remade with edges as long as the sizing asks, at most 0.8 of the smallest radius of curvature.
@@ -203,14 +203,14 @@ def graded(data: Mapping[str, Any]) -> Mesh:
         round_ = np.einsum("na,na->n", weight, bend[smooth.facets[facet]])
         return np.minimum(sizes(x), np.maximum(round_, sizing.h0))
 
-    vertices, facets = remeshed(smooth, along, place)
+    vertices, facets = remeshed_surface(smooth, along, place)
     best, most, refused = None, -np.inf, BadMesh("fTetWild was not asked")
     background = _background(vertices, place, sizing.h0, sizes)
     for epsilon in EPSILON:
         try:
             points, tets = tetrahedra(vertices, facets, sizing.hmax, epsilon, background)
-            mesh = finished(body, data["held"], points, tets, place)
-            sound = soundness(body, quadratic(smooth, data["held"], mesh))
+            mesh = finished_mesh(body, data["held"], points, tets, place)
+            sound = scan_quality(body, quadratic_on_scan(smooth, data["held"], mesh))
         except BadMesh as error:
             refused = error
             continue
@@ -246,7 +246,7 @@ def _background(
     return points, tets, TETWILD_SCALE * sizes(points)
 
 
-def finished(body: Scan, held: Mapping[str, Any], points: np.ndarray, tets: np.ndarray, place: np.ndarray) -> Mesh:
+def finished_mesh(body: Scan, held: Mapping[str, Any], points: np.ndarray, tets: np.ndarray, place: np.ndarray) -> Mesh:
     """Oriented, boundary vertices on the smooth surface, one at the place and an edge chain on the held region's rim.
 
     Raises BadMesh where that turns an element inside out.
@@ -267,7 +267,7 @@ def finished(body: Scan, held: Mapping[str, Any], points: np.ndarray, tets: np.n
     return made
 
 
-def soundness(body: Scan, made: MeshTet2) -> float:
+def scan_quality(body: Scan, made: MeshTet2) -> float:
     """Smallest scaled Jacobian of a curved mesh; raises BadMesh where its volume is not that of the scan."""
     at = np.stack([ElementTetP2().lbasis(get_quadrature(RefTet, 3)[0], a)[1] for a in range(10)])
     X = made.doflocs.T[made.dofs.element_dofs.T]
@@ -277,7 +277,7 @@ def soundness(body: Scan, made: MeshTet2) -> float:
     return float(scaled_jacobian(made).min())
 
 
-def carried(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh, place: np.ndarray, to: np.ndarray) -> Mesh:
+def carried_mesh(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh, place: np.ndarray, to: np.ndarray) -> Mesh:
     """The mesh with its fine elements taken from the `place` (3,) of its recipe `to` (3,) one beside it.
 
     X + (1 − (r/D)²)² (to − place) at distance r < D of the place, D that of the nearest held vertex: so a misaligned
@@ -338,7 +338,7 @@ def straight(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
     return np.linalg.det(T) / (np.linalg.norm(T, axis=(1, 2)) / np.sqrt(3.0)) ** 3
 
 
-def quadratic(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh) -> MeshTet2:
+def quadratic_on_scan(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh) -> MeshTet2:
     """Ten-node tetrahedra whose boundary mid-edge nodes lie on the smooth surface, between two of the rim on that.
 
     Where that spoils an element (a scaled Jacobian below `SHAPELY`), large ones at a dent, its edges keep to the
@@ -379,4 +379,4 @@ def _chord(linear: MeshTet, middle: np.ndarray) -> np.ndarray:
 
 if __name__ == "__main__":
     die_with_parent()
-    Path(sys.argv[2]).write_bytes(graded(json.loads(sys.argv[1])).to_bytes())
+    Path(sys.argv[2]).write_bytes(graded_tetrahedra(json.loads(sys.argv[1])).to_bytes())

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from fem_backend.geometry import EllipsoidShape
-from fem_backend.meshing.mesh import Sizing, merge
+from fem_backend.meshing.mesh import Sizing, merge_vertices
 
 
 def quarter_surface(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.ndarray]:
@@ -34,7 +34,7 @@ def quarter_surface(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, n
         add(np.vstack([curved[arc[half:]], axis[-1][::-1], origin, spoke[k][::-1]]), outward)
     for outward in (np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])):
         add(np.vstack([curved[rim], spoke[1], origin, spoke[0][::-1]]), outward)
-    return merge(np.vstack(vertices), np.vstack(faces))
+    return merge_vertices(np.vstack(vertices), np.vstack(faces))
 
 
 def _segment(start: np.ndarray, end: np.ndarray, body: EllipsoidShape, sizing: Sizing) -> np.ndarray:

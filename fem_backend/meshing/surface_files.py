@@ -52,10 +52,10 @@ def read_surface(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         raise ValueError("holds coordinates that are no finite numbers")
     if facets.min() < 0 or facets.max() >= len(vertices):
         raise ValueError(f"a facet names vertex {int(facets.max())} of {len(vertices)}")
-    return joined(vertices, facets)
+    return welded(vertices, facets)
 
 
-def joined(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def welded(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The surface with one vertex for all of equal coordinates, none that no facet has, in the order of first use."""
     corners = vertices[facets.ravel()] + 0.0  # no negative zero
     _, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)

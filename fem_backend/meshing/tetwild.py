@@ -43,7 +43,7 @@ def tetwild_quarter(body: EllipsoidShape, sizing: Sizing) -> Mesh:
         except BadMesh as error:
             refused = error
             continue
-        sound = soundness(mesh, body)
+        sound = placed_quality(mesh, body)
         if sound >= WORST:
             return mesh
         if sound > most:
@@ -86,7 +86,7 @@ def tetrahedra(
     return np.asarray(points, float), np.asarray(tets, int)
 
 
-def soundness(mesh: Mesh, body: EllipsoidShape) -> float:
+def placed_quality(mesh: Mesh, body: EllipsoidShape) -> float:
     """Smallest scaled Jacobian that the quarter mesh of a body has with its fine elements at places on the axes."""
     shapes = []
     for p, q in SITES:

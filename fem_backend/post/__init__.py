@@ -4,7 +4,7 @@ Nothing here changes a state: body, displacement, pressure go in, numbers and fi
 who draws: a run that does not would start later and keep 20 MB more for it.
 """
 
-from fem_backend.post.fields import Fields, Nodal, fields, nodal, to_nodes
+from fem_backend.post.fields import Fields, Nodal, nodal, stress_fields, to_nodes
 from fem_backend.post.pressure import pressure_at_nodes
 from fem_backend.post.probes import Probes, displacements, surface_points
 from fem_backend.post.vtu import write_vtu
@@ -14,9 +14,9 @@ __all__ = [
     "Nodal",
     "Probes",
     "displacements",
-    "fields",
     "nodal",
     "pressure_at_nodes",
+    "stress_fields",
     "surface_points",
     "to_nodes",
     "write_vtu",

@@ -41,20 +41,20 @@ class Nodal:
     stretches: np.ndarray
 
 
-def fields(
+def stress_fields(
     body: Body, u: np.ndarray, material: Any, scale: np.ndarray | None = None, state: PointState | None = None
 ) -> Fields:
     """σ = F S Fᵀ/J, σ_vM = √(3/2 dev σ : dev σ), stretches = √eig(FᵀF) from displacements u (n, 3) mm.
 
-    `material` is what `stress.evaluate` takes; `scale` (m, q) multiplies its stress.  A path-dependent material needs
-    the `state` of the step, whose stress is taken as it is.  For small strain σ = S, J = 1 + tr ε and the stretches are
-    1 + eig(ε).  Raises stress.Inverted if any J ≤ 0.  Source: Holzapfel 2000, eq. 3.65, 2.124.
+    `material` is what `stress.evaluate_stress` takes; `scale` (m, q) multiplies its stress.  A path-dependent material
+    needs the `state` of the step, whose stress is taken as it is.  For small strain σ = S, J = 1 + tr ε and the
+    stretches are 1 + eig(ε).  Raises stress.Inverted if any J ≤ 0.  Source: Holzapfel 2000, eq. 3.65, 2.124.
     """
     H = displacement_gradients(body, u)
     F = H + np.eye(3)
     stretches: np.ndarray
     if state is None:
-        S = stress.evaluate(material, H, False).S[..., PLACE]
+        S = stress.evaluate_stress(material, H, False).S[..., PLACE]
         S = S if scale is None else S * scale[..., None, None]
     else:
         S = state.S[..., PLACE]

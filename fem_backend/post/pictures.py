@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.tri import Triangulation
 
 from fem_backend.kinematics.bodies import Body
-from fem_backend.materials.zones import divided, shape
+from fem_backend.materials.zones import divided, quadratic_shape_functions
 
 
 class Outlined(Protocol):
@@ -59,7 +59,7 @@ def section(
         height = height + 1e-6 * size
     cells = body.cells[(height[body.cells].min(1) < 0.0) & (height[body.cells].max(1) > 0.0)]
     at, pieces = divided(split)
-    N = shape(at)[0]
+    N = quadratic_shape_functions(at)[0]
     across = plane_axes(normal)
     plan = np.einsum("ka,cai->cki", N, (x @ across.T)[cells])
     h, v = np.einsum("ka,ca->ck", N, height[cells]), np.einsum("ka,ca->ck", N, values[cells])

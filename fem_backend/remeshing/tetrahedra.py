@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from skfem import ElementTetP2, MeshTet2
 
-from fem_backend.meshing.mesh import Mesh, quadratic
+from fem_backend.meshing.mesh import Mesh, with_mid_edge_nodes
 
 CANDIDATES = 60  # cells whose centres are nearest
 SHARE = 0.5  # of the way to the middle in a round
@@ -68,7 +68,7 @@ def rezoned(body: Any, mesh: MeshTet2, u: np.ndarray, at: np.ndarray, reach: flo
         for k in (0, 1):
             step[within[k], k] = 0.0
         X, x = _accepted(body, (nodes, cells, u), X, x, step, tets, sign[:, 0], skin)
-    new = quadratic(body, Mesh(X, tets))
+    new = with_mid_edge_nodes(body, Mesh(X, tets))
     placed = _displacements(nodes, cells, u, new.doflocs.T)
     for k in (0, 1):
         if within[k].any() and not (X[:, k] < 0.0).any():  # a plane of symmetry, not one through a whole body

@@ -90,13 +90,13 @@ class Placement:
         return self.rotation @ np.array([0.0, 0.0, -1.0])
 
 
-def place(settings: Settings, knobs: Knobs) -> Placement:
+def placement_of(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
     try:
         specimen = settings.support.actual(knobs).confines(settings.specimen.actual(knobs))
         indenter = settings.indenter.actual(knobs, specimen)
         on, normal = specimen.above(*settings.point)
-        rotation = turned(knobs)
+        rotation = tilt_rotation(knobs)
         direction = np.array([0.0, 0.0, -1.0])
         through = np.array([settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y, 0.0])
         if settings.direction == "normal":
@@ -113,7 +113,7 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
     return Placement(specimen, indenter, rotation, touch, direction, planes, meridian)
 
 
-def turned(knobs: Knobs) -> np.ndarray:
+def tilt_rotation(knobs: Knobs) -> np.ndarray:
     """Rotation (3, 3) that takes the machine's frame to that of a tilted specimen."""
     a, b = np.deg2rad([knobs.tilt_x, knobs.tilt_y])
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
@@ -127,7 +127,7 @@ def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[flo
     point = (0.0, 0.0) if placement.specimen.alike else settings.point
     if all(getattr(knobs, name) == 0.0 for name in aligned):
         return point
-    moved = placement.contact - place(settings, replace(knobs, **aligned)).contact
+    moved = placement.contact - placement_of(settings, replace(knobs, **aligned)).contact
     x, y = (0.0 if placement.planes[k] else float(point[k] + moved[k]) for k in (0, 1))
     return x, y
 
@@ -170,7 +170,7 @@ def of_layers(settings: Settings, knobs: Knobs) -> tuple[Material, ...]:
             continue
         if rest.small_strain:
             raise NotModelled("not_supported", f"law = {settings.law!r} below a layer of finite strain")
-        law = own_laws.made(own, prefix, knobs, ratio)
+        law = own_laws.law_of_layer(own, prefix, knobs, ratio)
         k = law.shear_modulus / rest.shear_modulus
         fibre = rest.fibre and replace(rest.fibre, k1=k * rest.fibre.k1)
         out.append(Material(law, fibre, rest.prony, rest.mullins and replace(rest.mullins, m=k * rest.mullins.m)))
@@ -201,7 +201,7 @@ class AssembledModel:
     condenser: Callable[[np.ndarray], Condense | None]
 
 
-def revolved(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
+def revolved_model(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
     wide = specimen.half_width if "base" in specimen.parts else specimen.largest
     many = cohesive.samples(settings, max(wide, float(specimen.top[2] - specimen.lowest[2])))
@@ -224,7 +224,7 @@ def of_meridian(settings: Settings, specimen: Specimen, mesh: MeridianMesh, symm
     return AssembledModel(mesh, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
 
-def build(
+def build_model(
     settings: Settings, mesh: Mesh, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool = True
 ) -> AssembledModel:
     """Model of a specimen: symmetry planes held in their normal, and what the support holds.
@@ -323,13 +323,13 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         raise NotModelled("bad_geometry", f"no mesh: {error}") from error
 
 
-def remeshed(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeridianMesh) -> AssembledModel:
+def remeshed_model(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeridianMesh) -> AssembledModel:
     """The specimen of an experiment by another mesh of its meridian; raises meshing.BadMesh."""
     shared = replace(_shared(settings, knobs, placement), point=(0.0, 0.0))
     return of_meridian(shared, placement.specimen, mesh, _symmetric(settings, knobs))
 
 
-def rezoned(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeshTet2) -> AssembledModel:
+def rezoned_model(settings: Settings, knobs: Knobs, placement: Placement, mesh: MeshTet2) -> AssembledModel:
     """The specimen of an experiment in space by another mesh of it."""
     shared = _shared(settings, knobs, placement)
     return of_tetrahedra(shared, mesh, placement.specimen, placement.planes, _symmetric(settings, knobs))
@@ -362,13 +362,13 @@ def _model(
 ) -> AssembledModel:
     """Shared by all runs of a worker on one mesh."""
     made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
-    return build(settings, made, specimen, planes, symmetric)
+    return build_model(settings, made, specimen, planes, symmetric)
 
 
 @functools.lru_cache(maxsize=4)
 def _meridian(settings: Settings, specimen: Specimen, symmetric: bool) -> AssembledModel:
     """Shared by all runs of a worker: two of one experiment, see `accuracy.two_grid`."""
-    return revolved(settings, specimen, symmetric)
+    return revolved_model(settings, specimen, symmetric)
 
 
 def system(
@@ -384,7 +384,7 @@ def system(
     stuff = substance(settings, knobs, placement, body)
     mu, length = stuff.shear_modulus, placement.indenter.length
     if like is None:
-        surface, below = touching(settings, placement, model)
+        surface, below = contact_pairs(settings, placement, model)
     else:
         surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
@@ -405,10 +405,12 @@ def system(
     springs = None
     if settings.support.loose:
         whole = body.w.sum()
-        springs = SPRINGS * mu * length * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
+        springs = SPRINGS * mu * length * nodal_weight(body, np.ones_like(body.w)) / whole / multiplicity(placement)
     dead = None
     if knobs.weight:
-        dead = knobs.weight * lumped(body, filled(settings, knobs, placement, body))[:, None] * placement.down
+        dead = (
+            knobs.weight * nodal_weight(body, solid_share(settings, knobs, placement, body))[:, None] * placement.down
+        )
     scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
     least = 1e-3 * mu * length**2  # about the force at a hundredth of the length
     return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
@@ -430,7 +432,7 @@ def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float
     return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
 
 
-def touching(
+def contact_pairs(
     settings: Settings, placement: Placement, model: AssembledModel
 ) -> tuple[ContactSurface, tuple[ContactSurface, ...]]:
     """Surfaces that may touch: the indenter around the first contact, and what the support offers to touch."""
@@ -447,7 +449,7 @@ def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: Bod
     layers = placement.specimen.stiffness(np.einsum("qa,mai->mqi", N, body.nodes[body.cells]))
     inclusion = (knobs.inclusion_x, knobs.inclusion_y, float(placement.specimen.top[2]) - knobs.inclusion_depth)
     try:
-        other = zones.scale(
+        other = zones.modulus_factor(
             body,
             placement.specimen,
             (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
@@ -459,7 +461,7 @@ def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: Bod
         raise NotModelled("bad_geometry", str(error)) from error
 
 
-def filled(settings: Settings, knobs: Knobs, placement: Placement, body: Body) -> np.ndarray:
+def solid_share(settings: Settings, knobs: Knobs, placement: Placement, body: Body) -> np.ndarray:
     """Share (m, q) of the volume that is no cavity: what weighs."""
     whole = np.ones_like(body.w)
     return whole - zones.cavity(body, *placement.specimen.hole(knobs.cavity)) if knobs.cavity else whole
@@ -470,7 +472,7 @@ def multiplicity(placement: Placement) -> int:
     return 1 if placement.meridian else 2 ** sum(placement.planes)
 
 
-def lumped(body: Body, density: np.ndarray) -> np.ndarray:
+def nodal_weight(body: Body, density: np.ndarray) -> np.ndarray:
     """∫ ρ N_a dV (n,) of a density (m, q): the consistent nodal share of a body force."""
     out = np.zeros(len(body.nodes))
     np.add.at(out, body.cells, (density * body.w) @ bodies.shape_functions(body))
@@ -495,17 +497,17 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
     return replace(system, condense=model.condenser(dofs))
 
 
-def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
+def load_at(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
     """Load at a travel (mm) without multipliers; `lag` is how much later the sagged body is touched than nominal."""
     indenter = system.pressing
     way = travel + lag
     centre, nothing = placement.touch + way * placement.direction, np.zeros(indenter.surface.weights.shape)
-    factor = raised(indenter.surface, system.body, placement, travel)
+    factor = penalty_factor(indenter.surface, system.body, placement, travel)
     seat = [Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None) for pair in system.seat]
     return Load(Touch(centre, placement.direction, nothing, factor, None), tuple(seat))
 
 
-def raised(surface: ContactSurface, body: Body, placement: Placement, travel: float) -> np.ndarray | float:
+def penalty_factor(surface: ContactSurface, body: Body, placement: Placement, travel: float) -> np.ndarray | float:
     """Factor (f, q) on ε around the first contact: 1 to a travel of the indenter's length, 1 + RAISED from twice it.
 
     ε acts per reference area, and the skin under a deep indenter stretches up to twenty times in area: with a uniform ε

@@ -23,12 +23,13 @@ from fem_backend.solver.newton import Counters
 COARSER = 2.0  # times the size of the elements of a meridian, for its error
 
 
-def solve(
+def simulate_programme(
     settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, drive: Drive
 ) -> tuple[Result, list[Instant]]:
     """Curves at what a programme asks for, and every instant of its way with the travel found there.
 
-    As :func:`fem_backend.simulation.indentation.solve` tried twice; raises Stopped with the result so far, NotModelled.
+    As :func:`fem_backend.simulation.indentation.simulate_indentation` tried twice; raises Stopped with the result so
+    far, NotModelled.
     """
     if knobs.permeability:
         raise NotModelled(
@@ -56,7 +57,7 @@ def _attempt(
     legs = [MeshLeg(at, None)]
     try:
         u, history, touching = indentation.begun(at, counters)
-        followed = controlled_steps.follow(_bench(at, counters, legs), drive, u, history, touching)
+        followed = controlled_steps.follow_drive(_bench(at, counters, legs), drive, u, history, touching)
     except Stopped as stopped:
         reached = stopped.reached if isinstance(stopped.reached, Followed) else Followed([], [], [], [], [])
         stopped.reached = _collected(at, reached, counters, time.process_time() - started, legs)
@@ -82,24 +83,26 @@ def _collected(at: InitialState, followed: Followed, counters: Counters, cpu_s: 
     )
 
 
-def checked(settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, drive: Drive) -> Result:
+def checked_programme(
+    settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, drive: Drive
+) -> Result:
     """Result of a programme; of a meridian beside the channels of coarser elements at the travels that were found.
 
     Raises Stopped and NotModelled.
     """
-    result, way = solve(settings, knobs, placement, model, drive)
+    result, way = simulate_programme(settings, knobs, placement, model, drive)
     if not placement.meridian:
         return result
     crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
     try:
         other = modelling.model_for(crude, knobs, placement, None)
-        first = indentation.solve(crude, knobs, placement, other, way)
+        first = indentation.simulate_indentation(crude, knobs, placement, other, way)
     except (NotModelled, Stopped):
         return result
     return replace(result, coarser=first.channels, cpu_s=result.cpu_s + first.cpu_s)
 
 
-def moved(error: dict[str, np.ndarray], result: Result) -> dict[str, np.ndarray]:
+def errors_of_travel(error: dict[str, np.ndarray], result: Result) -> dict[str, np.ndarray]:
     """Errors (k,) of channels where the force was given: that of the force is one of the travel,
 
         δs = δF / (dF/ds),   δc ← δc + |c| δs/s,

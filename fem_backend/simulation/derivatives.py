@@ -28,10 +28,10 @@ def material_knobs() -> tuple[str, ...]:
     return ("mu", "D1", *(f.name for k in LAWS.knobs() for f in fields(k)), "fibre", "fibre_k2", *ZONE_KNOBS, *own)
 
 
-def powers() -> dict[str, int]:
+def stress_powers() -> dict[str, int]:
     """Power of a stress in the knobs that have one, besides mu."""
     of_laws = {k: p for law in LAWS.members.values() for k, p in law.powers.items()}
-    return {"D1": -1, **of_laws, "fibre": 1, **own_laws.powers()}
+    return {"D1": -1, **of_laws, "fibre": 1, **own_laws.own_law_powers()}
 
 
 class Slopes:
@@ -50,11 +50,11 @@ class Slopes:
     def __init__(self, at: InitialState, names: Sequence[str]) -> None:
         self.at, self.names = at, tuple(names)
         self.rows: dict[str, dict[float, dict[str, float]]] = {name: {} for name in names}
-        self._powers = {n: p for n, p in powers().items() if getattr(at.knobs, n)} if "mu" in names else {}
+        self._powers = {n: p for n, p in stress_powers().items() if getattr(at.knobs, n)} if "mu" in names else {}
         self._ends: dict[str, tuple[float, System]] = {}
         for name in dict.fromkeys([n for n in names if n != "mu"] + list(self._powers)):
             value = getattr(at.knobs, name)
-            h = DIFFERENCE * (abs(value) or (at.system.material.shear_modulus if name in powers() else 1.0))
+            h = DIFFERENCE * (abs(value) or (at.system.material.shear_modulus if name in stress_powers() else 1.0))
             end = replace(at.knobs, **{name: value + h})
             high = modelling.system(at.settings, end, at.placement, at.model, at.system)
             if name in ZONE_KNOBS:
@@ -82,7 +82,7 @@ class Slopes:
             )
             load, left = stage.load.touching(touches), np.inf
             for k in range(REFINEMENTS + 1):  # the factor may be of an earlier iterate
-                change = (newton.evaluate(high, at.u + h * du, load).residual - at.residual) / h
+                change = (newton.evaluate_system(high, at.u + h * du, load).residual - at.residual) / h
                 before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
                 first = first or left
                 if left <= REFINED * first or left > 0.9 * before or k == REFINEMENTS:
@@ -92,7 +92,7 @@ class Slopes:
                 if not last and before < np.inf and left**2 / before <= 0.3 * REFINED * first:
                     break  # the step just made leaves about the share that the one before it left
             self._known[name] = du, first
-            end = replace(at, u=at.u + h * du, contacts=newton.touching(high, at.u + h * du, load))
+            end = replace(at, u=at.u + h * du, contacts=newton.contact_states(high, at.u + h * du, load))
             if last:
                 there = channels(self.at, high, end, stage.load)
                 rows[name] = {c: (v - here[c]) / h for c, v in there.items()}

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError, create_model
 from fem_backend import members, meshing
 from fem_backend.indenters import INDENTERS, Indenter
 from fem_backend.laws import LAWS
-from fem_backend.laws.law import plain as law_table
+from fem_backend.laws.law import canonical_law as law_table
 from fem_backend.members import OpenSet, refused
 from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
@@ -90,7 +90,7 @@ def _subdivisions(value: Any) -> int:
 
 
 def _slip(value: Any) -> float:
-    if not 0.0 <= members.number(value) <= 0.8:
+    if not 0.0 <= members.finite_number(value) <= 0.8:
         raise refused(": grading of the mapped mesh, from 0 to 0.8")
     return float(value)
 
@@ -101,7 +101,7 @@ def _speed(value: Any) -> Any:
     if isinstance(value, str):
         written = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*mm/(?:s|min)\s*", value)
     number = float(written[1]) if written else value
-    if not members.finite(number) or number <= 0:
+    if not members.is_finite(number) or number <= 0:
         raise refused(': a positive speed such as "30 mm/min", or a number in mm/s')
     return value
 
@@ -113,7 +113,7 @@ def _places(value: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _earlier(value: Any) -> float:
-    if members.number(value) < 0:
+    if members.finite_number(value) < 0:
         raise refused(" mm: the deepest travel before this test, at least 0", value=float(value))
     return float(value)
 
@@ -139,7 +139,7 @@ class MeshTable(members.MemberTable):
         if not isinstance(value, Mapping):
             raise refused(f": a table with the keys {', '.join(cls.model_fields)} is expected")
         known = {name: MARKS[name] for name in OF_THE_MESH}
-        value = {k: v for k, v in value.items() if not members.marked(k, v, known)}
+        value = {k: v for k, v in value.items() if not members.is_revision_mark(k, v, known)}
         mesher = value.get("mesher", "tetwild")
         for other, keys in OF_A_MESHER.items() if isinstance(mesher, str) and mesher in OF_A_MESHER else ():
             for key in (k for k in keys if other != mesher and k in value):
@@ -190,7 +190,7 @@ class SettingsTable(members.MemberTable):
     """Exact contact, or a penalty corrected to first order, faster and without derivatives."""
 
 
-def table() -> type[members.MemberTable]:
+def settings_model() -> type[members.MemberTable]:
     """The pydantic model of all settings, with the members that are registered now."""
     return _table(tuple(tuple(s.members.items()) for s in SETS.values()))
 
@@ -219,8 +219,8 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     try:
         text = json.dumps(settings, sort_keys=True)
     except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
-        return _read(table(), settings)
-    return _read_again(table(), text, members.stamps(settings))
+        return _read(settings_model(), settings)
+    return _read_again(settings_model(), text, members.stamps(settings))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -239,13 +239,13 @@ def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     made = {noun: getattr(read, noun).build() for noun in SETS}
     made[SPECIMENS.noun] = made[SUPPORTS.noun].confines(made[SPECIMENS.noun])
     made[INDENTERS.noun] = made[INDENTERS.noun].on(made[SPECIMENS.noun])
-    wrong = together(made, read)
+    wrong = check_combinations(made, read)
     if wrong:
         raise ValueError("\n".join(wrong))
     return _settings(made, read)
 
 
-def together(made: Mapping[str, Any], read: Any) -> list[str]:
+def check_combinations(made: Mapping[str, Any], read: Any) -> list[str]:
     """What cannot be together, though each is right by itself."""
     specimen, wrong = made["specimen"], []
     wrong += specimen.refusal(made["indenter"], read.point)

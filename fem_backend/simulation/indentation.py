@@ -22,7 +22,7 @@ from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
 from fem_backend.simulation.pore_flow import pores_of
 from fem_backend.simulation.rezoning import MeshLeg
-from fem_backend.simulation.schedule import each, flowing, merged, one, steps, together
+from fem_backend.simulation.schedule import each, flowing, instants_with_steps, merged, merged_instants, one_instant
 from fem_backend.solver import biphasic, history_steps, load_steps, rigid_motions
 from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
@@ -100,7 +100,7 @@ class Result:
         return self.channels["Fz"]
 
 
-def solve(
+def simulate_indentation(
     settings: Settings,
     knobs: Knobs,
     placement: Placement,
@@ -162,7 +162,7 @@ def _attempt(
     legs: list[MeshLeg] = []
     try:
         if slopes is None:
-            points = along(at, instants, counters, legs, jumps)
+            points = path_points(at, instants, counters, legs, jumps)
         else:
             points = elastic(at, instants, counters, guess, slopes, legs)
     except Stopped as stopped:
@@ -178,7 +178,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     """
     if result.system is None or not result.points:
         return None
-    parts, points = regions.parts(result.system.material), result.points
+    parts, points = regions.region_materials(result.system.material), result.points
     if all(material.law.unconditional for material, _ in parts):
         return None
 
@@ -238,7 +238,7 @@ def doubtful(result: Result) -> tuple[int, str, str] | None:
     return k, cause, why
 
 
-def along(
+def path_points(
     at: InitialState,
     instants: Sequence[Instant],
     counters: Counters,
@@ -251,16 +251,18 @@ def along(
     """
     u, history, touching = begun(at, counters)
     control = at.settings.control
-    groups, begin_at = together(instants), _begin_at(instants)
+    groups, begin_at = merged_instants(instants), _begin_at(instants)
     legs = [] if legs is None else legs
     legs.append(MeshLeg(at, None))
     if at.knobs.permeability:
         points = _draining(at, groups, counters, history)
         rezoning.note_worn(legs, points)
         return points
-    way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None, begin_at)
+    way = instants_with_steps(
+        [one_instant(group) for group in groups], control.path, at.system.material.prony is not None, begin_at
+    )
     try:
-        points = rezoning.follow(legs, way, counters, u, history, touching, jumps, begin_at)
+        points = rezoning.follow_rezoned(legs, way, counters, u, history, touching, jumps, begin_at)
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
@@ -272,9 +274,11 @@ def _draining(
 ) -> list[LoadPoint]:
     """Points of a body with liquid in its pores, at rest and without pore pressure before the test."""
     settings, system = at.settings, at.system
-    way = flowing([one(group) for group in groups], settings.control.path, settings.fineness)
+    way = flowing([one_instant(group) for group in groups], settings.control.path, settings.fineness)
     try:
-        points = biphasic.follow(system, pores_of(at), at.start, way, settings.control, counters, at.seated, history)
+        points = biphasic.follow_coupled(
+            system, pores_of(at), at.start, way, settings.control, counters, at.seated, history
+        )
     except Stopped as stopped:
         stopped.points = each(groups, stopped.points)
         raise
@@ -318,7 +322,7 @@ def elastic(
     try:
         legs = [] if legs is None else legs
         legs.append(MeshLeg(at, watch, watches=watch.on if isinstance(watch, Slopes) else None))
-        found = rezoning.travel(legs, asked, counters, u, guess)
+        found = rezoning.follow_travel_rezoned(legs, asked, counters, u, guess)
     except Stopped as stopped:
         reached = {p.travel: p for p in [*stopped.points, *drawn]}
         stopped.points = []
@@ -334,8 +338,8 @@ def elastic(
 
 def _above(at: InitialState, travels: Sequence[float], counters: Counters) -> list[LoadPoint]:
     """Points of an elastic body at travels (mm, falling from 0) at which the indenter is above it."""
-    way = steps([Instant(float(k + 1), s, True) for k, s in enumerate(travels)], at.settings.control.path)
-    return history_steps.follow(at.system, at.start, way, at.settings.control, counters, at.seated)
+    way = instants_with_steps([Instant(float(k + 1), s, True) for k, s in enumerate(travels)], at.settings.control.path)
+    return history_steps.follow_history(at.system, at.start, way, at.settings.control, counters, at.seated)
 
 
 def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
@@ -347,9 +351,9 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     first = regions.without(at.system.material, "prony")
     system = replace(history_steps.smooth(at.system), material=first)
     deepest = at.settings.earlier
-    ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
+    ramp = instants_with_steps([Instant(deepest, deepest, True)], at.settings.control.path)
     start = stress.virgin(first, *body.w.shape)
-    point = history_steps.follow(system, at.start, ramp, at.settings.control, counters, at.seated, start)[-1]
+    point = history_steps.follow_history(system, at.start, ramp, at.settings.control, counters, at.seated, start)[-1]
     history = point.evaluation.history
     assert history is not None  # of a body that is followed
     return replace(virgin, W_max=history.W_max)

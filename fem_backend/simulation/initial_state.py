@@ -38,7 +38,7 @@ class InitialState:
 
     def start(self, travel: float) -> Load:
         """Load at a travel (mm), without multipliers but those that carry the weight."""
-        load = modelling.load(self.system, self.placement, travel, self.lag)
+        load = modelling.load_at(self.system, self.placement, travel, self.lag)
         if self.carrying is None:
             return load
         seat = tuple(replace(t, multiplier=m) for t, m in zip(load.seat, self.carrying, strict=True))
@@ -80,7 +80,7 @@ def initial_state(
             control = replace(control, seating=control.loose)
             u = load_steps.seat(relaxed, away, ready.seated, control, counters)
         if not any(pair.soft for pair in system.seat):
-            u, rest = load_steps.carried(relaxed, away, u, control, counters)
+            u, rest = load_steps.augmented_equilibrium(relaxed, away, u, control, counters)
             ready = replace(ready, carrying=tuple(touch.multiplier for touch in rest.seat))
     else:
         for share in (0.25, 0.5, 0.75, 1.0):

@@ -217,7 +217,7 @@ def composed(parts: Iterable[type], name: str = "Knobs") -> type:
     return made
 
 
-def known() -> type:
+def knobs_class() -> type:
     """The dataclass of all knobs with those of every member that is registered now."""
     return _with(tuple(tuple(s.members.values()) for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)))
 
@@ -235,7 +235,7 @@ def _known(parts: tuple[type, ...]) -> type:
     return composed(parts)
 
 
-Knobs: Any = known()
+Knobs: Any = knobs_class()
 
 
 SWITCHES = {  # a group has no influence while one of these knobs has the value beside it

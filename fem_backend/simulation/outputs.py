@@ -142,7 +142,7 @@ def _resting(at: InitialState) -> list[np.ndarray | float]:
         return [0.0 for _ in at.system.pairs]
     x, seat = at.model.body.nodes + at.seated, history_steps.smooth(at.system).seat
     touches = at.start(0.0).seat
-    return [0.0, *(tractions.evaluate(p, x, touch).pressure for p, touch in zip(seat, touches, strict=True))]
+    return [0.0, *(tractions.evaluate_contact(p, x, touch).pressure for p, touch in zip(seat, touches, strict=True))]
 
 
 def reaction(at: InitialState, evaluation: Evaluation) -> np.ndarray:

@@ -51,24 +51,24 @@ class MeshLeg:
     outworn: float = np.inf
 
 
-def allowed(at: InitialState) -> bool:
+def may_rezone(at: InitialState) -> bool:
     """Whether the mesh of a run may be remade: a meridian with exact contact, no weight carried by multipliers."""
     return at.placement.meridian and at.carrying is None and np.isfinite(remeshed_from(at.settings))
 
 
 def renewable(at: InitialState) -> bool:
     """Whether that of a run whose way counts may be: what attracts stays with its points."""
-    return allowed(at) and not any(p.adhesion for p in at.system.pairs)
+    return may_rezone(at) and not any(p.adhesion for p in at.system.pairs)
 
 
-def travel(
+def follow_travel_rezoned(
     legs: list[MeshLeg],
     asked: Sequence[float],
     counters: Counters,
     u: np.ndarray,
     guess: Guess | None = None,
 ) -> list[LoadPoint]:
-    """As `load_steps.travel` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped."""
+    """As `load_steps.follow_travel` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped."""
     points: list[LoadPoint] = []
     here = since = 0.0
     control = legs[0].at.settings.control
@@ -76,9 +76,9 @@ def travel(
         leg, known = legs[-1], len(legs) - 1
         left = [s for s in asked if not points or s > points[-1].travel]
         try:
-            found = load_steps.travel(
+            found = load_steps.follow_travel(
                 leg.at.system, leg.at.start, left, control, counters, u, guess if known == 0 else None, leg.watch,
-                here, wear(leg, since) if allowed(leg.at) else _noting(legs),
+                here, wear(leg, since) if may_rezone(leg.at) else _noting(legs),
             )  # fmt: skip
             return points + [replace(p, leg=known) for p in found]
         except Worn as worn:
@@ -90,7 +90,7 @@ def travel(
                 since = here
             except (NoMesh, NotConverged) as error:
                 if isinstance(error, NotConverged) and error.cause == "time_limit":
-                    raise load_steps.stopped(error, here, points, counters) from error
+                    raise load_steps.stopped_run(error, here, points, counters) from error
                 since = _kept(legs, here)
         except Stopped as stopped:
             stopped.points = points + [replace(p, leg=known) for p in stopped.points]
@@ -138,7 +138,7 @@ def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tu
     return MeshLeg(new, watch, here, jump, u, leg.watches), u
 
 
-def follow(
+def follow_rezoned(
     legs: list[MeshLeg],
     way: Sequence[Instant],
     counters: Counters,
@@ -148,14 +148,14 @@ def follow(
     jumps: JumpRecord | None = None,
     begin_at: float = 0.0,
 ) -> list[LoadPoint]:
-    """As `history_steps.follow` from the first of the `legs`, to which every new mesh adds one.  Raises Stopped."""
+    """As `history_steps.follow_history` from the first of the `legs`; every new mesh adds one.  Raises Stopped."""
     points: list[LoadPoint] = []
     control, since, begin = legs[0].at.settings.control, 0.0, None
     while True:
         at, known = legs[-1].at, len(legs) - 1
         left = [i for i in way if begin is None or i.time > begin.time]
         try:
-            found = history_steps.follow(
+            found = history_steps.follow_history(
                 at.system, at.start, left, control, counters, u, history, touching, jumps, begin_at, begin,
                 wear(legs[-1], since) if renewable(at) else _noting(legs),
             )  # fmt: skip
@@ -166,7 +166,7 @@ def follow(
                 begin, since, _ = _renewed_at(legs, worn.reached, counters)
                 u = begin.u
             except NotConverged as error:
-                raise load_steps.stopped(error, worn.travel, points, counters) from error
+                raise load_steps.stopped_run(error, worn.travel, points, counters) from error
         except Stopped as stopped:
             stopped.points = points + [replace(p, leg=known) for p in stopped.points]
             raise
@@ -212,7 +212,7 @@ def _carried(leg: MeshLeg, here: Reached, counters: Counters) -> tuple[MeshLeg, 
     in no time: nothing slips but what the new mesh lets slip.  Raises NoMesh and NotConverged.
     """
     at, goal = leg.at, Instant(here.time, here.travel, False)
-    old = newton.evaluate(at.system, here.u, history_steps.loaded(at.system, at.start, here, goal))
+    old = newton.evaluate_system(at.system, here.u, history_steps.loaded(at.system, at.start, here, goal))
     new, u = renewed(at, old)
     body, other = at.model.body, new.model.body
     X = location.quadrature_points(other.nodes[:, [0, 2]], other.cells, bodies.shape_functions(other))
@@ -314,7 +314,7 @@ def renewed(at: InitialState, state: Evaluation) -> tuple[InitialState, np.ndarr
     finer = FINER if _smooth(at) else FINER_AT_EDGES
     new = rezoned(section, _near(at, section, state), lambda x: finer * _wanted(at, x), GROWTH)
     try:
-        model = modelling.remeshed(at.settings, at.knobs, at.placement, new)
+        model = modelling.remeshed_model(at.settings, at.knobs, at.placement, new)
         cell, xi = location.located(section.X, section.cells, new.points)
     except (meshing.BadMesh, location.Lost) as error:
         raise NoMesh(str(error)) from error

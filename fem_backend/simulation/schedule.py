@@ -16,7 +16,7 @@ GROWING = 0.2  # of the time since a corner: each step of one
 SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
 
 
-def together(instants: Sequence[Instant]) -> list[list[Instant]]:
+def merged_instants(instants: Sequence[Instant]) -> list[list[Instant]]:
     """Instants in order of time, those within round-off of each other in time and travel side by side."""
     time, travel = (
         SAME * max((abs(v) for v in of), default=0.0)
@@ -32,7 +32,7 @@ def together(instants: Sequence[Instant]) -> list[list[Instant]]:
     return groups
 
 
-def one(group: Sequence[Instant]) -> Instant:
+def one_instant(group: Sequence[Instant]) -> Instant:
     """What is computed for instants within round-off of each other: the first that is asked for, or else the first."""
     return next((i for i in group if i.asked), group[0])
 
@@ -57,11 +57,13 @@ def merged(travels: Sequence[float]) -> dict[float, float]:
     return out
 
 
-def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False, begin_at: float = 0.0) -> list[Instant]:
+def instants_with_steps(
+    instants: Sequence[Instant], largest: float, relaxes: bool = False, begin_at: float = 0.0
+) -> list[Instant]:
     """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel).
 
     The way begins at the travel `begin_at` (mm).
-    What `relaxes` does so in a rest, too: see `resting`.
+    What `relaxes` does so in a rest, too: see `rest_times`.
     """
     last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
     still = SAME * max((abs(i.travel) for i in instants), default=0.0)
@@ -74,7 +76,7 @@ def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False, be
         if abs(i.travel - s) > still:
             began = i.time
         elif relaxes:
-            out += [Instant(began + since, s, False) for since in resting(t - began, i.time - began)]
+            out += [Instant(began + since, s, False) for since in rest_times(t - began, i.time - began)]
         out.append(i)
         t, s = i.time, i.travel
     return out
@@ -116,6 +118,6 @@ def _growing(since: float, until: float, first: float, share: float, most: float
     return [since + stretch * (v - since) for v in times[1:-1]]
 
 
-def resting(since: float, until: float) -> list[float]:
+def rest_times(since: float, until: float) -> list[float]:
     """Times (s) since a rest began that part it between two others: a third of `until` and a ninth, if so long."""
     return [v for v in (until / SLOWER**2, until / SLOWER) if v > since]

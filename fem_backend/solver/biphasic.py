@@ -110,7 +110,7 @@ class DrainagePoint:
     history: History | None
 
 
-def follow(
+def follow_coupled(
     system: System,
     pores: Pores,
     start: Start,
@@ -140,7 +140,7 @@ def follow(
                 share *= 0.5
                 lost = share * (instant.time - here.time) < LEAST * (instant.time - begin)
                 if lost or error.cause == "time_limit":
-                    raise load_steps.stopped(error, here.travel, points, counters) from error
+                    raise load_steps.stopped_run(error, here.travel, points, counters) from error
                 here = replace(here, du=np.zeros_like(here.du), dp=np.zeros_like(here.dp))
                 continue
             counters.steps += 1
@@ -215,7 +215,7 @@ def solve(
     """
     history: list[float] = []
     try:
-        here = evaluate(system, pores, u, p, load, step)
+        here = evaluate_coupled(system, pores, u, p, load, step)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     touching = _begun(system, load, here.at)
@@ -235,7 +235,7 @@ def solve(
     raise NotConverged("contact", "no equilibrium in time", tuple(history))
 
 
-def evaluate(
+def evaluate_coupled(
     system: System, pores: Pores, u: np.ndarray, p: np.ndarray, load: Load, step: TimeStep,
     sealed: np.ndarray | None = None,
 ) -> CoupledState:  # fmt: skip
@@ -243,7 +243,7 @@ def evaluate(
 
     Raises stress.Inverted when an element is inside out.
     """
-    at, space = newton.evaluate(system, u, load), pores.space
+    at, space = newton.evaluate_system(system, u, load), pores.space
     sealed = _sealed(system, pores, at.contacts) if sealed is None else sealed
     F = _deformation(system, at.H)
     force = axisymmetric.internal_force(space.body, F, np.zeros((*space.body.w.shape, 6)), -p[space.corners])
@@ -331,7 +331,7 @@ def _factorise(
     body, space, at = pores.space.body, pores.space, here.at
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
     turning = response.Turning(linearised.state.S_geometric, linearised.volume.p - here.p[space.corners])
-    bulk = response.stiffness(body, linearised, turning)
+    bulk = response.meridian_stiffness(body, linearised, turning)
     flow, F = step.length * pores.permeability, _deformation(system, at.H)
     coupled = pore_pressure.coupling(space, F, here.p, flow, pores.storage, pores.unit, small(system))
     for edges, through in _leaks(system, pores, step, here.sealed):
@@ -361,7 +361,7 @@ def _held(system: System, at: Evaluation, load: Load, touching: Pressures) -> np
     out, x = np.zeros_like(at.u), system.body.nodes + at.u
     for pair, touch, state, p in zip(system.pairs, load.touches, at.contacts, touching, strict=True):
         if p is not None:
-            out += tractions.evaluate(pair, x, touch, p).residual - state.residual
+            out += tractions.evaluate_contact(pair, x, touch, p).residual - state.residual
     return out
 
 
@@ -376,7 +376,7 @@ def _stepped(
     while True:
         try:
             sealed = here.sealed if len(history) > SETTLED else None
-            new = evaluate(system, pores, here.at.u + alpha * du, here.p + alpha * dp, load, step, sealed)
+            new = evaluate_coupled(system, pores, here.at.u + alpha * du, here.p + alpha * dp, load, step, sealed)
             break
         except stress.Inverted as error:
             alpha *= 0.5

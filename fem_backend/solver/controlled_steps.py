@@ -148,17 +148,19 @@ class Bench:
         return self.system.material.path_dependent or any(p.friction for p in self.system.pairs)
 
 
-def follow(
+def follow_drive(
     bench: Bench, drive: Drive, u: np.ndarray, history: History | None = None, touching: float | None = None
 ) -> Followed:
     """Equilibria at everything that is asked for; raises Stopped with what was reached (`reached` is a Followed)."""
-    here, first = history_steps.begin(bench.system, bench.start, bench.control, bench.counters, u, history, touching)
+    here, first = history_steps.begin_path(
+        bench.system, bench.start, bench.control, bench.counters, u, history, touching
+    )
     walk = _Walk(bench, drive, here, first)
     try:
         for leg in drive.legs:
             walk.along(leg)
     except NotConverged as error:
-        stopped = load_steps.stopped(error, walk.here.travel, walk.out.points, bench.counters)
+        stopped = load_steps.stopped_run(error, walk.here.travel, walk.out.points, bench.counters)
         stopped.reached = walk.out
         raise stopped from error
     except Stopped as stopped:
@@ -390,7 +392,7 @@ class _Walk:
         u, rate, s = here.u, here.rate, here.travel
         if near is not None:
             u, rate, s = near.found.evaluation.u, near.found.rate, near.goal.travel
-        guess = load_steps.ahead(b.system, u, (goal.travel - s) * rate)
+        guess = load_steps.predicted_displacement(b.system, u, (goal.travel - s) * rate)
         if self._first is not None and here.time == 0.0 and near is None:
             guess = self._first
         (found, load, point), rough = self._attempted(goal, guess)

@@ -50,11 +50,11 @@ def solver(pattern: Pattern, prefer: str = "auto") -> Factor:
 
 def precise(pattern: Pattern, prefer: str = "auto") -> Factor:
     """As `solver`, in double precision from the start; its memory goes with the solution."""
-    factor = raw(pattern, prefer)[0]
+    factor = raw_factors(pattern, prefer)[0]
     return lambda data: _exactly(factor(data))
 
 
-def raw(pattern: Pattern, prefer: str = "auto") -> tuple[Factor, Callable[[], None]]:
+def raw_factors(pattern: Pattern, prefer: str = "auto") -> tuple[Factor, Callable[[], None]]:
     """Factors in the precision of their data, without refinement, and what frees the memory of the last one."""
     if prefer != "superlu" and (prefer == "pardiso" or available() == "pardiso"):
         pardiso = _Pardiso(pattern)

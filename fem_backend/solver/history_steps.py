@@ -66,7 +66,7 @@ class Gait:
         return replace(self, share=1.0, longest=1.5 * max(self.longest, ds))
 
 
-def follow(
+def follow_history(
     system: System,
     start: Start,
     instants: Sequence[Instant],
@@ -93,7 +93,7 @@ def follow(
     The path begins at the travel `begin_at` (mm).  Of an attracted body `jumps` collects what it does at once.
     It may go on from a state that was reached, `going_on`, and raises Worn at one that is `worn`.
     """
-    here, first = begin(system, start, control, counters, u, history, touching, begin_at)
+    here, first = begin_path(system, start, control, counters, u, history, touching, begin_at)
     rest, points = here.u, list[LoadPoint]()
     if jumps is not None:
         here = _attracted(system, start(begin_at), here, jumps, control, counters)
@@ -106,7 +106,7 @@ def follow(
                 raise Worn(points, here.u, here.travel, here)
             gait = gait.within(abs(instant.travel - here.travel))
             goal = instant if gait.share >= 0.9 else _between(here, instant, gait.share)
-            guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
+            guess = load_steps.predicted_displacement(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
             ds, worked = abs(goal.travel - here.travel), counters.iterations
             try:
@@ -127,7 +127,7 @@ def follow(
                     system, start, rest, here, goal, gait.control, counters, jumps, points, error
                 )
             now = None if jumps is None else sudden.on_branch(system, found, load, goal.travel).after(here.branch)
-            jumped = jumps is not None and now is not None and sudden.unexplained(jumps, here.branch, now)
+            jumped = jumps is not None and now is not None and sudden.is_unexplained(jumps, here.branch, now)
             if jumps is not None and now is not None and jumped:
                 if ds > jumps.shortest:
                     counters.cutbacks += 1
@@ -142,7 +142,7 @@ def follow(
             if jumps is not None and now is not None:
                 jumps.passed(now)
                 each = (counters.iterations - worked) / (1 + gait.control.augmentations * goal.asked)
-                ahead = min(sudden.longest(jumps, here.branch, now), sudden.longer(each) * ds or np.inf)
+                ahead = min(sudden.longest_step(jumps, here.branch, now), sudden.longer(each) * ds or np.inf)
                 gait = replace(gait, longest=np.inf if jumped else min(gait.longest, ahead))
             here = replace(arrived(system, load, found, goal), branch=now)
     return points
@@ -174,9 +174,9 @@ def _insisting(
 
     What is left of a residual is counted in the stated errors (`LoadPoint.residual`); the way goes on from there.
     """
-    rough = rougher(gait.control, error) if goal.asked else None
+    rough = rougher_control(gait.control, error) if goal.asked else None
     if rough is None and not load_steps.may_go_on(system, gait.limit, error):
-        raise load_steps.stopped(error, here.travel, points, counters) from error
+        raise load_steps.stopped_run(error, here.travel, points, counters) from error
     return Gait(rough or gait.control, load_steps.PATIENT)
 
 
@@ -195,14 +195,14 @@ def _beyond(
     """What an attracted body comes to beyond the end of its branch.  Raises Stopped; so where it is no fold: then the
     branch goes on, and no answer is no jump."""
     if jumps is None or not sudden.at_fold(jumps, here.branch):
-        raise load_steps.stopped(error, here.travel, points, counters) from error
+        raise load_steps.stopped_run(error, here.travel, points, counters) from error
     try:
         return _landed(system, start, rest, here, goal, control, counters)
     except NotConverged as worse:
-        raise load_steps.stopped(worse, here.travel, points, counters) from worse
+        raise load_steps.stopped_run(worse, here.travel, points, counters) from worse
 
 
-def rougher(control: Control, error: NotConverged) -> Control | None:
+def rougher_control(control: Control, error: NotConverged) -> Control | None:
     """Numerical settings that ask for no more than round-off let an answer have; None where that was not the trouble.
 
     Of a nearly incompressible body that is hardly touched volumetric stresses are thousands of times those of contact,
@@ -222,9 +222,9 @@ def _attracted(
         return here
     load = _rubbing(system, replace(load, history=here.history), here)
     try:
-        found = load_steps.find(system, here.u, load, control.between, counters)
+        found = load_steps.find_equilibrium(system, here.u, load, control.between, counters)
     except NotConverged as error:
-        raise load_steps.stopped(error, here.travel, [], counters) from error
+        raise load_steps.stopped_run(error, here.travel, [], counters) from error
     begun = replace(arrived(system, load, found, Instant(0.0, here.travel, False)), history=here.history)
     return replace(begun, branch=sudden.on_branch(system, found, load, here.travel))
 
@@ -233,7 +233,7 @@ def _drawn_in(system: System, load: Load, u: np.ndarray, control: Control, count
     """Displacement (n, 3) near that under the attraction, from a long range of it on down: a long one draws gently."""
     for longer in LONGER:
         wide = system.each(functools.partial(_wider, longer))
-        u = load_steps.find(wide, u, load, control.loose, counters).evaluation.u
+        u = load_steps.find_equilibrium(wide, u, load, control.loose, counters).evaluation.u
     return u
 
 
@@ -260,7 +260,7 @@ def _lets_go(jumps: JumpRecord | None, here: Reached, error: NotConverged) -> bo
     return jumps is not None and here.branch is not None and error.cause != "time_limit"
 
 
-def begin(
+def begin_path(
     system: System,
     start: Start,
     control: Control,
@@ -272,7 +272,7 @@ def begin(
 ) -> tuple[Reached, np.ndarray | None]:
     """Where a path begins, and the displacement (n, 3) from which its first step does where that is another.
 
-    Raises Stopped; arguments as those of `follow`, `at` the travel (mm) at which it begins.
+    Raises Stopped; arguments as those of `follow_history`, `at` the travel (mm) at which it begins.
     """
     here = replace(_rest(system, start(at), u, history), travel=at)
     if touching is None:
@@ -324,7 +324,7 @@ def _rest(system: System, load: Load, u: np.ndarray, history: History | None) ->
     """Where a path begins: nothing has moved from u (n, 3), no pair carries a traction."""
     x = system.body.nodes + u
     before = tuple(
-        tractions.contact_history(p, x, touch, tractions.evaluate(replace(p, friction=0.0), x, touch))
+        tractions.contact_history(p, x, touch, tractions.evaluate_contact(replace(p, friction=0.0), x, touch))
         for p, touch in zip(system.pairs, load.touches, strict=True)
     )
     return Reached(0.0, 0.0, u, np.zeros_like(u), history, before, [np.zeros_like(t.multiplier) for t in load.touches])
@@ -366,7 +366,7 @@ def _step(
         found = point.stages[0].equilibrium
         return replace(found, rate=crude.rate) if rolls and crude is not None else found, load, point
     try:
-        found = load_steps.find(system, guess, load, control.between, counters, limit)
+        found = load_steps.find_equilibrium(system, guess, load, control.between, counters, limit)
         found = replace(found, rate=crude.rate) if rolls and crude is not None else found
     except NotConverged as error:
         if not rolls or crude is None or error.cause == "time_limit":
@@ -417,7 +417,7 @@ def _let_go(
     for k, more in enumerate(LETTING_GO):
         bounded = _rubbing(system, load, here, [more * p for p in limits])
         try:
-            at = load_steps.find(system, u, bounded, control.loose, counters, limit).evaluation
+            at = load_steps.find_equilibrium(system, u, bounded, control.loose, counters, limit).evaluation
         except NotConverged as error:
             if k == 0 or error.cause == "time_limit":
                 raise
@@ -446,7 +446,7 @@ def _rested(
     turns, rate = rigid_motions.rolls(system), None
     for _ in range(PASSES if turns else 1):
         load = _rubbing(system, load, here, limits)
-        found = load_steps.find(system, u, load, control.loose, counters, limit)
+        found = load_steps.find_equilibrium(system, u, load, control.loose, counters, limit)
         rate = found.rate if rate is None else rate
         found = replace(found, linear=None, known=None)  # a matrix each
         u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]

@@ -89,14 +89,14 @@ def on_branch(system: System, found: Equilibrium, load: Load, travel: float) -> 
     """Force and slope of an equilibrium: f = −F·d, κ = −Σ d·m + m·du/ds, d the way of the indenter."""
     at, pair, touch = found.evaluation, system.pressing, load.pressing
     scratch = np.zeros(len(system.body.pattern.indices))
-    m = tractions.tangent(pair, system.body.nodes + at.u, touch, at.contact, scratch)
+    m = tractions.contact_tangent(pair, system.body.nodes + at.u, touch, at.contact, scratch)
     d = np.asarray(touch.direction, float)
     slope = -float(m.sum(0) @ d) + float((m * found.rate).sum())
     force = -float(at.contact.force @ d)
     return OnBranch(travel, force, slope, at.energy, bool((at.contact.pressure > 0.0).any()))
 
 
-def unexplained(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> bool:
+def is_unexplained(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> bool:
     """Whether the change of force from a to b is more than ½(κ_a + κ_b)(s_b − s_a) explains."""
     if a is None:
         return False
@@ -109,7 +109,7 @@ def at_fold(jumps: JumpRecord, at: OnBranch | None) -> bool:
     return at is not None and min(at.slope, at.trend) <= -STEEP * jumps.pull / jumps.length
 
 
-def longest(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> float:
+def longest_step(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> float:
     """The longest step (mm) on from b: a share of the way to the fold that 1/κ² points to, κ the trend at a and b."""
     if a is None or not at_fold(jumps, b) or not b.trend < a.trend < 0.0:
         return np.inf

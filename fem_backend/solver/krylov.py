@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from fem_backend.kinematics.numbering import Pattern
-from fem_backend.solver.direct import NotPositiveDefinite, Solve, precise, raw
+from fem_backend.solver.direct import NotPositiveDefinite, Solve, precise, raw_factors
 
 SHIFTS = (1e-7, 1e-5)  # of the diagonal, added in the factor only: above the noise of single precision
 CLOSEST = 1e-7  # relative correction asked for at best: what the shift hides of it is beyond a Newton step's need
@@ -103,7 +103,7 @@ class KrylovSolver:
         if self._raw is not None and self._raw[0] is not pattern:
             self._forget()
         if self._raw is None:
-            self._raw = (pattern, *raw(pattern, self._prefer))
+            self._raw = (pattern, *raw_factors(pattern, self._prefer))
         solve = self._raw[1](data)
 
         def rough(r: np.ndarray) -> np.ndarray:

@@ -144,7 +144,7 @@ Guess = Callable[[float], Sequence[np.ndarray] | None]  # states (n, 3) at the s
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
 
-def find(
+def find_equilibrium(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
     known: Known | None = None, before: Evaluation | None = None,
 ) -> Equilibrium:  # fmt: skip
@@ -173,7 +173,7 @@ def find_tight(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | Kept | None = None,
     before: Evaluation | None = None,
 ) -> Equilibrium:  # fmt: skip
-    """As `find`, with the body's tangent kept where old ones may be used and the system can be condensed.
+    """As `find_equilibrium`, with the body's tangent kept where old ones may be used and the system can be condensed.
 
     That pays where many iterations follow each other at one place.  Raises NotConverged.
     """
@@ -185,12 +185,16 @@ def find_tight(
                 raise
         known = NOTHING
     assert known is None or isinstance(known, tuple)  # only a condensed system keeps something else
-    return find(system, u, load, tolerance, counters, PATIENT, known, before)
+    return find_equilibrium(system, u, load, tolerance, counters, PATIENT, known, before)
 
 
-def ahead(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
+def predicted_displacement(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Displacement (n, 3) after a predicted step (n, 3), whose rigid part is made as one where the body may turn."""
-    return rigid_motions.moved(rigid_motions.motion(system.body), u, step) if rigid_motions.rolls(system) else u + step
+    return (
+        rigid_motions.moved_rigidly(rigid_motions.motion(system.body), u, step)
+        if rigid_motions.rolls(system)
+        else u + step
+    )
 
 
 def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
@@ -201,13 +205,13 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
     """
     try:
         for factor in SEATING:
-            u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
+            u = find_equilibrium(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
         return _resting(system, load, u, control.seating, control, counters).evaluation.u
     except NotConverged as error:
         raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
 
 
-def carried(
+def augmented_equilibrium(
     system: System, load: Load, u: np.ndarray, control: Control, counters: Counters
 ) -> tuple[np.ndarray, Load]:  # fmt: skip
     """Displacement (n, 3) of a seated body, and its load, once multipliers λ ← p take what its weight sinks in by.
@@ -216,7 +220,7 @@ def carried(
     """
     tolerance = min(control.medium, control.seating)
     try:
-        at = newton.evaluate(system, u, load)
+        at = newton.evaluate_system(system, u, load)
         for _ in range(CARRYING):
             load = newton.augmented(system, load, at)
             at = _resting(system, load, at.u, tolerance, control, counters).evaluation
@@ -233,7 +237,7 @@ def _resting(
     allowed = [min(k * wanted, max(control.loose, wanted)) for k in (LOOSER if rigid_motions.rolls(system) else (1.0,))]
     for allow in dict.fromkeys(allowed):
         try:
-            return find(system, u, load, allow, counters)
+            return find_equilibrium(system, u, load, allow, counters)
         except NotConverged as error:
             if error.cause == "time_limit":
                 raise
@@ -242,7 +246,7 @@ def _resting(
     raise lost
 
 
-def travel(
+def follow_travel(
     system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
     u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
     here: float = 0.0, worn: Wear | None = None,
@@ -267,7 +271,7 @@ def travel(
                 points.append(equilibrate(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
             except NotConverged as error:
                 if error.cause == "time_limit":
-                    raise stopped(error, target, points, counters) from error
+                    raise stopped_run(error, target, points, counters) from error
             else:
                 proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
                 u, rate, here = _end(points[-1], target)
@@ -277,8 +281,8 @@ def travel(
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
-                guessed = ahead(system, u, (goal - here) * rate)
-                found = find(
+                guessed = predicted_displacement(system, u, (goal - here) * rate)
+                found = find_equilibrium(
                     system,
                     guessed,
                     start(goal),
@@ -293,7 +297,7 @@ def travel(
                 step = 0.5 * (goal - here)
                 if step < control.smallest * control.first or error.cause == "time_limit":
                     if not may_go_on(system, limit, error):
-                        raise stopped(error, here, points, counters) from error
+                        raise stopped_run(error, here, points, counters) from error
                     limit, step = PATIENT, control.first
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
@@ -312,7 +316,7 @@ def travel(
                 equilibrate(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True)
             )
         except NotConverged as error:
-            raise stopped(error, target, points, counters) from error
+            raise stopped_run(error, target, points, counters) from error
         proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
         u, rate, here = _end(points[-1], target)
         last = points[-1].stages[0].equilibrium.evaluation
@@ -352,7 +356,7 @@ def _end(point: LoadPoint, travel: float) -> tuple[np.ndarray, np.ndarray, float
     return first.evaluation.u, first.rate, travel
 
 
-def stopped(error: NotConverged, here: float, points: list[LoadPoint], counters: Counters) -> Stopped:
+def stopped_run(error: NotConverged, here: float, points: list[LoadPoint], counters: Counters) -> Stopped:
     """The end of a run beyond a travel `here` (mm), with the class of its cause."""
     kept = ("inversion", "time_limit", "instability")
     cause = error.cause if error.cause in kept else "step_limit"
@@ -382,7 +386,7 @@ def equilibrate(
             if not loose or not rigid_motions.rolls(system) or error.cause == "time_limit":
                 raise
             counters.loose += 1
-            found = find(system, u, load, control.loose, counters)
+            found = find_equilibrium(system, u, load, control.loose, counters)
         known = found.known if known is not None else None
         stages.append(Stage(found, load))
         if watch is not None:

@@ -72,13 +72,13 @@ def solve(
     history: list[float] = []
     frame = known[0] if known is not None and isinstance(known[0], Frame) else None
     try:
-        at = newton.evaluate(system, u, load)
+        at = newton.evaluate_system(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     carried = Carried(None, _begun(load, at, frame is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
-        carried = Carried(response.carried(body, origin, u - before.u), _expected(before, at))
+        carried = Carried(response.stresses_after_step(body, origin, u - before.u), _expected(before, at))
     fresh, age = False, 0
     attracted = any(tractions.attracts(p) for p in system.pairs)  # equilibria may be unstable: the last tangent tells
     sizes: list[float] = []
@@ -208,7 +208,7 @@ def _held(system: System, at: Evaluation, load: Load, carried: Carried) -> np.nd
     """What the residual lacks of pressures λ − ε g, of any sign, at just the points that count as touching."""
     out, x = np.zeros_like(at.u), system.body.nodes + at.u
     for pair, touch, state, p in zip(system.pairs, load.touches, at.contacts, carried.contact, strict=True):
-        out += tractions.evaluate(pair, x, touch, p).residual - state.residual
+        out += tractions.evaluate_contact(pair, x, touch, p).residual - state.residual
     return out
 
 
@@ -227,7 +227,7 @@ def _stepped(
     alpha = 1.0
     while True:
         try:
-            new = newton.evaluate(system, at.u + alpha * step, load)
+            new = newton.evaluate_system(system, at.u + alpha * step, load)
             break
         except stress.Inverted as error:
             alpha *= 0.5
@@ -242,7 +242,7 @@ def _stepped(
         gap = state.gap + (n * moved).sum(-1)
         p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
         pressures.append(p if alpha == 1.0 else alpha * p + (1.0 - alpha) * old)
-    turning = None if linearised is None else response.carried(_meridian(system), linearised, alpha * step)
+    turning = None if linearised is None else response.stresses_after_step(_meridian(system), linearised, alpha * step)
     return new, Carried(turning, tuple(pressures))
 
 
@@ -252,7 +252,7 @@ def _factorise(
     """Factor of the tangent with what is carried; where it is not definite, first without its contact's turning."""
     body, shift, geometric = _meridian(system), 0.0, True
     linearised = response.linearised(body, system.material, at.H, load.history, load.dt, system.scale)
-    bulk = response.stiffness(body, linearised, carried.body)
+    bulk = response.meridian_stiffness(body, linearised, carried.body)
     bulk = newton.sprung(system, load, bulk)
     contacts = tuple(replace(c, multiplier=p) for c, p in zip(at.contacts, carried.contact, strict=True))
     touching = replace(at, contacts=contacts)

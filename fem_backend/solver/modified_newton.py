@@ -41,7 +41,7 @@ def solve(
     kept, fresh, age = known if callable(known) else None, False, 0
     pairs: deque[Pair] = deque(maxlen=PAIRS)
     try:
-        at = newton.evaluate(system, u, load)
+        at = newton.evaluate_system(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     R = newton.reduced(body, at.residual)
@@ -70,7 +70,7 @@ def solve(
             return Equilibrium(at, -linear(moving), tuple(history), linear, kept)
         counters.iterations += 1
         step, before = solution(-R), (at.u, R)
-        at = newton.descend(system, at, newton.full(body, step), float(R @ step), load, counters, history)
+        at = newton.line_search(system, at, newton.full(body, step), float(R @ step), load, counters, history)
         R = newton.reduced(body, at.residual)
         s, y = newton.reduced(body, at.u - before[0]), R - before[1]
         if history[-1] < CALM and s @ y > 0.0:

@@ -178,12 +178,12 @@ class Equilibrium:
     known: Known | Kept | None = field(default=None, repr=False)
 
 
-def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
+def evaluate_system(system: System, u: np.ndarray, load: Load) -> Evaluation:
     """Potential and residual; raises stress.Inverted when an element is inside out."""
     body = system.body
-    answer = response.answer(body, system.material, u, load.history, load.dt, system.scale)
+    answer = response.material_response(body, system.material, u, load.history, load.dt, system.scale)
     residual, energy = answer.force, answer.energy
-    contacts, outside = touching(system, u, load), 0.0
+    contacts, outside = contact_states(system, u, load), 0.0
     for state in contacts:
         residual += state.residual
         energy += state.energy
@@ -200,13 +200,13 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     return Evaluation(u, energy, residual, contacts, answer.H, answer.history, scale)
 
 
-def touching(system: System, u: np.ndarray, load: Load) -> tuple[ContactState, ...]:
+def contact_states(system: System, u: np.ndarray, load: Load) -> tuple[ContactState, ...]:
     """Contact of every pair, in the order of `System.pairs`, at a displacement u (n, 3) mm."""
     x = system.body.nodes + u
-    return tuple(tractions.evaluate(p, x, touch) for p, touch in zip(system.pairs, load.touches, strict=True))
+    return tuple(tractions.evaluate_contact(p, x, touch) for p, touch in zip(system.pairs, load.touches, strict=True))
 
 
-def tangent(system: System, at: Evaluation, load: Load, geometric: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def system_tangent(system: System, at: Evaluation, load: Load, geometric: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Data of the whole tangent at a state, and ∂R/∂s (n, 3)."""
     data = bulk_tangent(system, at, load)
     touching, moving = contact_tangent(system, at, load, geometric)
@@ -246,14 +246,16 @@ def contact_tangent(
     """Data of the tangent of all contacts, and ∂R/∂s (n, 3)."""
     data, moving = np.zeros(len(system.body.pattern.indices)), np.zeros_like(at.u)
     for pair, touch, touching in zip(system.pairs, load.touches, at.contacts, strict=True):
-        moving += tractions.tangent(pair, system.body.nodes + at.u, touch, touching, data, geometric)
+        moving += tractions.contact_tangent(pair, system.body.nodes + at.u, touch, touching, data, geometric)
     return data, moving
 
 
 def bulk_tangent(system: System, at: Evaluation, load: Load) -> np.ndarray:
     """Data of the tangent of the body and its springs."""
     body = system.body
-    return sprung(system, load, response.tangent(body, system.material, at.H, load.history, load.dt, system.scale))
+    return sprung(
+        system, load, response.material_tangent(body, system.material, at.H, load.history, load.dt, system.scale)
+    )
 
 
 def sprung(system: System, load: Load, bulk: np.ndarray) -> np.ndarray:
@@ -306,7 +308,7 @@ def solve(
     factor, moving = known or (None, None)
     fresh, allowed, accuracy = False, limit, EXACT if known is None else ROUGH
     try:
-        at = evaluate(system, u, load)
+        at = evaluate_system(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     while limit > 0:
@@ -334,7 +336,7 @@ def solve(
         except NotPositiveDefinite as error:  # some find that out here only
             raise NotConverged("instability", "the tangent is indefinite", tuple(history)) from error
         exact = load.conservative and (history[-1] > 1e-2 or not any(t.before for t in load.touches))
-        search = descend if exact else _balance
+        search = line_search if exact else _balance
         at = search(system, at, full(body, step), float(R @ step), load, counters, history)
     raise NotConverged("contact", f"no equilibrium after {allowed} iterations with new factors", tuple(history))
 
@@ -363,7 +365,7 @@ def round_off(system: System, at: Evaluation) -> float:
     return float(np.finfo(float).eps * modulus * np.sqrt((each**2).sum()) / at.scale)
 
 
-def descend(
+def line_search(
     system: System,
     at: Evaluation,
     step: np.ndarray,
@@ -377,7 +379,7 @@ def descend(
     norm = float(np.linalg.norm(reduced(system.body, at.residual)))
     while alpha > 1e-4:
         try:
-            trial = evaluate(system, at.u + alpha * step, load)
+            trial = evaluate_system(system, at.u + alpha * step, load)
         except stress.Inverted:
             inverted = True
         else:
@@ -411,7 +413,7 @@ def _balance(
     d = reduced(system.body, step)
     for _ in range(8):
         try:
-            trial = evaluate(system, at.u + alpha * step, load)
+            trial = evaluate_system(system, at.u + alpha * step, load)
         except stress.Inverted:
             inverted = True
             high, at_high = alpha, np.inf

@@ -46,7 +46,7 @@ def motion(body: Body) -> Motion:
     return Motion(body, share / share.sum(), np.array([not (np.abs(f[held]) > 1e-9).any() for f in fields]))
 
 
-def moved(how: Motion, u: np.ndarray, step: np.ndarray) -> np.ndarray:
+def moved_rigidly(how: Motion, u: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Displacement (n, 3) mm after a step (n, 3) whose rigid part is made as a translation and a rotation.
 
     step = v + ω×r + rest by least squares over the volume, r = x − c; then x ← c + v + exp(ω×)(r + rest).
@@ -95,7 +95,7 @@ def solve(
     mass *= float(np.abs(system.springs).sum()) / 1e-4  # about μR
     damping, unit = 0.0, stride(system)
     try:
-        at = newton.evaluate(system, u, load)
+        at = newton.evaluate_system(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     while left > 0:
@@ -107,7 +107,7 @@ def solve(
             return _found(body, at, history, *last)
         before = damping, counters.shifts
         data, factor, last = None, None, None  # a matrix each: they go before the next one comes
-        data, moving = newton.tangent(system, at, load)
+        data, moving = newton.system_tangent(system, at, load)
         plain, easy = data[diagonal], modes(how, at.u) if loose else None
         while True:
             left -= 1
@@ -119,7 +119,7 @@ def solve(
             except NotPositiveDefinite:
                 counters.shifts += 1
                 if len(history) == 1 and history[0] > newton.FAR:  # a guess that lies deep in the ball
-                    data, moving = newton.tangent(system, at, load, geometric=False)
+                    data, moving = newton.system_tangent(system, at, load, geometric=False)
                     plain = data[diagonal]
                 damping = max(5.0 * damping, LEAST)
                 if damping > MOST:
@@ -203,7 +203,7 @@ def _search(
     best: tuple[Evaluation | None, float] = (None, 0.0)
     for _ in range(TRIALS):
         try:
-            trial = newton.evaluate(system, moved(how, at.u, alpha * field), load)
+            trial = newton.evaluate_system(system, moved_rigidly(how, at.u, alpha * field), load)
             work = float(step @ newton.reduced(system.body, trial.residual))
             worse = not rubs and -slope * alpha > noise and trial.energy > at.energy + 1e-4 * alpha * slope
         except stress.Inverted:

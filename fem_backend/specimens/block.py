@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, model_validator
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
 from fem_backend.specimens.flat import ON, FlatTopped
-from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.layers import LAYERED, Layers, canonical_layers, fitting, laws_of, thicknesses_and_ratios
 from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -136,7 +136,7 @@ class Cuboid(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = written(self.layers, self.laws)
+        layers = canonical_layers(self.layers, self.laws)
         return {"shape": self.name, "size": [self.lx, self.ly, self.lz], "layers": layers}
 
     def actual(self, knobs: Any) -> Cuboid:

@@ -14,7 +14,7 @@ from skfem import MeshTet2
 from fem_backend import members
 from fem_backend.meshing import Mesh, grids, halved
 from fem_backend.specimens.flat import ON, FlatTopped
-from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.layers import LAYERED, Layers, canonical_layers, fitting, laws_of, thicknesses_and_ratios
 from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -125,7 +125,7 @@ class Cylinder(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = written(self.layers, self.laws)
+        layers = canonical_layers(self.layers, self.laws)
         sizes = {"radius": self.radius, "height": self.tall, "fillet": self.fillet}
         return {"shape": self.name, **sizes, "layers": layers}
 

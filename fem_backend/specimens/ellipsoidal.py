@@ -139,13 +139,13 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The quarter mesh of a recipe moved, scaled and mirrored to this body; raises BadMesh."""
         upright = meshing.mesher(recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
-        return meshing.assemble(mesh, meshing.nominal(recipe), self, point, planes, upright)
+        return meshing.assemble(mesh, meshing.nominal_body(recipe), self, point, planes, upright)
 
     def gathered(
         self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool], length: float
     ) -> MeshTet2:
         """The same with its nodes gathered below an indenter of a length (mm), as it is where that spoils elements."""
-        own, upright = meshing.nominal(recipe), meshing.mesher(recipe) == "tetwild"
+        own, upright = meshing.nominal_body(recipe), meshing.mesher(recipe) == "tetwild"
         try:
             return meshing.assemble(mesh, own, self, point, planes, upright, deep=length * own.c / self.c)
         except meshing.BadMesh:

@@ -11,7 +11,7 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import CRUDE, MeridianMesh, Mesh, Size, graded, grids, triangulated
+from fem_backend.meshing import CRUDE, MeridianMesh, Mesh, Size, graded_coordinates, grids, triangulated
 from fem_backend.specimens import own_laws
 from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
@@ -37,7 +37,7 @@ class FlatTopped:
 
     name: ClassVar[str]
     gauges: ClassVar[Mapping[str, float]] = {}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made_grid}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
     rests: ClassVar[str] = "bonded"
@@ -244,7 +244,7 @@ class FlatTopped:
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
         if level not in (*LEVELS, CRUDE):
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
-        recipe = grids.recipe(*self.grid_planes(), length, level, self.grid_edges)
+        recipe = grids.grid_recipe(*self.grid_planes(), length, level, self.grid_edges)
         return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS.get(level, 1.0))
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
@@ -288,7 +288,7 @@ class FlatTopped:
         both: list[Any] = [self, actual]
         both = [replace(body, met=met) for body in both] if met else both
         own, other = (body.interfaces() for body in both)
-        r, z = graded(across, tuple(self.rings()), samples), graded(down, tuple(own), samples)
+        r, z = graded_coordinates(across, tuple(self.rings()), samples), graded_coordinates(down, tuple(own), samples)
 
         def moved(points: np.ndarray) -> np.ndarray:
             wide = np.interp(points[:, 0], self.rings(), actual.rings())

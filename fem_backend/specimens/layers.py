@@ -52,7 +52,7 @@ def laws_of(layers: Sequence[Layer]) -> tuple[OwnLaw | None, ...]:
     return found if any(found) else ()
 
 
-def written(layers: Sequence[tuple[float, float]], laws: Sequence[OwnLaw | None]) -> list[dict[str, Any]]:
+def canonical_layers(layers: Sequence[tuple[float, float]], laws: Sequence[OwnLaw | None]) -> list[dict[str, Any]]:
     """The list of layers as it enters the key of a run."""
     plain = [{"thickness": t, "ratio": k} for t, k in layers]
     return [{**layer, **({"material": own.plain()} if own else {})} for layer, own in zip_longest(plain, laws)]
@@ -69,7 +69,7 @@ def fitting(layers: Sequence[Layer], height: float, words: str) -> None:
             f": layers of {total:g} mm in all; the rest below them, with ratio 1, must have a thickness: "
             f"{words} = {height:g} mm",
             "layers",
-            written(thicknesses_and_ratios(layers), laws_of(layers)),
+            canonical_layers(thicknesses_and_ratios(layers), laws_of(layers)),
         )
 
 

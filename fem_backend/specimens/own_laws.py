@@ -51,7 +51,7 @@ class Stiffness:
     )
 
 
-def read(value: Any) -> OwnLaw | None:
+def read_own_law(value: Any) -> OwnLaw | None:
     """The law that a table names; relaxation is refused, as it is that of the whole body, and so are small strains."""
     if value is None:
         return None
@@ -75,10 +75,10 @@ def _schema() -> dict[str, Any]:
     return {"type": "object", "properties": {LAWS.tag: {"enum": names}, "ogden": pairs}, "additionalProperties": False}
 
 
-OwnMaterial = Annotated[OwnLaw | None, BeforeValidator(read), WithJsonSchema(_schema())]
+OwnMaterial = Annotated[OwnLaw | None, BeforeValidator(read_own_law), WithJsonSchema(_schema())]
 
 
-def named(prefix: str, constant: str) -> str:
+def own_knob_name(prefix: str, constant: str) -> str:
     """The knob of a constant: layer_mu, layer2_C20."""
     return f"{prefix}_{constant}"
 
@@ -101,50 +101,50 @@ def _of_layer(prefix: str, words: str, laws: tuple[type, ...]) -> type:
         own = dataclasses.replace(
             p,
             description=f"{p.description}, of {words}",
-            group=p.group and named(prefix, p.group),
+            group=p.group and own_knob_name(prefix, p.group),
             cause=p.cause and f"{p.cause} of {words}",
             label=p.label and f"{p.label}, of {words}",
         )
         fields.append(
-            (named(prefix, f.name), float, dataclasses.field(default=own.default, metadata={"parameter": own}))
+            (own_knob_name(prefix, f.name), float, dataclasses.field(default=own.default, metadata={"parameter": own}))
         )
     return dataclasses.make_dataclass(f"Knobs_{prefix}", fields, frozen=True)
 
 
-def constants(prefix: str, law: str | None = None) -> frozenset[str]:
+def own_knob_names(prefix: str, law: str | None = None) -> frozenset[str]:
     """Names of the knobs of a layer: those of its law, or of all laws."""
     own = LAWS.own(law) if law is not None else frozenset().union(*map(LAWS.own, LAWS.members))
-    return frozenset(named(prefix, name) for name in ("mu", "D1", *own))
+    return frozenset(own_knob_name(prefix, name) for name in ("mu", "D1", *own))
 
 
 def everything() -> frozenset[str]:
     """Names of the knobs of all layers."""
-    return frozenset().union(*map(constants, PREFIXES))
+    return frozenset().union(*map(own_knob_names, PREFIXES))
 
 
 def absent(laws: Sequence[OwnLaw | None]) -> frozenset[str]:
     """Names of the knobs that say nothing of a body whose layers have these laws."""
-    present = [constants(p, own.law) for p, own in zip(PREFIXES, laws, strict=False) if own]
+    present = [own_knob_names(p, own.law) for p, own in zip(PREFIXES, laws, strict=False) if own]
     return everything().difference(*present)
 
 
 def always(laws: Sequence[OwnLaw | None]) -> frozenset[str]:
     """Names of those that keep their influence at their neutral value."""
     own = [(p, v) for p, v in zip(PREFIXES, laws, strict=False) if v and LAWS.members[v.law].own_at_neutral]
-    return frozenset(named(p, name) for p, v in own for name in LAWS.own(v.law))
+    return frozenset(own_knob_name(p, name) for p, v in own for name in LAWS.own(v.law))
 
 
-def powers() -> dict[str, int]:
+def own_law_powers() -> dict[str, int]:
     """Power of a stress in the knobs that have one."""
     each = {"mu": 1, "D1": -1, **{k: p for law in LAWS.members.values() for k, p in law.powers.items()}}
-    return {named(prefix, name): p for prefix in PREFIXES for name, p in each.items()}
+    return {own_knob_name(prefix, name): p for prefix in PREFIXES for name, p in each.items()}
 
 
-def made(own: OwnLaw, prefix: str, knobs: Any, ratio: float) -> Law:
+def law_of_layer(own: OwnLaw, prefix: str, knobs: Any, ratio: float) -> Law:
     """The law of a layer: μ from its knob or `ratio` times that of the rest, K/μ likewise, other constants its own."""
-    mu = (getattr(knobs, named(prefix, "mu")) or ratio * knobs.mu) * (
+    mu = (getattr(knobs, own_knob_name(prefix, "mu")) or ratio * knobs.mu) * (
         knobs.layer_ratio if prefix == PREFIXES[0] else 1.0
     )
-    D1 = getattr(knobs, named(prefix, "D1")) or knobs.D1 * knobs.mu / mu
-    rest = {name: getattr(knobs, named(prefix, name)) for name in LAWS.own(own.law)}
+    D1 = getattr(knobs, own_knob_name(prefix, "D1")) or knobs.D1 * knobs.mu / mu
+    rest = {name: getattr(knobs, own_knob_name(prefix, name)) for name in LAWS.own(own.law)}
     return LAWS.members[own.law].of(SimpleNamespace(mu=mu, D1=D1, **rest), own.terms)

@@ -12,7 +12,7 @@ from skfem import MeshTet2
 from fem_backend import members
 from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.specimens.flat import FlatTopped
-from fem_backend.specimens.layers import LAYERED, Layers, fitting, laws_of, thicknesses_and_ratios, written
+from fem_backend.specimens.layers import LAYERED, Layers, canonical_layers, fitting, laws_of, thicknesses_and_ratios
 from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import SPECIMENS
 from rso.contract import knob
@@ -128,7 +128,7 @@ class Slab(FlatTopped):
 
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings."""
-        layers = written(self.layers, self.laws)
+        layers = canonical_layers(self.layers, self.laws)
         return {"shape": self.name, "thickness": self.thickness, "layers": layers}
 
     def actual(self, knobs: Any) -> Slab:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from fem_backend import members
-from fem_backend.meshing import MeridianMesh, Size, graded, halved, triangulated
+from fem_backend.meshing import MeridianMesh, Size, graded_coordinates, halved, triangulated
 from fem_backend.specimens.ellipsoidal import Ellipsoidal
 from fem_backend.specimens.flat import GROWTH, LEVELS
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
@@ -105,5 +105,5 @@ class SolidSphere(Ellipsoidal):
         def down(z: np.ndarray) -> np.ndarray:
             return fineness * np.minimum(near + GROWTH * (R - z), largest)
 
-        r, z = graded(across, (0.0, R), samples), graded(down, (-R, 0.0, R), samples)
+        r, z = graded_coordinates(across, (0.0, R), samples), graded_coordinates(down, (-R, 0.0, R), samples)
         return triangulated(r, z, lambda points: halved(points / R) * actual.a)

@@ -34,7 +34,7 @@ GRID, CANDIDATES, ZOOMS = 8, 8, 40  # points along a facet, facets looked at clo
 class HeldTable(members.MemberTable):
     """held: the region of the surface that a support holds, by one of a height, a box or a second surface."""
 
-    below: Annotated[float, BeforeValidator(members.number)] | None = None
+    below: Annotated[float, BeforeValidator(members.finite_number)] | None = None
     """All of the surface up to this z, mm."""
     box: Annotated[Any, BeforeValidator(lambda v: _box(v))] | None = None
     """[[x0, y0, z0], [x1, y1, z1]], mm: all of the surface inside of it."""
@@ -53,7 +53,9 @@ class HeldTable(members.MemberTable):
             raise members.refused(f": a table with one of {', '.join(ways)} is expected")
         for key in value:
             if key not in cls.model_fields:
-                raise members.refused(f": unknown; {members.choose(key, list(cls.model_fields))}", key, value[key])
+                raise members.refused(
+                    f": unknown; {members.nearest_choices(key, list(cls.model_fields))}", key, value[key]
+                )
         if "file" not in value and value.get("within") is not None:
             raise members.refused(": only a second surface, file, has it", "within", value["within"])
         return value
@@ -147,7 +149,7 @@ class Surface(InSpace):
         ),
     )
     gauges: ClassVar[Mapping[str, float]] = {"delta_scan": 0.002}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.MESHER: scans.make}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.MESHER: scans.make_scan_mesh}
     smallest_words: ClassVar[str] = "half the smallest extent"
 
     @property
@@ -434,11 +436,11 @@ class Surface(InSpace):
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The mesh of the recipe, fine elements at `point`, edges curved, in the size of the body; raises BadMesh."""
-        smooth, place = self.scan.smooth, np.array(scans.place_of(recipe))
+        smooth, place = self.scan.smooth, np.array(scans.fine_place(recipe))
         to = self._in(self.above(*point)[0])
         if np.linalg.norm(to - place) > FINE * self.largest:
-            mesh = scans.carried(smooth, self.region, mesh, place, to)
-        made = scans.quadratic(smooth, self.region, mesh)
+            mesh = scans.carried_mesh(smooth, self.region, mesh, place, to)
+        made = scans.quadratic_on_scan(smooth, self.region, mesh)
         worst = float(meshing.scaled_jacobian(made).min())
         if worst <= 0.0:
             raise meshing.BadMesh(f"elements are spoilt: scaled Jacobian {worst:.3f}")

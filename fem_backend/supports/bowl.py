@@ -13,7 +13,7 @@ from pydantic import BeforeValidator
 
 from fem_backend import members
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
-from fem_backend.geometry import STILL, EllipsoidShape, arrays, closest_point
+from fem_backend.geometry import STILL, EllipsoidShape, closest_point, kernel_arrays
 from fem_backend.kinematics.bodies import Body
 from fem_backend.supports.support import SUPPORTS
 from rso.contract import Drawn, knob
@@ -230,7 +230,7 @@ class Bowl:
         |n| = 1 below the rim.  The bowl stands where its own centre says: `centre` and `direction` are not used.
         Closest point y_i = s_i² x_i/(s_i² + τ), Σ (y_i/s_i)² = 1, largest root τ (Eberly 2013, §4).
         """
-        flat, own, s = arrays(x, self.centre, self.semi_axes)
+        flat, own, s = kernel_arrays(x, self.centre, self.semi_axes)
         g, n, hessian = _bowl_gap(flat, own, s, float(self.rim_z), float(self.lip))
         return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
 

@@ -19,7 +19,7 @@ from rso.calibration.result_files import POSTERIOR
 from rso.contract import Case, Exports, capability
 from rso.core import disk
 from rso.core.units import spaced
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 
 TABLES = {
     "csv": "tables of parameters, candidates, runs, curves and posterior draws as CSV",
@@ -40,7 +40,7 @@ def check_formats(plan: Plan, names: Sequence[str]) -> None:
     """ValueError for the first name that is no format."""
     known = sorted(formats(plan))
     if wrong := [n for n in names if n not in known]:
-        raise ValueError(f"format {wrong[0]!r}: {choose(wrong[0], known)}")
+        raise ValueError(f"format {wrong[0]!r}: {choices_text(wrong[0], known)}")
 
 
 def export(
@@ -145,9 +145,9 @@ def _of_backend(
     """What the backend writes, with the values, their intervals and where they come from as remarks."""
     own = capability(plan.backend, Exports)
     assert own is not None
-    values, whose = values_of(result, candidate)
+    values, whose = exported_values(result, candidate)
     case = _case(plan, experiment)
-    remarks = [f"{result.data['study']['title']}: {case.name}", f"values: {whose}", *intervals(result, values)]
+    remarks = [f"{result.data['study']['title']}: {case.name}", f"values: {whose}", *interval_rows(result, values)]
     return dict(own.exported(name, values, case, remarks))
 
 
@@ -156,11 +156,11 @@ def _case(plan: Plan, experiment: str | None) -> Case:
     every = {name: plan.cases[k] for name, k in plan.case_of.items()} | dict(plan.validation)
     name = next(iter(plan.case_of)) if experiment is None else experiment
     if name not in every:
-        raise ValueError(f"experiment {name!r}: {choose(name, every)}")
+        raise ValueError(f"experiment {name!r}: {choices_text(name, every)}")
     return every[name]
 
 
-def values_of(result: RunResult, candidate: int | None = None) -> tuple[dict[str, float], str]:
+def exported_values(result: RunResult, candidate: int | None = None) -> tuple[dict[str, float], str]:
     """Values by parameter and whose they are: the most likely ones, or those of a candidate (from 1)."""
     found = result.data.get("identification")
     if candidate is None and found:
@@ -173,7 +173,7 @@ def values_of(result: RunResult, candidate: int | None = None) -> tuple[dict[str
     return dict(main[k - 1]["values"]), f"candidate {k} of the main search"
 
 
-def intervals(result: RunResult, values: Mapping[str, float]) -> list[str]:
+def interval_rows(result: RunResult, values: Mapping[str, float]) -> list[str]:
     """A line per parameter: value, unit, interval and what the data say of it."""
     table, level = result.parameters, result.level
     lines = []

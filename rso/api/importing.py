@@ -11,9 +11,9 @@ from scipy.interpolate import PchipInterpolator
 
 from rso.calibration.plan import Plan
 from rso.contract import Case, Response, run_key
-from rso.core.units import factor
+from rso.core.units import conversion_factor
 from rso.evaluation.store import Done
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 
 NEAR = 1e-6  # of the deepest asked travel: a table that ends this near before it reaches it
 
@@ -26,7 +26,7 @@ def read_runs(path: Path) -> pd.DataFrame:
         raise ValueError(f"{path}: cannot be read as a table: {error}") from error
 
 
-def rows_of(plan: Plan, table: pd.DataFrame) -> list[Done]:
+def runs_of_table(plan: Plan, table: pd.DataFrame) -> list[Done]:
     """A stored run for each case of the study and each set of values in a table.
 
     A row is a point of a curve: a column for each open parameter (``k`` in the unit of the backend, or ``k [N/m]``),
@@ -71,7 +71,7 @@ def _in_units(plan: Plan, table: pd.DataFrame) -> pd.DataFrame:
     channels = {o.channel for o in (*plan.outputs, *plan.extras)}
     for name in (*plan.box.names, "travel", *sorted(channels)):
         if name not in found:
-            raise ValueError(f"column {name!r} is missing; {choose(name, map(str, table.columns))}")
+            raise ValueError(f"column {name!r} is missing; {choices_text(name, map(str, table.columns))}")
     return pd.DataFrame(found)
 
 
@@ -81,7 +81,7 @@ def _factor(header: str, unit: str) -> float:
         return 1.0
     written = header.partition("[")[2].partition("]")[0].strip()
     try:
-        return float(factor(written, unit or "1"))
+        return float(conversion_factor(written, unit or "1"))
     except ValueError as error:
         raise ValueError(f"column {header!r}: {error}") from error
 

@@ -21,7 +21,7 @@ from rso.evaluation.store import RunStore
 from rso.objectives.pipeline import run_pareto
 from rso.objectives.plan import ParetoPlan, pareto_plan
 from rso.study.errors import Problem, study_error
-from rso.study.loader import load as read_study
+from rso.study.loader import load_study as read_study
 from rso.study.schema import Study
 
 

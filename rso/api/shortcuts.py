@@ -15,12 +15,12 @@ from rso.api.workspace import load
 from rso.contract import Backend, Case, NewStudies, Programme, Response, capability, digest
 from rso.core import disk
 from rso.core.default_backend import USE
-from rso.core.units import quantity
-from rso.data import Noise, combine, read
+from rso.core.units import value_in_unit
+from rso.data import Noise, combine, read_measurement
 from rso.evaluation.adapters import load_backend
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 from rso.study.laboratory_folder import inline
-from rso.study.settings_files import seen_from
+from rso.study.settings_files import paths_seen_from
 
 Table = Mapping[str, Any]
 Quantity = float | str
@@ -115,9 +115,9 @@ def _numbers(backend: Backend, values: Mapping[str, Quantity]) -> dict[str, floa
     found = {}
     for name, value in values.items():
         if name not in units:
-            raise ValueError(f"{name} = {value!r}: {backend.name} has no such parameter; {choose(name, units)}")
+            raise ValueError(f"{name} = {value!r}: {backend.name} has no such parameter; {choices_text(name, units)}")
         try:
-            found[name] = quantity(value, units[name])
+            found[name] = value_in_unit(value, units[name])
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
     return found
@@ -135,14 +135,14 @@ def _curve_file(data: str | os.PathLike[str] | pd.DataFrame) -> tuple[bytes, str
 
 def _head(tables: Table, place: Path) -> list[str]:
     lines = ["[study]", 'title = "Indentation"', "seed = 1", "", "[backend]", f"use = {inline(USE)}", ""]
-    return [*lines, "[backend.settings]", *(f"{k} = {inline(seen_from(v, place))}" for k, v in tables.items())]
+    return [*lines, "[backend.settings]", *(f"{k} = {inline(paths_seen_from(v, place))}" for k, v in tables.items())]
 
 
 def _ranges(backend: Backend, tables: Table, ranges: Mapping[str, Any], curve: Path) -> list[str]:
     """Lines of [parameters]: those given, then the guesses of the backend; ValueError for what is none."""
     stated = {name: _range(name, given) for name, given in ranges.items()}
     studies = capability(backend, NewStudies)
-    measured = combine(read(curve), Noise())
+    measured = combine(read_measurement(curve), Noise())
     guessed = {} if studies is None else studies.first_parameters(tables, measured.depth, measured.value)
     every = {**{name: line.value for name, line in guessed.items()}, **stated}
     return [f"{name} = {inline(value)}" for name, value in every.items()]

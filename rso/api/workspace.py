@@ -18,7 +18,7 @@ import pandas as pd
 from rso import evaluation
 from rso.api.executors import Collecting, InProcess, RunsWanted
 from rso.api.exporting import check_formats, export
-from rso.api.importing import read_runs, rows_of
+from rso.api.importing import read_runs, runs_of_table
 from rso.api.run_result import RunResult
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import Plan, make_plan
@@ -27,7 +27,7 @@ from rso.contract import Backend, Case, Response, SimulationFailed, lacking, run
 from rso.core import disk
 from rso.evaluation.adapters import Source
 from rso.evaluation.store import Done, Failed, RunStore
-from rso.study.loader import load as read_study
+from rso.study.loader import load_study as read_study
 from rso.study.schema import Study
 
 Say = Callable[[str], None]
@@ -151,7 +151,7 @@ class Workspace:
         with ``[doe] kind = "file"`` and ``reduce = false`` the points of the same table.  Nothing is stored where a row
         is wrong (ValueError).
         """
-        rows = rows_of(self.plan, table if isinstance(table, pd.DataFrame) else read_runs(Path(table)))
+        rows = runs_of_table(self.plan, table if isinstance(table, pd.DataFrame) else read_runs(Path(table)))
         with self._store() as store:
             for row in rows:
                 store.put_done(row)

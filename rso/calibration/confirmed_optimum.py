@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from rso.calibration.finished_runs import finished
+from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
-from rso.calibration.readings import as_data, measured, of_emulator, place_of
+from rso.calibration.readings import as_data, curve_place, measured, of_emulator
 from rso.calibration.search_stage import SearchResult
-from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, misses, sample
+from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, outputs_sample, tolerance_misses
 from rso.core.distributions import chi2_ppf
 from rso.core.units import spaced
-from rso.doe import Box, sobol
+from rso.doe import Box, sobol_sequence
 from rso.emulation.emulator import Emulator, relearn
 from rso.evaluation import Outcome, Task
 from rso.evaluation.store import Done
@@ -28,10 +28,10 @@ from rso.inference import (
     Model,
     Runs,
     all_minima,
+    chi2_p_value,
     determine,
     emulated,
     emulated_together,
-    p_value,
     resample,
     spread_of,
     with_autocorrelation,
@@ -64,7 +64,7 @@ class ConfirmedFit:
 
     def determined(self, plan: Plan, runs: Runs, *, mcmc: bool) -> Determination:
         """What the curves determine, finished runs heard, measured against the ranges of the study file."""
-        return determine(self.misfit, seed=plan.seed, near=self.near, mcmc=mcmc, runs=runs, stated=stated(plan))
+        return determine(self.misfit, seed=plan.seed, near=self.near, mcmc=mcmc, runs=runs, stated=stated_ranges(plan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     Readings of one record are autocorrelated where what the best fit leaves does and nothing is stated of that.
     ValueError where the data or their errors allow no likelihood.
     """
-    box, near = ranges(plan), _start(plan, found)
-    places, curves = (list(v) for v in zip(*fitted_curves(plan), strict=True))
+    box, near = searched_ranges(plan), _start(plan, found)
+    places, curves = (list(v) for v in zip(*fitted_readings(plan), strict=True))
     model = _within(plan, box, emulated_together(emulator, places))
     plain = Misfit(model, tuple(curves), wall=_wall(plan, box))
     first = all_minima(plain, seed=plan.seed, near=near)[0]
@@ -134,7 +134,7 @@ def confirm_optimum(
         values = [plan.values(x) for _, x in unsure]
         new = [Run("interval", v, o) for v, o in zip(values, bench.run(values), strict=True)]
         runs += new
-        learnt = [sample(plan, r.values, r.outcomes) for r in new if r.done]
+        learnt = [outputs_sample(plan, r.values, r.outcomes) for r in new if r.done]
         if not learnt:
             names = tuple(name for name, _ in unsure)
             return replace(now, emulator=emulator, runs=tuple(runs), open=names, poor=_poor(plan, emulator))
@@ -172,12 +172,12 @@ def _most_likely(
         off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
         verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
         ν = now.misfit.n - len(best.x)
-        p, p_bare = (p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
+        p, p_bare = (chi2_p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
         last = ConfirmedOptimum(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
         hidden = covered(p, p_bare) and bare > REFUTED**2 * ν
         if (verified and not hidden) or k == ROUNDS - 1:
             break
-        emulator = learn_more(bench, emulator, [sample(plan, values, outcomes)])
+        emulator = learn_more(bench, emulator, [outputs_sample(plan, values, outcomes)])
     if not runs[-1].done and not last.verified:
         return ConfirmedOptimum(emulator, tuple(runs), None, None, False)
     return replace(last, emulator=emulator, runs=tuple(runs))
@@ -197,7 +197,7 @@ def _poor(plan: Plan, emulator: Emulator) -> tuple[str, ...]:
     """Ids of the fitted outputs whose surrogates miss surrogate.tolerance by cross-validation."""
     fitted = set(_fitted(plan))
     mine = [o.id for o in emulator.outputs if (o.experiment, o.channel) in fitted]
-    return tuple(misses(plan, emulator, {i: m.cv for i in mine if (m := emulator.surrogates.get(i))}, mine))
+    return tuple(tolerance_misses(plan, emulator, {i: m.cv for i in mine if (m := emulator.surrogates.get(i))}, mine))
 
 
 def _heard(
@@ -210,7 +210,7 @@ def _heard(
     """
     for again in (True, False):
         now = evidence(plan, emulator, found)
-        runs, new = finished(plan, emulator, bench.evaluator.store, now.misfit, now.places)
+        runs, new = runs_with_curves(plan, emulator, bench.evaluator.store, now.misfit, now.places)
         d = now.determined(plan, runs, mcmc=False)
         if not d.refuting or not again:
             break
@@ -242,7 +242,7 @@ def _unsure(
             if float(np.sum(now.misfit.white(off) ** 2)) > SURE * least:
                 ends.append((f"the end of an interval, {_named(box, x)}", x))
     limit = d.fit.chi2 + least * chi2_ppf(LEVEL, 1)
-    X = sobol(box.d, SCAN, plan.seed)
+    X = sobol_sequence(box.d, SCAN, plan.seed)
     X = X[(now.misfit.chi2(X) > limit) & (now.misfit.beyond(X).sum(axis=1) == 0.0)]
     hopeful = _hopeful(plan, emulator, now, X)
     open_ = np.argsort(hopeful)[: np.count_nonzero(hopeful <= limit)]
@@ -281,14 +281,14 @@ def _wall(plan: Plan, box: Box) -> Callable[[np.ndarray], np.ndarray] | None:
     answer, over what it varies by in the ranges (k, w); None where there are no conditions."""
     if not plan.conditions:
         return None
-    span = np.ptp(plan.excess(_wide(plan, sobol(box.d, 256, plan.seed))), axis=0)
+    span = np.ptp(plan.excess(_wide(plan, sobol_sequence(box.d, 256, plan.seed))), axis=0)
     return lambda X: plan.excess(_wide(plan, X)) / np.where(span > 0.0, span, 1.0)
 
 
 # ------------------------------------------------------------------------------------------------------ pieces
 
 
-def fitted_curves(plan: Plan) -> list[tuple[CurvePlace, Data]]:
+def fitted_readings(plan: Plan) -> list[tuple[CurvePlace, Data]]:
     """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors."""
     found, fitted = [], _fitted(plan)
     for name, channel in fitted:
@@ -296,19 +296,19 @@ def fitted_curves(plan: Plan) -> list[tuple[CurvePlace, Data]]:
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
         keep = curve.compared & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
-        place = place_of(name, curve, keep, deepest)
+        place = curve_place(name, curve, keep, deepest)
         found.append((place, as_data(label, name, curve, keep)))
     return found
 
 
-def ranges(plan: Plan) -> Box:
+def searched_ranges(plan: Plan) -> Box:
     """The ranges of the study file; the plan's own box may be wider, for a design that reaches beyond them."""
     main = plan.searches[0]
     low, high = plan.box.from_unit(np.stack([main.low, main.high]))
     return Box(plan.box.names, plan.box.units, tuple(map(float, low)), tuple(map(float, high)), plan.box.log)
 
 
-def stated(plan: Plan) -> Box:
+def stated_ranges(plan: Plan) -> Box:
     """The ranges of the study file, whatever the search came to use."""
     axes = resolve(plan.study, plan.backend.parameters).axes
     return Box(plan.box.names, plan.box.units, tuple(a.low for a in axes), tuple(a.high for a in axes), plan.box.log)

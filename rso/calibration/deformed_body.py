@@ -72,11 +72,11 @@ def draw_deformed(backend: Backend | Source, values: Mapping[str, float], case: 
     drawing = capability(backend, DeformedBodies)
     assert drawing is not None  # asked before
     return json.dumps(
-        {"key": key, "experiment": name, "values": dict(values), **as_plain(drawing.deformed(values, case))}
+        {"key": key, "experiment": name, "values": dict(values), **body_as_plain(drawing.deformed(values, case))}
     )
 
 
-def as_plain(body: DeformedBody) -> dict[str, Any]:
+def body_as_plain(body: DeformedBody) -> dict[str, Any]:
     """A body as JSON holds it: as many digits as can be seen; triangles of a frame null where they are as before."""
     size = max((float(np.abs(f.points).max(initial=0.0)) for f in body.frames), default=1.0) or 1.0
     places = max(0, 4 - int(np.floor(np.log10(size))))

@@ -12,7 +12,7 @@ EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED, EXIT_NOT_ME
 Results = Mapping[str, Any]
 
 
-def ended(found: Results, require: Sequence[str], strict: bool) -> tuple[int, str | None]:
+def exit_code_of(found: Results, require: Sequence[str], strict: bool) -> tuple[int, str | None]:
     """Exit code of finished results and its reason, the first that applies of 4, 6, 5, 7 (`strict`) and 3.
 
     4: a candidate's rerun does not agree with its prediction; 6: no candidate of a search meets its targets and

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.calibration.stored_runs import answers, points
+from rso.calibration.stored_runs import stored_points, stored_responses
 from rso.contract import Response
 from rso.emulation.emulator import Emulator, Sample
 from rso.evaluation.store import RunStore
@@ -16,7 +16,7 @@ from rso.inference import CurvePlace, Misfit, Runs, outputs_of, readings_of, res
 SCALES = 257  # values of the modulus that similarity makes of one run
 
 
-def finished(
+def runs_with_curves(
     plan: Plan, emulator: Emulator, store: RunStore, misfit: Misfit, places: Sequence[CurvePlace]
 ) -> tuple[Runs, list[Sample]]:
     """All runs inside the ranges of the misfit whose curves are known: those that the emulator has learnt, scaled by
@@ -26,10 +26,10 @@ def finished(
     rows = [row for values, curve in rows for row in _scaled(emulator, misfit, places, values, curve)]
     known = {_point(plan, s.values) for s in emulator.samples}
     stored, new = [], []
-    for point in points(plan, store):
+    for point in stored_points(plan, store):
         values, responses = point.values, None
         if _point(plan, values) not in known:
-            responses = answers(store, point)
+            responses = stored_responses(store, point)
         if responses is not None:
             try:
                 curve = np.concatenate([resample(responses[plan.case_of[p.experiment]], p, "") for p in places])

@@ -75,7 +75,7 @@ def _row(
     }
 
 
-def stated(plan: Plan, name: str) -> list[str]:
+def stated_formulas(plan: Plan, name: str) -> list[str]:
     """Which closed forms there are for an experiment, and to what depth they hold, in the middle of the ranges."""
     known = capability(plan.backend, Formulas)
     if known is None or name not in plan.case_of:

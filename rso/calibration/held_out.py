@@ -11,7 +11,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.readings import measured, of_response
 from rso.contract import Case, Response
-from rso.core.curves import ahead, at_readings, on_the_way_back, resting
+from rso.core.curves import at_readings, first_loading, hold_rows, on_the_way_back
 from rso.evaluation import Task
 from rso.inference import CurvePlace, ModelErrors
 from rso.study.cases import mark_channel
@@ -79,11 +79,11 @@ class HeldOutReadings:
             if self.back:
                 found[mine] = on_the_way_back(curve.travel_mm, curve.error, self.depth[mine])
                 continue
-            on, since = ahead(curve.travel_mm), self._since(mine)
+            on, since = first_loading(curve.travel_mm), self._since(mine)
             found[mine] = np.interp(self.depth[mine], curve.travel_mm[on], curve.error[on])
             if since is not None and (held := mine & (self.since > 0.0)).any():  # type: ignore[operator]
                 time, depth = response.channels["time"], float(self.depth[held][0])
-                found[held] = curve.error[resting(channel, time, curve.travel_mm, depth, since[since > 0.0])]
+                found[held] = curve.error[hold_rows(channel, time, curve.travel_mm, depth, since[since > 0.0])]
         return found
 
     def _since(self, mine: np.ndarray) -> np.ndarray | None:

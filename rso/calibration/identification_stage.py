@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum, covered, evidence
-from rso.calibration.finished_runs import finished
+from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
-from rso.calibration.search_stage import SearchResult, curve_metrics, curves_of
+from rso.calibration.search_stage import SearchResult, curve_metrics, done_curves
 from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
 from rso.contract import DerivedQuantities, DerivedQuantity, capability
@@ -39,7 +39,7 @@ from rso.inference import (
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED, Word, physical
-from rso.optimal_design.gains import Gain, gains_of_repeats, in_order, weakest
+from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
 NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
 METRICS = ("nrmse", "mre", "rrmse")
@@ -66,7 +66,7 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[SearchResult], stor
         m: minimise(curve_score(model, data, m), model.box, seed=seed, near=near, steps=downhill(model, data, m))
         for m in wanted
     }
-    runs, _ = finished(plan, emulator, store, misfit, now.places)
+    runs, _ = runs_with_curves(plan, emulator, store, misfit, now.places)
     determination = with_usual(now.determined(plan, runs, mcmc=True), seed)
     return Identified(now.places, determination, compare_weightings(misfit, near, seed=seed), minima)
 
@@ -100,7 +100,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
-            "derived": derived_quantities(plan, d, trusted(d, settled)),
+            "derived": derived_quantities(plan, d, is_trusted(d, settled)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
             "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
@@ -134,7 +134,7 @@ def gain_rows(d: Determination, found: Sequence[Gain]) -> list[dict[str, Any]]:
             "information": w.information,
             "price": w.price,
         }
-        for g, w in in_order(found, weakest(d.known))
+        for g, w in ranked_gains(found, weakest(d.known))
     ]
 
 
@@ -144,10 +144,10 @@ def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
     if run is None or not run.done or not settled.verified:
         return {"values": None, "curves": {}, "metrics": {}}
     metrics = {e: dataclasses.asdict(m) for e, m in curve_metrics(plan, run.outcomes).items()}
-    return {"values": dict(run.values), "curves": curves_of(plan, run.outcomes), "metrics": metrics}
+    return {"values": dict(run.values), "curves": done_curves(plan, run.outcomes), "metrics": metrics}
 
 
-def trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
+def is_trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether simulations confirm what the surrogates say, and the model does not miss the data widely."""
     return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED
 

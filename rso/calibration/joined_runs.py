@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.calibration.stored_runs import Values, points
+from rso.calibration.stored_runs import Values, stored_points
 from rso.emulation.emulator import reduced_box
 from rso.evaluation.store import RunStore
 
@@ -53,12 +53,12 @@ def joined(plan: Plan, store: RunStore, before: Mapping[str, Any] | None) -> Joi
     if isinstance(known, dict):
         counts = {k: int(known.get(k) or 0) for k in ("outside", "other", "left")}
         return Joined(tuple(known.get("points") or ()), **counts)
-    return find(plan, store)
+    return find_stored_points(plan, store)
 
 
-def find(plan: Plan, store: RunStore) -> Joined:
+def find_stored_points(plan: Plan, store: RunStore) -> Joined:
     """Points all of whose cases are stored (done, or failed: where there is no answer is worth knowing too)."""
-    known = points(plan, store)
+    known = stored_points(plan, store)
     stored = {r.key for r in store.rows() if r.state != "crashed"}
     other = len(stored - {key for point in known for key in point.keys})
     inside = [p.values for p in known if _inside(plan, p.values)]

@@ -29,7 +29,7 @@ from rso.calibration import (
     sensitivity_stage,
     stages,
 )
-from rso.calibration.exit_codes import EXIT_FAILED_RUNS, ended
+from rso.calibration.exit_codes import EXIT_FAILED_RUNS, exit_code_of
 from rso.calibration.gauss_newton import descent_results, iteration
 from rso.calibration.plan import Plan
 from rso.calibration.range_extension import ExtendedRanges
@@ -75,7 +75,9 @@ def run_study(
     bench, searches = _search(ranges, notes, say)
     chosen = search_results.best(bench.plan, searches)
     determination = _identify(bench, searches, chosen, notes, say)
-    return _validate(bench, ranges.design, search_stage.chosen(searches, chosen), determination, notes, say, strict)
+    return _validate(
+        bench, ranges.design, search_stage.chosen_candidates(searches, chosen), determination, notes, say, strict
+    )
 
 
 def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str, Any]:
@@ -89,8 +91,8 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
         notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
     design = descent_results.design_of(plan, there)
-    found["runs"] = results.rows_of(plan, there.runs)
-    notes.write("search", **descent_results.of_design(plan, there), **descent_results.of_gauss_newton(plan, there))
+    found["runs"] = results.run_rows(plan, there.runs)
+    notes.write("search", **descent_results.descent_design(plan, there), **descent_results.of_gauss_newton(plan, there))
     say("identification: what the curves determine")
     one = (plan.searches[0].name, 0, found["searches"][0]["candidates"][0]["values"])
     bench.evaluator.begin(search_stage.validation_tasks(plan, [one]))
@@ -98,13 +100,16 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
     try:
         if not there.best.confirmed:
             raise ValueError(f"Gauss–Newton stopped without a confirmed answer: {there.best.why}")
-        known, settled = iteration.identified(plan, there)
+        known, settled = iteration.identify_from_derivatives(plan, there)
         parts = identification_stage.of_identification(plan, known, settled)
-        found["runs"] += results.rows_of(plan, settled.runs)
+        found["runs"] += results.run_rows(plan, settled.runs)
     except (ValueError, np.linalg.LinAlgError) as error:
         parts = identification_stage.not_identified(plan, str(error))
         found["warnings"].append(f"identification: {error}")
-    found["warnings"] += [*descent_results.warnings(plan, there, known), *rough(found["searches"][0]["candidates"])]
+    found["warnings"] += [
+        *descent_results.descent_warnings(plan, there, known),
+        *rough(found["searches"][0]["candidates"]),
+    ]
     notes.write("verify", **parts)
     return _validate(bench, design, [one], None if known is None else known.determination, notes, say, strict)
 
@@ -122,7 +127,7 @@ def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     design = stages.run_design(bench, known.points)
     if not design.similar and plan.group.reference is not None:
         found["warnings"].append(f"similarity {design.story}")
-    notes.write("design", **results.of_design(plan, design))
+    notes.write("design", **results.design_block(plan, design))
     say("surrogates: response surfaces of every output")
     try:
         fitted = stages.fit_surrogates(bench, design)
@@ -134,8 +139,8 @@ def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     plan, fitted = ranges.bench.plan, ranges.fitted
     found["runs"] += results.added_runs(plan, fitted)
     _warn_of_poor_surrogates(plan, fitted, found)
-    emulator_file.save(fitted.emulator, notes.path.parent / "surrogates")
-    found["parameters"] = results.parameters(bench.plan, plan)
+    emulator_file.save_emulator(fitted.emulator, notes.path.parent / "surrogates")
+    found["parameters"] = results.parameter_rows(bench.plan, plan)
     notes.write("surrogates", **results.of_surrogates(plan, ranges.design, fitted))
     say("sensitivity")
     notes.write(
@@ -153,10 +158,10 @@ def _search(ranges: ExtendedRanges, notes: _Notes, say: Say) -> tuple[Runner, li
     proposals = search_stage.propose_all(bench, emulator, ranges.proposal)
     audit = ranges.audit
     for wanted, first in zip(plan.searches, proposals, strict=True):
-        one = search_stage.find(bench, wanted, emulator, first)
+        one = search_stage.find_candidates(bench, wanted, emulator, first)
         emulator, bench = one.result.emulator, bench.around_failures(similar)
         if not searches:
-            audit = range_extension.afterwards(plan, audit, one.result.choice.X)
+            audit = range_extension.audit_afterwards(plan, audit, one.result.choice.X)
         searches.append(one)
         _warn_of_constraints(one, found)
         _warn_of_reach(one, found)
@@ -186,11 +191,11 @@ def _identify(
     """What the curves determine; what is known then."""
     say("identification: what the curves determine")
     emulator = searches[-1].result.emulator
-    later = search_stage.validation_tasks(bench.plan, search_stage.chosen(searches, chosen))
+    later = search_stage.validation_tasks(bench.plan, search_stage.chosen_candidates(searches, chosen))
     identified, extra, doubts, determination = identification_stage.identification(
         bench, emulator, searches, chosen, later
     )
-    notes.found["runs"] += results.rows_of(bench.plan, extra)
+    notes.found["runs"] += results.run_rows(bench.plan, extra)
     notes.found["warnings"] += [*_outside(identified.get("identification"), notes.found["parameters"]), *doubts]
     notes.write("verify", **identified)
     return determination
@@ -216,13 +221,13 @@ def _validate(
         bench.evaluator.begin(
             [held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)]
         )
-    checked = search_stage.validate(bench, chosen)
+    checked = search_stage.validate_candidates(bench, chosen)
     found["runs"] += results.validation_runs(checked)
     foretold = []
     if determination is not None and values is not None:
         foretold = predictive_check.predictive_checks(bench, determination, values)
         found["runs"] += results.predictive_check_runs([r for v in foretold for r in v.runs])
-        found["warnings"] += predictive_check.warnings(plan, foretold)
+        found["warnings"] += predictive_check.prediction_warnings(plan, foretold)
         more = [*gains_of_repeats(determination), *predictive_check.gains(plan, determination, foretold)]
         found["identification"]["gains"] = identification_stage.gain_rows(determination, more)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
@@ -238,7 +243,7 @@ def _validate(
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
     found.update(**search_results.of_validation(checked), **predictive_check.of_predictions(foretold), counts=counts)
     deformed_body.write_deformed(picture, notes.path.parent)
-    code, reason = ended(found, plan.study.identify.require, strict)
+    code, reason = exit_code_of(found, plan.study.identify.require, strict)
     return notes.write("validate", end=True, exit_code=code, exit_reason=reason)
 
 
@@ -258,7 +263,7 @@ class _Notes:
         self.clock.lap(stage)
         reached = -1 if self.before is None else result_files.STAGES.index(self.before["stage"])
         if end or result_files.STAGES.index(stage) >= reached:
-            return result_files.write(self.path, self.found)
+            return result_files.write_results(self.path, self.found)
         return self.found
 
     def counts(self, plan: Plan) -> dict[str, int]:
@@ -277,7 +282,7 @@ class _Notes:
 
 def _begin(plan: Plan, store: RunStore, folder: Path, command: str, jobs: int) -> _Notes:
     path = folder / "results.json"
-    found = result_files.plainly(results.begin(plan, command, _now(), jobs))
+    found = result_files.plainly(results.begun_results(plan, command, _now(), jobs))
     before = result_files.earlier(path, found)
     known = frozenset(row.key for row in store.rows() if row.state != "crashed")
     return _Notes(found, path, before, known, _Clock(found["timings"], before))
@@ -376,7 +381,7 @@ def _warn_of_extrapolation(plan: Plan, one: SearchResult, found: dict[str, Any])
 def _warn_of_poor_surrogates(plan: Plan, fitted: stages.FittedSurrogates, found: dict[str, Any]) -> None:
     limit = plan.study.surrogate.tolerance
     used = {k: s for k, s in fitted.held_out.items() if k in stages.decisive(plan)}
-    poor = stages.misses(plan, fitted.emulator, used)
+    poor = stages.tolerance_misses(plan, fitted.emulator, used)
     if poor:
         name = max(poor, key=lambda i: poor[i])
         found["warnings"].append(

@@ -25,13 +25,13 @@ from rso.study.cases import (
     case_for,
     measured_curves,
     measured_profiles,
-    merge,
+    merge_cases,
     profile_case,
     refuse_what_is_not_modelled,
     remarks,
     travels,
 )
-from rso.study.creep import Creeps, creep_case, loading_of, said_of, with_creep
+from rso.study.creep import Creeps, creep_case, loading_experiment, said_of, with_creep
 from rso.study.errors import Problem, study_error
 from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
 from rso.study.resolve import Axis, Resolved, Search, resolve
@@ -101,7 +101,8 @@ class Plan:
     def remarks(self, name: str, inline: bool = False) -> list[str]:
         """What there is to say of the data of an experiment, of its holds in lines or `inline`."""
         if (hold := self.creeps.followed.get(name)) is not None:
-            return [f"Depth over time while {hold.force:.3g} N are held, behind the loading of {loading_of(name)!r}."]
+            loading = loading_experiment(name)
+            return [f"Depth over time while {hold.force:.3g} N are held, behind the loading of {loading!r}."]
         return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
@@ -238,7 +239,7 @@ def _cases(
     creeps: Creeps,
 ) -> tuple[tuple[Case, ...], dict[str, int]]:
     """The different simulations and which is whose; creep has one for each hold, beside those of loading."""
-    cases, case_of = merge(study, backend, [e for e in fitted if e.name in asked], asked, resolved, holds)
+    cases, case_of = merge_cases(study, backend, [e for e in fitted if e.name in asked], asked, resolved, holds)
     for e in fitted:
         if e.name in creeps.followed:
             case_of[e.name] = len(cases)
@@ -275,7 +276,7 @@ def full_design(plan: Plan) -> np.ndarray:
 
 def _left(plan: Plan) -> str:
     """How much of the ranges each condition between parameters leaves, the least first; empty without any."""
-    X = doe.sobol(plan.box.d, 2**14, plan.seed)
+    X = doe.sobol_sequence(plan.box.d, 2**14, plan.seed)
     theta = dict(zip(plan.box.names, plan.box.from_unit(X).T, strict=True))
     shares = sorted((float(np.mean(c.excess(theta) <= 0)), c.text) for c in plan.conditions)
     said = [f"{text!r} leaves {f'{100 * share:.2g}' if share else 'less than 0.01'} %" for share, text in shares]
@@ -521,7 +522,7 @@ def _from_file(plan: Plan, name: str) -> np.ndarray:
     """Points from a CSV whose header names the open parameters, in their units."""
     path = plan.study.folder / name
     try:
-        text = disk.read(path, MOST_POINTS).decode("utf-8-sig")
+        text = disk.read_bytes(path, MOST_POINTS).decode("utf-8-sig")
         header = [h.strip() for h in text.splitlines()[0].split(",")]
         data = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
         theta = data[:, [header.index(n) for n in plan.box.names]]

@@ -181,7 +181,7 @@ def held_out_experiments(plan: Plan) -> list[str]:
     return [*chosen_by, *plan.validation]
 
 
-def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
+def prediction_warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
     return [
         f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: χ² = {v.test.chi2:.3g} "

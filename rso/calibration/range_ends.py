@@ -50,7 +50,7 @@ class Stated:
     ordinary: tuple[Condition, ...]
 
 
-def limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: RangeEnd) -> tuple[float, str]:
+def end_limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: RangeEnd) -> tuple[float, str]:
     """How far an end may go while the others stay where they are, and what ends it there, in words."""
     axis, before, side = axes[e.j], stated.axes[e.j], e.side
     told, hard = plan.study.search.repair_limit, (axis.parameter.low, axis.parameter.high)[side]
@@ -83,14 +83,14 @@ def _kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: RangeEnd, fa
 
 def room(axes: Sequence[Axis], stated: Stated, e: RangeEnd, plan: Plan) -> bool:
     """Whether an end may still be moved."""
-    far, _ = limit(plan, axes, stated, e)
+    far, _ = end_limit(plan, axes, stated, e)
     now = e.of(axes)
     return now > far * (1 + 1e-9) if e.side == 0 and far > 0 else abs(far - now) > 1e-9 * max(abs(far), abs(now))
 
 
 def moved_to(plan: Plan, axes: Sequence[Axis], stated: Stated, e: RangeEnd, share: float, whole: bool) -> float:
     """Where an end goes next: to its limit where the `whole` way is wanted, else a `share` of a step."""
-    far, _ = limit(plan, axes, stated, e)
+    far, _ = end_limit(plan, axes, stated, e)
     if whole:
         return far
     axis = axes[e.j]

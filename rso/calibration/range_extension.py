@@ -13,9 +13,9 @@ import numpy as np
 
 from rso.calibration import stages
 from rso.calibration.plan import Plan, SearchPlan, ends_in
-from rso.calibration.range_ends import RangeEnd, Stated, limit, moved_to, ordinary, room, with_ends
+from rso.calibration.range_ends import RangeEnd, Stated, end_limit, moved_to, ordinary, room, with_ends
 from rso.calibration.search_stage import Proposal, propose
-from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, sample
+from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, outputs_sample
 from rso.core.units import spaced
 from rso.emulation.emulator import Emulator, reduced_box
 from rso.evaluation import Done, why
@@ -98,7 +98,7 @@ def extend_ranges(
     return ExtendedRanges(bench, design, fitted, tuple(audit), proposal)
 
 
-def afterwards(plan: Plan, audit: Sequence[RangeStep], X: np.ndarray) -> tuple[RangeStep, ...]:
+def audit_afterwards(plan: Plan, audit: Sequence[RangeStep], X: np.ndarray) -> tuple[RangeStep, ...]:
     """The audit, and one line more if the last candidates X (n, d) lie at an end although the first ones did not."""
     main = plan.searches[0]
     at = _ends_at(main, X)
@@ -254,9 +254,9 @@ def _grown(
     old = fitted.emulator
     reduced, room = reduced_box(plan.box, old.group), max(plan.study.verify.max_infill, BATCH)
     count = 0 if reduced is None else min(max(BATCH, reduced.d + 1), room)
-    points = stages.farthest(grown.plan, old.group, old.samples, count)
+    points = stages.farthest_values(grown.plan, old.group, old.samples, count)
     first = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))
-    new = [sample(plan, r.values, r.outcomes) for r in first if r.done]
+    new = [outputs_sample(plan, r.values, r.outcomes) for r in first if r.done]
     if count and not new:
         return grown, replace(fitted, added=(*fitted.added, *first)), first
     emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.evaluator.each)
@@ -264,11 +264,11 @@ def _grown(
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
         emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.evaluator.each)
-    if new and stages.misses(plan, emulator, scores):
+    if new and stages.tolerance_misses(plan, emulator, scores):
         points = stages.worst(grown.around_failures(design.similar).plan, emulator, min(len(new), room - len(first)))
         more = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))
         first += more
-        if fresh := [sample(plan, r.values, r.outcomes) for r in more if r.done]:
+        if fresh := [outputs_sample(plan, r.values, r.outcomes) for r in more if r.done]:
             emulator, scores, more = stages.refine(grown, emulator, fresh, room - len(first), "repair")
             first += more
     return grown, FittedSurrogates(emulator, scores, (*fitted.added, *first)), first
@@ -281,7 +281,7 @@ def _doubt(plan: Plan, proposal: Proposal, fitted: FittedSurrogates, runs: Seque
         first = {cause: reason for cause, reason in reversed(found)}  # one example of each cause
         said = [f"{reason}" if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
         return f"no run has an answer. The simulation says: {'; '.join(said)}"
-    errors = stages.misses(plan, fitted.emulator, fitted.held_out).values()
+    errors = stages.tolerance_misses(plan, fitted.emulator, fitted.held_out).values()
     # Where the targets are met already, ranges that the surrogates do not follow would spoil more than they tell.
     if runs and proposal.choice.reachable and errors:
         return f"the surrogates miss new runs by {100 * max(errors):.2g} % of their spread, above surrogate.tolerance"
@@ -326,7 +326,7 @@ def _stop(plan: Plan, stated: Stated, barred: dict[RangeEnd, str], e: RangeEnd) 
     """'10 MPa is the hard bound', or whatever else stops that end."""
     if e in barred:
         return f"{('below', 'above')[e.side]} {_place(plan, e)} {barred[e]}"
-    if words := limit(plan, plan.searches[0].axes, stated, e)[1]:
+    if words := end_limit(plan, plan.searches[0].axes, stated, e)[1]:
         return f"{_place(plan, e)} {words}"
     told = plan.study.search.repair_limit
     limit_is = (

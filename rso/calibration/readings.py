@@ -8,14 +8,14 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import CREEP, ahead, between, on_the_way_back, resting
+from rso.core.curves import CREEP, error_between_points, first_loading, hold_rows, on_the_way_back
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Emulator, Output
 from rso.inference import CurvePlace, Data, ModelErrors, emulated, outputs_of, resample
-from rso.study.creep import loading_of
+from rso.study.creep import loading_experiment
 
 
-def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
+def force_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
     """(experiment, channel) of the force curves of a role; a study always has one to fit."""
     every = [e for e in plan.study.experiments if e.role == role and e.kind == "force"]
     return [(e.name, c) for e in every for c in e.compared]
@@ -36,29 +36,29 @@ def _combined(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     return combine(plan.study.measurement(name), noise, channel, branch, plan.holds.get(name))
 
 
-def label(plan: Plan, name: str, channel: str) -> str:
+def curve_label(plan: Plan, name: str, channel: str) -> str:
     """What a compared curve is called: its experiment, and where it is not the first of that the channel too."""
     return name if channel == plan.study.experiment(name).compared[0] else f"{name} {channel}"
 
 
-def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
+def compared_curves(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
     """Label → experiment and measured curve of every channel that is compared of the experiments to fit and select."""
     pairs = [(n, c) for n in plan.case_of for c in plan.study.experiment(n).compared]
-    return {label(plan, n, c): (n, measured(plan, n, c)) for n, c in pairs}
+    return {curve_label(plan, n, c): (n, measured(plan, n, c)) for n, c in pairs}
 
 
-def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
+def places_from_contact(plan: Plan, name: str, channel: str) -> CurvePlace:
     """Where a curve was measured, from contact on."""
     curve = measured(plan, name, channel)
-    return place_of(name, curve, curve.compared)
+    return curve_place(name, curve, curve.compared)
 
 
-def position(places: np.ndarray | None) -> list[list[float]]:
+def profile_positions(places: np.ndarray | None) -> list[list[float]]:
     """Places (n, 2) of a profile as lists, none of a force curve."""
     return [] if places is None else [[float(x), float(y)] for x, y in places]
 
 
-def place_of(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
+def curve_place(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: float = np.inf) -> CurvePlace:
     """Where the readings to `keep` (n,) of a curve were measured, none deeper than `deepest` (mm)."""
     since = None if curve.since is None else curve.since[keep]
     return CurvePlace(name, curve.channel, np.minimum(curve.depth[keep], deepest), since, curve.back)
@@ -70,7 +70,7 @@ def curve_data(plan: Plan, place: CurvePlace) -> Data:
     keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
-    test = loading_of(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
+    test = loading_experiment(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
     return as_data(label, test, curve, keep)  # one contact and one gain of loading and creep
 
 
@@ -98,7 +98,7 @@ def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray)
 
 def curve_outputs(plan: Plan) -> list[Output]:
     """The outputs of the plan that belong to compared channels."""
-    wanted = {(e, c) for r in ("fit", "select") for e, c in fitted_curves(plan, r)}
+    wanted = {(e, c) for r in ("fit", "select") for e, c in force_curves(plan, r)}
     return [o for o in plan.outputs if (o.experiment, o.channel) in wanted]
 
 
@@ -114,7 +114,7 @@ def model_errors(
     """
     off, spacing = np.zeros(len(place.depth)), 0.0
     if not (place.back or place.held.all()):  # else every travel that is compared is computed, or many are
-        off = np.where(place.held, 0.0, between(travel, value, place.depth))
+        off = np.where(place.held, 0.0, error_between_points(travel, value, place.depth))
         spacing = float(np.median(np.diff(np.append(0.0, travel))))
     stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
     return ModelErrors(stated, off if off.any() else None, spacing, emulator)
@@ -123,7 +123,7 @@ def model_errors(
 def of_response(response: Response, place: CurvePlace, readings: np.ndarray) -> ModelErrors:
     """The same of a curve that this response itself is, without an emulator."""
     curve = response.curve(place.channel)
-    used = ahead(curve.travel_mm)
+    used = first_loading(curve.travel_mm)
     return model_errors(response, place, readings, curve.travel_mm[used], np.asarray(curve.value)[used])
 
 
@@ -154,15 +154,15 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     """
     curve = response.curve(place.channel)
     if place.channel == CREEP and place.since is not None:
-        return curve.error[resting(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
+        return curve.error[hold_rows(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
     if place.back:
         return on_the_way_back(curve.travel_mm, curve.error, place.depth)
-    used = ahead(curve.travel_mm)
+    used = first_loading(curve.travel_mm)
     u = curve.travel_mm[used]
     found = np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5
     if (held := place.held).any():
         assert place.since is not None
         time, depth = response.channels["time"], float(place.depth[held][0])
-        at = resting(place.channel, time, curve.travel_mm, depth, place.since[held])
+        at = hold_rows(place.channel, time, curve.travel_mm, depth, place.since[held])
         found[held] = curve.error[at]
     return found

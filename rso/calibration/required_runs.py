@@ -35,13 +35,15 @@ def too_few(plan: Plan) -> StudyError | None:
 def _refused(plan: Plan, d: int, n: int) -> str | None:
     """Why n points of d parameters cannot be fitted; None if they can."""
     table = plan.study.surrogate
-    terms = len(emulation.common.powers(d, table.degree or 1))
+    terms = len(emulation.common.monomial_exponents(d, table.degree or 1))
     if n > 2 * terms + PLENTY:
         return None
     kind = "auto" if table.kind == "whole_curve" else table.kind
     try:
         X = doe.latin(d, max(n, 2), plan.seed)[:n]
-        emulation.fit(kind, X, 2.0 + X.sum(axis=1) + 0.1 * (X**2).sum(axis=1), seed=plan.seed, degree=table.degree)
+        emulation.fit_surrogate(
+            kind, X, 2.0 + X.sum(axis=1) + 0.1 * (X**2).sum(axis=1), seed=plan.seed, degree=table.degree
+        )
     except (ValueError, np.linalg.LinAlgError) as error:
         return str(error).partition(";")[0]
     return None

@@ -9,7 +9,7 @@ from typing import Any
 
 from rso.core import disk
 from rso.core.plain_results import plainly as plainly
-from rso.core.plain_results import write as write
+from rso.core.plain_results import write_results as write_results
 from rso.core.plain_results import written_cell
 from rso.inference import Determination
 from rso.study.errors import StudyError
@@ -73,7 +73,7 @@ def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
 def _owner(folder: Path) -> str:
     """The study file whose results a folder holds, as it is found from there; empty where nothing says so."""
     try:
-        return disk.read(folder / OWNER, 10_000).decode("utf-8").strip()
+        return disk.read_bytes(folder / OWNER, 10_000).decode("utf-8").strip()
     except (OSError, ValueError):
         return ""
 

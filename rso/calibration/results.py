@@ -16,10 +16,10 @@ import numpy as np
 
 import rso
 from rso.calibration.plan import Plan
-from rso.calibration.readings import measured, position
+from rso.calibration.readings import measured, profile_positions
 from rso.calibration.search_stage import SearchResult, Validation, baselines, mean_over_design
 from rso.calibration.stages import Design, FittedSurrogates, Run
-from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
+from rso.calibration.stated_settings import extraordinary, uncalibrated_experiments, unresolved_experiments
 from rso.contract import plain
 from rso.core import disk
 from rso.data import MeasuredCurve, sheet_of
@@ -35,7 +35,7 @@ GRID = 41  # points a side of a drawn response surface
 PACKAGES = ("numpy", "scipy", "scikit-learn", "pymoo", "scikit-fem", "pytetwild", "pymetis", "numba", "pypardiso")
 
 
-def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
+def begun_results(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
     """The part that is known before anything runs."""
     study = plan.study
     return {
@@ -52,7 +52,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             "numerics": plan.backend.numerics,
             "settings": plain(study.written(study.backend.settings)),
         },
-        "parameters": parameters(plan, plan),
+        "parameters": parameter_rows(plan, plan),
         "sketches": sketches(study, plan.backend),
         "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
         "outputs": [_output(o) for o in (*plan.outputs, *plan.extras)],
@@ -62,8 +62,8 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "warnings": [
             *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
             *extraordinary(plan),
-            *uncalibrated(plan),
-            *unresolved(plan),
+            *uncalibrated_experiments(plan),
+            *unresolved_experiments(plan),
             *plan.of_relaxation(),
         ],
         "timings": {},
@@ -84,7 +84,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
     }
 
 
-def of_design(plan: Plan, design: Design) -> dict[str, Any]:
+def design_block(plan: Plan, design: Design) -> dict[str, Any]:
     """design and the runs so far."""
     table = plan.study.doe
     needed = sum(r.purpose in ("design", "held_out", "proof") for r in design.runs)
@@ -112,7 +112,7 @@ def predictive_check_runs(runs: Sequence[Run]) -> list[dict[str, Any]]:
     return [_row(o, r.purpose, r.values, {}) for r in runs for o in r.outcomes]
 
 
-def rows_of(plan: Plan, runs: Sequence[Run]) -> list[dict[str, Any]]:
+def run_rows(plan: Plan, runs: Sequence[Run]) -> list[dict[str, Any]]:
     """Rows of `runs`."""
     return [row for r in runs for row in _runs(plan, r)]
 
@@ -184,7 +184,7 @@ def validation_runs(found: list[Validation]) -> list[dict[str, Any]]:
 # ------------------------------------------------------------------------------------------------------ pieces
 
 
-def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
+def parameter_rows(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
     """parameters, with the ranges of the study file and those that the main search came to use."""
     opened, written = ({a.name: a for a in p.resolved.axes} for p in (plan, stated))
     rows = []
@@ -229,7 +229,7 @@ def _experiment(plan: Plan, name: str) -> dict[str, Any]:
 
 
 def _measured(c: MeasuredCurve) -> dict[str, Any]:
-    place = {"depth": c.depth, "value": c.value, "sigma": c.sigma, "position": position(c.position)}
+    place = {"depth": c.depth, "value": c.value, "sigma": c.sigma, "position": profile_positions(c.position)}
     return place if c.since is None else {**place, "since": c.since}
 
 
@@ -317,4 +317,4 @@ def data_hashes(study: Study) -> dict[str, str]:
 
 
 def _sha(path: Path) -> str:
-    return hashlib.sha256(disk.read(path)).hexdigest()
+    return hashlib.sha256(disk.read_bytes(path)).hexdigest()

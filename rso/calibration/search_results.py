@@ -11,8 +11,8 @@ import numpy as np
 
 from rso.calibration.plan import Plan, SearchPlan
 from rso.calibration.range_extension import RangeStep
-from rso.calibration.readings import compared, position
-from rso.calibration.search_stage import SearchResult, Validation, curves_of
+from rso.calibration.readings import compared_curves, profile_positions
+from rso.calibration.search_stage import SearchResult, Validation, done_curves
 from rso.emulation.emulator import Emulator
 from rso.evaluation import Done, why
 from rso.optimise.targets import Checked, Target
@@ -57,7 +57,7 @@ def of_validation(found: list[Validation]) -> dict[str, Any]:
                 "predicted": [] if v.predicted is None else v.predicted,
                 "numerical_error": [] if v.error is None else v.error,
                 "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
-                "position": position(v.kept.position),
+                "position": profile_positions(v.kept.position),
             }
         )
     return {"validation": rows}
@@ -100,7 +100,7 @@ def closest(found: Sequence[SearchResult]) -> tuple[str, int] | None:
 
 def _telling(plan: Plan) -> set[str]:
     """Curves that a relative error says something about: a lateral force that is only noise about zero is none."""
-    loud = {n for n, (_, c) in compared(plan).items() if np.sum(c.value**2) > LOUD**2 * np.sum(c.sigma**2)}
+    loud = {n for n, (_, c) in compared_curves(plan).items() if np.sum(c.value**2) > LOUD**2 * np.sum(c.sigma**2)}
     return {*plan.case_of, *loud}
 
 
@@ -166,7 +166,7 @@ def _candidate(plan: Plan, found: SearchResult, k: int) -> dict[str, Any]:
         "worst": c.worst,
         "meets": c.meets if c.state == "done" else None,
         "demands": [demand(d) for d in c.checked],
-        "curves": curves_of(plan, c.outcomes) if c.state == "done" else {},
+        "curves": done_curves(plan, c.outcomes) if c.state == "done" else {},
         "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
         "at_bound": at_bound(found.plan, plan, c.values),
         "extrapolated": extrapolated(plan, emulator, c.values),

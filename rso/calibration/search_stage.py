@@ -11,10 +11,10 @@ import numpy as np
 from rso import optimise
 from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan, SearchPlan, limited
-from rso.calibration.readings import compared, place_of
-from rso.calibration.stages import Design, Runner, learn_more, sample
+from rso.calibration.readings import compared_curves, curve_place
+from rso.calibration.stages import Design, Runner, learn_more, outputs_sample
 from rso.contract import Curve
-from rso.core.curves import CREEP, Metrics, ahead, baseline, metrics, resting, way_back
+from rso.core.curves import CREEP, Metrics, baseline, first_loading, hold_rows, metrics, way_back
 from rso.data import MeasuredCurve
 from rso.emulation.emulator import Emulator
 from rso.emulation.feasibility import FeasibleRegion
@@ -22,7 +22,7 @@ from rso.evaluation import Outcome, Task
 from rso.evaluation.store import Done
 from rso.inference import outputs_of, readings_of, resample
 from rso.optimise import Choice
-from rso.optimise.targets import Checked, against, residuals, violations, within
+from rso.optimise.targets import Checked, against, excess_over_limits, target_residuals, violations
 from rso.optimise.verification import Candidate, Verified, agreement, verify
 
 
@@ -79,7 +79,7 @@ def propose_all(bench: Runner, emulator: Emulator, first: Proposal | None = None
     return proposals
 
 
-def find(bench: Runner, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> SearchResult:
+def find_candidates(bench: Runner, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> SearchResult:
     """Candidates, their reruns, infill and new proposals until predicted and recomputed agree."""
     plan = bench.plan
     proposals = [first]
@@ -102,7 +102,7 @@ def find(bench: Runner, wanted: SearchPlan, emulator: Emulator, first: Proposal)
     def enrich(current: Emulator, candidates: list[Candidate]) -> Emulator:
         known = {tuple(sorted(s.values.items())) for s in current.samples}
         new = [
-            sample(plan, c.values, c.outcomes)
+            outputs_sample(plan, c.values, c.outcomes)
             for c in candidates
             if c.state == "done" and tuple(sorted(c.values.items())) not in known
         ]
@@ -115,7 +115,7 @@ def find(bench: Runner, wanted: SearchPlan, emulator: Emulator, first: Proposal)
     result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
     scores = tuple(curve_metrics(plan, c.outcomes) if c.state == "done" else {} for c in result.candidates)
     return SearchResult(
-        wanted, proposals[-1].front, result, optimise.story(result.choice, plan.box, wanted.goals), scores
+        wanted, proposals[-1].front, result, optimise.choice_sentences(result.choice, plan.box, wanted.goals), scores
     )
 
 
@@ -125,7 +125,7 @@ def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
     constrained = [limited(c) for c in plan.constraints]
 
     def signed(X: np.ndarray) -> np.ndarray:
-        return residuals(wanted.goals, emulator.means(wanted.outputs, X))
+        return target_residuals(wanted.goals, emulator.means(wanted.outputs, X))
 
     def violated(X: np.ndarray) -> np.ndarray:
         outputs = violations(plan.constraints, emulator.means(constrained, X)) if constrained else np.empty((len(X), 0))
@@ -143,7 +143,7 @@ def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
         low=wanted.low,
         high=wanted.high,
     )
-    choice = optimise.choose(
+    choice = optimise.choose_candidates(
         front,
         signed,
         np.array([g.sigma for g in wanted.goals]),
@@ -170,7 +170,7 @@ def _candidate(
         predicted[output.id] = (float(mean[0]), float(sd[0]))
     if not all(isinstance(o, Done) for o in outcomes):
         return Candidate(values, predicted, {}, outcomes, None, False)
-    known = sample(plan, values, outcomes)
+    known = outputs_sample(plan, values, outcomes)
     recomputed = known.outputs
     sigma = {o.id: g.sigma for o, g in zip(wanted.outputs, wanted.goals, strict=True)}
     gap, worst = agreement(predicted, recomputed, sigma)
@@ -185,7 +185,7 @@ def demands(
     """Recomputed outputs by id, with numerical errors, of a point x (d,) of the unit cube against what is demanded."""
     pairs = zip(wanted.outputs, wanted.goals, strict=True)
     targets = [against(g, o.id, outputs[o.id], errors.get(o.id, 0.0)) for o, g in pairs]
-    limits = [within(c, limited(c).id, outputs[limited(c).id]) for c in plan.constraints]
+    limits = [excess_over_limits(c, limited(c).id, outputs[limited(c).id]) for c in plan.constraints]
     theta = dict(zip(plan.box.names, plan.box.from_unit(x[None]).T, strict=True))
     stated = [c for c in plan.conditions if not isinstance(c, FeasibleRegion)]
     excess = [max(float(c.excess(theta)[0]), 0.0) for c in stated]
@@ -196,18 +196,18 @@ def demands(
 def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple[str, MeasuredCurve, Curve]]:
     """Label → experiment, measured and simulated curve of every compared channel in runs that are done."""
     found = {}
-    for name, (experiment, curve) in compared(plan).items():
+    for name, (experiment, curve) in compared_curves(plan).items():
         outcome = outcomes[plan.case_of[experiment]]
         assert isinstance(outcome, Done)
         found[name] = experiment, curve, outcome.response.curve(curve.channel)
     return found
 
 
-def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def done_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
     found = {}
     for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
-        loading = ahead(curve.travel_mm) & (curve.channel != CREEP)
+        loading = first_loading(curve.travel_mm) & (curve.channel != CREEP)
         if record.back and len(back := way_back(curve.travel_mm)) > 1:
             loading = back[::-1]
         found[name] = {
@@ -221,7 +221,7 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
             outcome = outcomes[plan.case_of[experiment]]
             assert isinstance(outcome, Done)
             since, depth = record.since[record.held], float(record.depth[record.held][0])
-            at = resting(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
+            at = hold_rows(curve.channel, outcome.response.channels["time"], curve.travel_mm, depth, since)
             found[name]["hold"] = {"since": since, "value": curve.value[at], "error": curve.error[at]}
     return found
 
@@ -235,7 +235,7 @@ def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]
         deepest = float(simulated.travel_mm.max())
         keep = curve.compared & (curve.depth <= deepest + 1e-9)
         found[name] = metrics(
-            curve.value[keep], resample(outcome.response, place_of(experiment, curve, keep, deepest), "")
+            curve.value[keep], resample(outcome.response, curve_place(experiment, curve, keep, deepest), "")
         )
     return found
 
@@ -253,11 +253,11 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
     points = points[plan.feasible(points)] if len(points) else points
     if not len(points):
         return {}
-    for name, (experiment, measured) in compared(plan).items():
+    for name, (experiment, measured) in compared_curves(plan).items():
         outputs = [o for o in plan.outputs if o.experiment == experiment and o.channel == measured.channel]
         deepest = max(o.depth_mm for o in outputs)
         keep = measured.compared & (measured.depth <= deepest + 1e-9)
-        place = place_of(experiment, measured, keep, deepest)
+        place = curve_place(experiment, measured, keep, deepest)
         outputs = outputs_of(outputs, place)
         curves = emulator.means(outputs, points)
         each = [metrics(measured.value[keep], readings_of(outputs, y, place)) for y in curves]
@@ -268,7 +268,7 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
 
 def baselines(plan: Plan) -> dict[str, Metrics]:
     """The model that predicts the mean of each fitted curve."""
-    return {n: baseline(c.value[c.compared]) for n, (_, c) in compared(plan).items() if len(c.depth) > 1}
+    return {n: baseline(c.value[c.compared]) for n, (_, c) in compared_curves(plan).items() if len(c.depth) > 1}
 
 
 # ------------------------------------------------------------------------------------------------------ validation
@@ -277,14 +277,14 @@ def baselines(plan: Plan) -> dict[str, Metrics]:
 Chosen = tuple[str, int, Mapping[str, float]]  # a search, a place among its candidates, its values
 
 
-def chosen(found: Sequence[SearchResult], best: tuple[str, int] | None) -> list[Chosen]:
+def chosen_candidates(found: Sequence[SearchResult], best: tuple[str, int] | None) -> list[Chosen]:
     """The candidates of the main search and the best one of all."""
     places = [(found[0].plan.name, k) for k in range(len(found[0].result.candidates))]
     values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
     return [(name, k, values[name][k]) for name, k in dict.fromkeys([*places, *([best] if best else [])])]
 
 
-def validate(bench: Runner, those: Sequence[Chosen]) -> list[Validation]:
+def validate_candidates(bench: Runner, those: Sequence[Chosen]) -> list[Validation]:
     """Predict every compared channel of the experiments kept for the end with the chosen candidates."""
     plan, tasks = bench.plan, validation_tasks(bench.plan, those)
     pairs = [(e, c) for e in plan.validation for c in those]

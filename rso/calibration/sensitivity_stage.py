@@ -71,7 +71,11 @@ def analyse(plan: Plan, fitted: FittedSurrogates, stated: Plan) -> Sensitivity:
     def indices(output: Output, n: int) -> sensitivity.SobolIndices | None:
         nonlocal refused
         try:
-            return sensitivity.sobol(predict(output), d, plan.seed, n, inside, band(output)) if table.sobol else None
+            return (
+                sensitivity.saltelli_indices(predict(output), d, plan.seed, n, inside, band(output))
+                if table.sobol
+                else None
+            )
         except ValueError as error:
             refused = str(error)
             return None
@@ -130,7 +134,7 @@ def _ranges(box: Box, low: np.ndarray, high: np.ndarray) -> Box:
 
 
 def _curve(predict: Callable[[np.ndarray], np.ndarray], j: int, d: int, ranges: Box) -> tuple[np.ndarray, np.ndarray]:
-    x, y = sensitivity.curve(predict, np.full(d, 0.5), j, n=CURVE)
+    x, y = sensitivity.response_curve(predict, np.full(d, 0.5), j, n=CURVE)
     U = np.full((CURVE, d), 0.5)
     U[:, j] = x
     return ranges.from_unit(U)[:, j], y

@@ -16,7 +16,7 @@ from rso.calibration.plan import Plan, fe_design, full_design, limited, proofs, 
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import Scores, feasibility
-from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box, relearn
+from rso.emulation.emulator import Emulator, Output, Sample, learn_emulator, reduced_box, relearn
 from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Crashed, Done, Evaluator, Outcome, in_rows, why
 
@@ -64,7 +64,7 @@ class Runner:
         known = [e for e, good in zip(self.ended, inside, strict=True) if good and e[1] != "crashed"]
         found = {tuple(sorted(v.items())): (v, state) for v, state in known}
         values, states = [v for v, _ in found.values()], [s == "done" for _, s in found.values()]
-        return feasibility.learn(box, group, values, states, plan.seed)
+        return feasibility.learn_feasibility(box, group, values, states, plan.seed)
 
 
 def _worst_state(outcomes: Sequence[Outcome]) -> str:
@@ -113,7 +113,7 @@ class Design:
         runs = [r for r in self.runs if r.purpose == purpose and r.done]
         if not self.similar:
             runs = [r for r in runs if plan.box.contains(np.array([r.values[n] for n in plan.box.names]))]
-        return [sample(plan, r.values, r.outcomes) for r in runs]
+        return [outputs_sample(plan, r.values, r.outcomes) for r in runs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ class FittedSurrogates:
     added: tuple[Run, ...]
 
 
-def sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome]) -> Sample:
+def outputs_sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome]) -> Sample:
     """Outputs of a point whose runs are all done."""
     outputs, errors, gradients = {}, {}, {}
     for output in (*plan.outputs, *plan.extras):
@@ -186,7 +186,7 @@ def _proof(plan: Plan, pair: tuple[dict, dict], runs: Sequence[Run]) -> Proof:
         return Proof(pair[0], None, None, None)
     ratio = pair[0][plan.group.reference] / plan.group.reference_value
     every = (*plan.outputs, *plan.extras)
-    a, b = sample(plan, *_of(direct)), sample(plan, *_of(similar))
+    a, b = outputs_sample(plan, *_of(direct)), outputs_sample(plan, *_of(similar))
     scaled = {o.id: plan.group.expand(o.channel, b.outputs[o.id], ratio) for o in every}
     largest = _largest(plan, [a])
     difference = {
@@ -221,7 +221,7 @@ def decisive(plan: Plan) -> list[str]:
     return [o.id for o in (*plan.outputs, *map(limited, plan.constraints))]
 
 
-def misses(
+def tolerance_misses(
     plan: Plan, emulator: Emulator, scores: Mapping[str, Scores | None], of: Iterable[str] | None = None
 ) -> dict[str, float]:
     """Errors of outputs that exceed surrogate.tolerance, as shares of the spread of the output by id.
@@ -274,7 +274,7 @@ def learnt_anew(
 ) -> Emulator:
     """Emulator of the outputs as [surrogate] wants it; the data choose what it leaves open."""
     table = plan.study.surrogate
-    return learn(
+    return learn_emulator(
         plan.box, group, outputs, samples, kind=table.kind, degree=table.degree, seed=plan.seed, held=held, each=each
     )
 
@@ -287,7 +287,7 @@ def learn_more(bench: Runner, emulator: Emulator, new: Sequence[Sample]) -> Emul
     """
     plan = bench.plan
     more = relearn(emulator, new, seed=plan.seed)
-    good = not misses(plan, more, {i: more.surrogates[i].cv for i in decisive(plan) if i in more.surrogates})
+    good = not tolerance_misses(plan, more, {i: more.surrogates[i].cv for i in decisive(plan) if i in more.surrogates})
     before, now = (int(math.log(max(len(e.samples), 1), GROWN)) for e in (emulator, more))
     if good or before == now:
         return more
@@ -309,12 +309,12 @@ def refine(
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
         emulator = learn_more(bench, emulator, new)
         count = min(len(new), room - len(added))
-        if not misses(plan, emulator, scores) or count < 1:
+        if not tolerance_misses(plan, emulator, scores) or count < 1:
             break
         points = worst(bench.around_failures(similar).plan, emulator, count)
         runs = [Run(purpose, v, o) for v, o in zip(points, bench.run(points), strict=True)]
         added += runs
-        new = [sample(plan, r.values, r.outcomes) for r in runs if r.done]
+        new = [outputs_sample(plan, r.values, r.outcomes) for r in runs if r.done]
     return emulator, scores, tuple(added)
 
 
@@ -336,7 +336,7 @@ def worst(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
     return _spread(plan, emulator.group, emulator.reduced, emulator.samples, pool, weight, count)
 
 
-def farthest(plan: Plan, group: Group, samples: Sequence[Sample], count: int) -> list[dict[str, float]]:
+def farthest_values(plan: Plan, group: Group, samples: Sequence[Sample], count: int) -> list[dict[str, float]]:
     """Values of `count` new points of the (reduced) box, as far as possible from the samples and from each other."""
     box = reduced_box(plan.box, group)
     if box is None:
@@ -347,7 +347,7 @@ def farthest(plan: Plan, group: Group, samples: Sequence[Sample], count: int) ->
 
 
 def _pool(plan: Plan, box: Box) -> np.ndarray:
-    return np.vstack([doe.sobol(box.d, 1024, plan.seed), *_ends(box.d)])
+    return np.vstack([doe.sobol_sequence(box.d, 1024, plan.seed), *_ends(box.d)])
 
 
 def _allowed(plan: Plan, group: Group, box: Box, pool: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ def extraordinary(plan: Plan) -> list[str]:
     return lines
 
 
-def unresolved(plan: Plan) -> list[str]:
+def unresolved_experiments(plan: Plan) -> list[str]:
     """Experiments whose deepest reading the mesh resolves badly, and by which level it would be better."""
     meshes = capability(plan.backend, Resolution)
     if meshes is None:
@@ -83,7 +83,7 @@ def unresolved(plan: Plan) -> list[str]:
     return lines
 
 
-def uncalibrated(plan: Plan) -> list[str]:
+def uncalibrated_experiments(plan: Plan) -> list[str]:
     """Experiments for which the backend's stated errors were not fitted, a sentence for each reason."""
     errors = capability(plan.backend, ErrorCalibration)
     if errors is None:

@@ -22,7 +22,7 @@ class StoredPoint:
     keys: tuple[str, ...]
 
 
-def points(plan: Plan, store: RunStore) -> list[StoredPoint]:
+def stored_points(plan: Plan, store: RunStore) -> list[StoredPoint]:
     """Points of the model that were run before, whatever their values, in the order of these.
 
     The order in which runs were stored depends on the machine and the number of jobs, and what is learnt on the order.
@@ -45,7 +45,7 @@ def points(plan: Plan, store: RunStore) -> list[StoredPoint]:
     return [found[place] for place in sorted(found)]
 
 
-def answers(store: RunStore, point: StoredPoint) -> tuple[Response, ...] | None:
+def stored_responses(store: RunStore, point: StoredPoint) -> tuple[Response, ...] | None:
     """Responses of a point, one per case; None where one of its runs has no answer."""
     runs = [store.get(key) for key in point.keys]
     done = [run.response for run in runs if isinstance(run, Done)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rso.inference import Determination, elsewhere, widened
+from rso.inference import Determination, elsewhere, widening
 
 MUCH = 2.0  # times as wide as with what is stated alone: then the statement is worth more than the readings
 
@@ -15,6 +15,6 @@ def unstated(d: Determination) -> list[str]:
     said = []
     for n, known in enumerate(d.known):
         own = known.as_stated
-        if own is not None and (widened(d, n) >= MUCH or elsewhere(own.interval, known.profile_interval)):
+        if own is not None and (widening(d, n) >= MUCH or elsewhere(own.interval, known.profile_interval)):
             said.append(f"identification: {own.story}")
     return said

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from rso.cli.arguments import parser
 from rso.cli.commands import EXIT_BAD_INPUT, EXIT_BROKEN, EXIT_INTERRUPTED
 from rso.cli.output import wrapped
-from rso.core.printable import Printable, one
+from rso.core.printable import Printable, as_one_entry
 
 DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of explained
 
@@ -68,8 +68,8 @@ def _guarded(call: Callable[[], int]) -> int:
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""
         _tell(
-            f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and the disk not full, "
-            "then run again. Finished runs stay stored"
+            f"rso: {as_one_entry(what)}{error.strerror or error}: check that the folder is writable and the disk not "
+            "full, then run again. Finished runs stay stored"
         )
         return EXIT_BROKEN
     except MemoryError:
@@ -91,15 +91,15 @@ def _foreseen(error: Exception) -> tuple[int, str]:
         from rso.evaluation.store import StoreError
         from rso.study.errors import StudyError
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
-        why = one(f"{type(error).__name__}: {error}")[:800]
+        why = as_one_entry(f"{type(error).__name__}: {error}")[:800]
         return EXIT_BROKEN, (
             f"rso: cannot be loaded on this machine: {why}. If compiled code cannot be written, set NUMBA_CACHE_DIR "
             "to a writable folder"
         )
     if isinstance(error, StudyError):
-        return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
+        return EXIT_BAD_INPUT, "\n".join(map(as_one_entry, error.problems))
     if isinstance(error, StoreError | BrokenExecutor):
-        return EXIT_BROKEN, f"rso: {one(str(error))}"
+        return EXIT_BROKEN, f"rso: {as_one_entry(str(error))}"
     return EXIT_BROKEN, ""
 
 
@@ -107,7 +107,7 @@ def _fault(error: Exception) -> str:
     """One sentence about an error that nobody foresaw: what, and where in the program."""
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     where = "".join(f" at {os.path.basename(f.filename)}:{f.lineno}" for f in frames)
-    said = one(f"{type(error).__name__}: {error}")
+    said = as_one_entry(f"{type(error).__name__}: {error}")
     return (
         f"rso: a fault of the program{where}: {said[:800]}. Finished runs stay stored. Please report it, with what "
         f"{DEBUG}=1 before the command prints"

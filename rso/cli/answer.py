@@ -68,8 +68,8 @@ def _quantity(name: str, row: Mapping[str, Any], unit: str, determined: bool) ->
     if not span or None in span:
         return "open", f"{name} has no interval"
     if determined:
-        return "good", f"{name} = {shown(row['value'], span, unit)} ({between(span, unit)})"
-    return "open", f"{name} is not determined: {between(span, unit)} agrees with the data"
+        return "good", f"{name} = {estimate_text(row['value'], span, unit)} ({interval_text(span, unit)})"
+    return "open", f"{name} is not determined: {interval_text(span, unit)} agrees with the data"
 
 
 def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:
@@ -83,25 +83,25 @@ def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:
     return "good", f"{v['experiment']} is predicted{behind}"
 
 
-def shown(value: float, span: tuple[float, float], unit: str) -> str:
+def estimate_text(value: float, span: tuple[float, float], unit: str) -> str:
     """A value in the unit that people use, with the digits that its interval supports."""
     label, factor = people(unit, max(map(abs, span)))
     low, high = span
     digits = 2 if high - low > UNSURE * abs(high + low) / 2 else 3
-    return f"{number(value * factor, digits)}{_behind(label)}"
+    return f"{number_text(value * factor, digits)}{_behind(label)}"
 
 
-def between(span: tuple[float, float], unit: str) -> str:
+def interval_text(span: tuple[float, float], unit: str) -> str:
     """An interval in the unit that people use."""
     label, factor = people(unit, max(map(abs, span)))
     for digits in range(3, 7):  # as many as the ends need to differ
-        low, high = (number(x * factor, digits) for x in span)
+        low, high = (number_text(x * factor, digits) for x in span)
         if low != high or span[0] == span[1]:
             break
     return f"{low} to {high}{_behind(label)}"
 
 
-def number(x: float, digits: int) -> str:
+def number_text(x: float, digits: int) -> str:
     """A number with so many significant digits and no exponent between 10⁻⁴ and 10⁶."""
     if x == 0 or not math.isfinite(x):
         return f"{x:g}"

@@ -15,7 +15,7 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
-from rso.cli.answer import between
+from rso.cli.answer import interval_text
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.symbols import symbol
@@ -37,7 +37,9 @@ MOST_FILLED = 30  # lines of a filled input file that are shown
 FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
-def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jobs: int | None = None) -> list[str]:
+def check_lines(
+    study: Study, folder: Path, trust: bool, store: Path | None = None, jobs: int | None = None
+) -> list[str]:
     """Lines about a loaded study whose results go to `folder`; StudyError for what its backend does not allow.
 
     Times are those with as many `jobs` at a time, by default those of the study.
@@ -148,7 +150,7 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     """What `rso diagnose` would simulate, or why it cannot; StudyError only for a study that asks for it."""
     try:
         asked = ask(study)
-        library = [j.task for j in discrepancy.planned(asked.base, asked.plan, asked.effects)]
+        library = [j.task for j in discrepancy.planned_simulations(asked.base, asked.plan, asked.effects)]
     except ValueError as error:
         if "diagnose" in study.model_fields_set:
             raise
@@ -213,7 +215,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 def _things(plan: Plan) -> list[str]:
     """Parameters, settings and experiments."""
     lines = [
-        f"  {symbol(a.name)}: {between((a.low, a.high), a.parameter.unit)} ({a.scale}), {a.parameter.description}"
+        f"  {symbol(a.name)}: {interval_text((a.low, a.high), a.parameter.unit)} ({a.scale}), {a.parameter.description}"
         for a in plan.resolved.axes
     ]
     lines += [f"  {symbol(name)} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
@@ -221,8 +223,8 @@ def _things(plan: Plan) -> list[str]:
         f"  {words}"
         for words in (
             *stated_settings.extraordinary(plan),
-            *stated_settings.unresolved(plan),
-            *stated_settings.uncalibrated(plan),
+            *stated_settings.unresolved_experiments(plan),
+            *stated_settings.uncalibrated_experiments(plan),
         )
     ]
     lines += [f"  {words}" for words in plan.of_relaxation()]
@@ -247,7 +249,7 @@ def _things(plan: Plan) -> list[str]:
             _pace(plan, e),
             _reduction(plan, e),
             *_small_contacts(plan, e.name, curve),
-            *formula_comparison.stated(plan, e.name),
+            *formula_comparison.stated_formulas(plan, e.name),
             _noise(plan.study, e),
         )
         about = (*known, unread, *remarks)

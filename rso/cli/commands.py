@@ -21,27 +21,27 @@ EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 
 def check(options: argparse.Namespace, command: str) -> int:
-    from rso.cli.checking import check
-    from rso.study.loader import load
+    from rso.cli.checking import check_lines
+    from rso.study.loader import load_study
 
-    study = load(options.study)
+    study = load_study(options.study)
     folder = _folder(options, study.folder)
     if study.objectives is not None:
         from rso.cli.objectives import check_objectives
 
         output.lines(check_objectives(study, folder, options.trust))
         return 0
-    output.lines(check(study, folder, options.trust, _store(options, folder), options.jobs))
+    output.lines(check_lines(study, folder, options.trust, _store(options, folder), options.jobs))
     return 0
 
 
 def new(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
-    from rso.cli.checking import check
+    from rso.cli.checking import check_lines
     from rso.evaluation.adapters import load_backend
     from rso.study.errors import StudyError
-    from rso.study.loader import load
-    from rso.study.new_study import NewTest, alone, begin
+    from rso.study.loader import load_study
+    from rso.study.new_study import NewTest, note_on_single_tests, study_text
 
     point = None if options.point is None else tuple(options.point)
     try:
@@ -50,14 +50,14 @@ def new(options: argparse.Namespace, command: str) -> int:
             if columns.setdefault(name, table) is not table:
                 raise ValueError(f"--column {name}: is given twice")
         test = NewTest(_given(options), point, options.repeats, columns)
-        text = begin(options.out, load_backend(USE), test, options.fit, options.validate)
+        text = study_text(options.out, load_backend(USE), test, options.fit, options.validate)
     except ValueError as error:
         output.complain(error)
         return EXIT_BAD_INPUT
     draft = options.out.with_name(f"{options.out.name}.draft")
     try:
         disk.replace(draft, text)
-        study = load(draft)
+        study = load_study(draft)
         make_plan(study)
         draft.replace(options.out)
     except StudyError as error:  # nothing is left behind that the next try would find
@@ -67,14 +67,14 @@ def new(options: argparse.Namespace, command: str) -> int:
         draft.unlink(missing_ok=True)
     output.say(f"{options.out}: written; look at the lines with <-")
     print()
-    study = load(options.out)
+    study = load_study(options.out)
     own = options.out.stem == "study"  # a folder of results belongs to one study file
     folder = study.folder / ("results" if own else f"results_{options.out.stem}")
-    note = alone(test, options.fit)
+    note = note_on_single_tests(test, options.fit)
     there = [] if own else ["--out", str(folder)]
     output.lines(
         [
-            *check(study, folder, False, folder),
+            *check_lines(study, folder, False, folder),
             *([note] if note else []),
             f"then: {shlex.join(['rso', 'run', str(options.out), *there])}",
         ]
@@ -109,14 +109,14 @@ def _values(option: Option, words: Sequence[str]) -> tuple[float | str, ...]:
 
 def _number(place: str, word: str, unit: str) -> float:
     """A number in a unit, which it may have behind itself or not; ValueError for another."""
-    from rso.core.units import quantity
+    from rso.core.units import value_in_unit
 
     try:
         try:
             value: float | str = float(word)
         except ValueError:
             value = word
-        return quantity(value, unit)
+        return value_in_unit(value, unit)
     except ValueError as error:
         raise ValueError(f"{place}{error}") from error
 
@@ -172,12 +172,12 @@ def _flags(rest: list[str], first: int, known: Mapping[str, dict[str, Any] | Non
 
 def keys(options: argparse.Namespace, command: str) -> int:
     from rso.result_types import reference as result_files
-    from rso.study.keys import reference, schema
+    from rso.study.keys import reference, study_schema
 
     of_results = options.table.endswith(".json")
     try:
         if options.schema:
-            found = result_files.schema(options.table) if of_results else schema()
+            found = result_files.result_schema(options.table) if of_results else study_schema()
             print(json.dumps(found, indent=1, ensure_ascii=False))
             return 0
         if of_results or options.table == "results":
@@ -200,9 +200,9 @@ def run(options: argparse.Namespace, command: str) -> int:
     from rso.cli.answer import condensed, verdict_lines
     from rso.cli.progress import Progress
     from rso.evaluation.store import RunStore, set_aside
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
-    study = load(options.study)
+    study = load_study(options.study)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
     if study.objectives is not None:
@@ -234,7 +234,7 @@ def run(options: argparse.Namespace, command: str) -> int:
                     strict=options.strict,
                 )
             except NothingToFit as error:
-                return output.ended(EXIT_FAILED_RUNS, f"stopped: {error}")
+                return output.say_why_ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = []
     if study.report.html or study.report.pdf:
         from rso.report import render
@@ -249,12 +249,12 @@ def run(options: argparse.Namespace, command: str) -> int:
     print()
     output.bold(found["study"]["title"])
     for mark, text in verdict_lines(found):
-        output.marked(mark, text)
+        output.marked_line(mark, text)
     if not options.quiet:
         output.lines(summary(found))
     output.lines([f"  {file}" for file in files])
     _without_pdf(study.report.pdf)
-    return output.ended(int(found["exit_code"]), found["exit_reason"])
+    return output.say_why_ended(int(found["exit_code"]), found["exit_reason"])
 
 
 def _without_pdf(wanted: bool) -> None:
@@ -269,16 +269,16 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import source_of
     from rso.discrepancy import LibraryUnanswered
     from rso.discrepancy.study_diagnosis import ask, run_diagnosis
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
-    study = load(options.study)
+    study = load_study(options.study)
     asked = ask(study)
     folder = _folder(options, study.folder)
     with _workplace(options, study, source_of(study), folder) as (store, pool, progress):
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
         except LibraryUnanswered as error:  # any other error is a fault of the program, and says where
-            return output.ended(EXIT_FAILED_RUNS, f"stopped: {error}")
+            return output.say_why_ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = [folder / "diagnosis.json"]
     if study.report.html or study.report.pdf:
         from rso.report import render_diagnosis
@@ -293,7 +293,11 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     for file in files:
         output.say(file)
     failed = found["failed_runs"]
-    return output.ended(EXIT_FAILED_RUNS, f"{len(failed)} failed simulations; the first: {failed[0]}") if failed else 0
+    return (
+        output.say_why_ended(EXIT_FAILED_RUNS, f"{len(failed)} failed simulations; the first: {failed[0]}")
+        if failed
+        else 0
+    )
 
 
 def _told_again(folder: Path, pages: Any) -> list[Path]:
@@ -310,17 +314,17 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
 
 
 def ladder(options: argparse.Namespace, command: str) -> int:
-    from rso.model_selection.ladder_results import FILE, results, write
+    from rso.model_selection.ladder_results import FILE, ladder_data, write_ladder
     from rso.model_selection.study_ladder import ladder_plan, run_ladder
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
-    study = load(options.study)
+    study = load_study(options.study)
     plan = ladder_plan(study)
     folder = _folder(options, study.folder)
     with _workplace(options, study, plan.source, folder) as (store, pool, progress):
         climbed = run_ladder(plan, store, pool, watch=progress.watch, say=progress.say)
-    found = results(plan, climbed, command)
-    write(folder, found)
+    found = ladder_data(plan, climbed, command)
+    write_ladder(folder, found)
     files = [folder / FILE]
     if study.report.html or study.report.pdf:
         from rso.report.model_selection.report import render_ladder
@@ -328,28 +332,28 @@ def ladder(options: argparse.Namespace, command: str) -> int:
         files += render_ladder(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
     output.say(found["study"]["title"])
-    output.sentences(
+    output.wrapped_sentences(
         [*(s["words"] for s in found["steps"]), found["words"], *(f"warning: {w}" for w in found["warnings"])]
     )
     print(f"  {found['counts']['runs']} simulations, {found['timings']['wall']:.0f} s")
     for file in files:
         output.say(f"  {file}")
-    return 0 if found["chosen"] else output.ended(EXIT_FAILED_RUNS, f"no level has an answer: {found['words']}")
+    return 0 if found["chosen"] else output.say_why_ended(EXIT_FAILED_RUNS, f"no level has an answer: {found['words']}")
 
 
 def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
-    from rso.next_experiment.design_results import markdown, results, write
+    from rso.next_experiment.design_results import design_data, markdown, write_design
     from rso.next_experiment.study_design import run_next
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
-    study = load(options.study)
+    study = load_study(options.study)
     plan = make_plan(study)
     folder = _folder(options, study.folder)
     with _workplace(options, study, plan.source, folder) as (store, pool, progress):
         further = run_next(plan, store, pool, watch=progress.watch, say=progress.say)
-    found = results(plan, further, command)
-    files = [write(folder, found)]
+    found = design_data(plan, further, command)
+    files = [write_design(folder, found)]
     if study.report.html or study.report.pdf:
         from rso.report.optimal_design.report import render_next
 
@@ -357,17 +361,17 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     print()
     output.say(found["study"]["title"])
     unanswered = (f"no answer: {n}: {w}" for n, w in found["problems"].items())
-    output.sentences([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
+    output.wrapped_sentences([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
     print("\n" + "\n".join(markdown(found)) + "\n")
     for file in files:
         output.say(f"  {file}")
     lost = "; ".join(f"{n}: {w}" for n, w in found["problems"].items())
-    return output.ended(EXIT_FAILED_RUNS, f"no answer: {lost}") if lost else 0
+    return output.say_why_ended(EXIT_FAILED_RUNS, f"no answer: {lost}") if lost else 0
 
 
 def blind(options: argparse.Namespace, command: str) -> int:
     from rso.cli.progress import Progress
-    from rso.discrepancy.blind import answer, cases_of
+    from rso.discrepancy.blind import cases_of, diagnose_cases
     from rso.evaluation import WorkerPool
     from rso.evaluation.adapters import Source
     from rso.evaluation.store import RunStore
@@ -383,7 +387,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
         WorkerPool(options.jobs, source=Source(USE)) as pool,
         Progress(options.quiet) as progress,
     ):
-        found = answer(
+        found = diagnose_cases(
             cases,
             options.out,
             store,
@@ -397,7 +401,9 @@ def blind(options: argparse.Namespace, command: str) -> int:
     errors = f"; {bad} with an error, tried again at the next call" if bad else ""
     output.say(f"{len(cases)} cases, answers in {options.out}{errors}")
     return (
-        output.ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error; their answers say it") if bad else 0
+        output.say_why_ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error; their answers say it")
+        if bad
+        else 0
     )
 
 
@@ -459,11 +465,11 @@ def import_runs(options: argparse.Namespace, command: str) -> int:
 
 def status(options: argparse.Namespace, command: str) -> int:
     from rso.cli.status import report_status
-    from rso.study.toml_text import tables_of, text_of
+    from rso.study.toml_text import study_source, tables_of
 
     if _are_results(options.study):
         return report_status(options, options.study, options.study, _store(options, options.study))
-    file, text = text_of(options.study)
+    file, text = study_source(options.study)
     tables_of(file, text)  # no study is no study, but its data and backend have no say in what has been done
     folder = _folder(options, file.parent)
     return report_status(options, file, folder, _store(options, folder))
@@ -506,11 +512,11 @@ def _are_results(place: Path) -> bool:
 
 def _results_folder(options: argparse.Namespace) -> Path:
     """Where the results of a study lie; a folder of results stands for itself."""
-    from rso.study.toml_text import text_of
+    from rso.study.toml_text import study_source
 
     if _are_results(options.study):
         return Path(options.study).absolute()
-    return _folder(options, text_of(options.study)[0].parent)
+    return _folder(options, study_source(options.study)[0].parent)
 
 
 def first_steps(options: argparse.Namespace, command: str) -> int:
@@ -542,9 +548,9 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.next_experiment import design_results
     from rso.objectives import results as pareto_results
     from rso.report import render, render_diagnosis, render_ladder, render_next, render_pareto
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
-    study = load(options.study)
+    study = load_study(options.study)
     folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
         ("results.json", SCHEMA, render, "run"),

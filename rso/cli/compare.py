@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.cli import output
-from rso.cli.answer import between, condensed, shown
+from rso.cli.answer import condensed, estimate_text, interval_text
 from rso.core import disk
 from rso.core.symbols import symbol
 
@@ -24,7 +24,7 @@ def compare(options: argparse.Namespace) -> int:
             output.complain(f"{place}: has no results; run it first: rso run {place}")
             return 2
     one, other = map(condensed, found)
-    unlike = differences(*found)
+    unlike = study_differences(*found)
     if options.json:
         apart = [name for name, a, b in _rows(one, other) if _apart(a, b)]
         told = {"first": one, "second": other, "disjoint": apart, "differences": unlike}
@@ -36,11 +36,11 @@ def compare(options: argparse.Namespace) -> int:
     for name, a, b in _rows(one, other):
         text = f"{symbol(name)}: A {_told(a)}; B {_told(b)}"
         if a is None or b is None or not (a["interval"] and b["interval"]):
-            output.marked("open", f"{text}: one of them has no interval")
+            output.marked_line("open", f"{text}: one of them has no interval")
         elif _apart(a, b):
-            output.marked("bad", f"{text}: the intervals do not overlap")
+            output.marked_line("bad", f"{text}: the intervals do not overlap")
         else:
-            output.marked("good", text)
+            output.marked_line("good", text)
     print()
     output.say("What differs:" if unlike else "Data, ranges and method are the same.")
     output.lines([f"  {text}" for text in unlike])
@@ -55,7 +55,7 @@ def results_of(place: Path) -> Path:
     return inside if inside.is_file() else place / "results" / "results.json"
 
 
-def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+def study_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """Data, fitted experiments, ranges and method that are not the same, a sentence each."""
     said = []
     data = [_hashes(r) for r in (one, other)]
@@ -80,8 +80,8 @@ def _range(p: Mapping[str, Any] | None) -> str:
     if p is None:
         return "absent"
     if p.get("fixed") is not None:
-        return f"fixed at {shown(p['fixed'], (p['fixed'],) * 2, p['unit'])}"
-    return f"searched from {between((p['low'], p['high']), p['unit'])}"
+        return f"fixed at {estimate_text(p['fixed'], (p['fixed'],) * 2, p['unit'])}"
+    return f"searched from {interval_text((p['low'], p['high']), p['unit'])}"
 
 
 def _hashes(found: Mapping[str, Any]) -> list[str]:
@@ -98,10 +98,11 @@ def _told(row: Mapping[str, Any] | None) -> str:
     if row is None or row["value"] is None:
         return "–"
     if not row["interval"]:
-        return f"{shown(row['value'], (row['value'],) * 2, row['unit'])} ({row.get('verdict', 'no interval')})"
+        return f"{estimate_text(row['value'], (row['value'],) * 2, row['unit'])} ({row.get('verdict', 'no interval')})"
+    interval = interval_text(row["interval"], row["unit"])
     if row.get("verdict") == "determined" or row.get("known"):
-        return f"{shown(row['value'], row['interval'], row['unit'])} ({between(row['interval'], row['unit'])})"
-    return f"{between(row['interval'], row['unit'])}, not determined"
+        return f"{estimate_text(row['value'], row['interval'], row['unit'])} ({interval})"
+    return f"{interval}, not determined"
 
 
 def _apart(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> bool:

@@ -28,7 +28,7 @@ def doctor(options: argparse.Namespace) -> int:
     for mark, text in examined(not options.fast):
         found.append((mark, text))
         if not options.json:
-            output.marked(mark, text)
+            output.marked_line(mark, text)
     if options.json:
         print(json.dumps([{"state": mark, "text": text} for mark, text in found], indent=1, ensure_ascii=False))
     return 1 if any(mark == "bad" for mark, _ in found) else 0
@@ -73,13 +73,13 @@ def _simulation() -> tuple[Mark, str]:
     """One simulation of the first worked study, with its time."""
     from rso.calibration.plan import make_plan
     from rso.cli.example import examples
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
     try:
         import numpy as np
 
         name, folder = next(iter(examples().items()))
-        plan = make_plan(load(folder))
+        plan = make_plan(load_study(folder))
         values = plan.values(np.full(plan.box.d, 0.5))
         plan.backend(values, plan.cases[0])  # compiles what was not compiled before
         begun = time.perf_counter()

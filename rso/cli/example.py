@@ -10,7 +10,7 @@ from pathlib import Path
 
 import rso
 from rso.cli import output
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 
 PARTS = ("study.toml", "README.md", "measured")  # what a study consists of
 PACKED = Path(rso.__file__).parent / "examples"  # in an installed package
@@ -33,7 +33,7 @@ def write_example(options: argparse.Namespace) -> int:
             output.lines([f"  {name:16}{title}"])
         return 0
     if options.name not in known:
-        output.complain(f"example {options.name!r} is unknown; {choose(options.name, known)}")
+        output.complain(f"example {options.name!r} is unknown; {choices_text(options.name, known)}")
         return 2
     folder: Path = options.to or Path(options.name)
     if folder.exists():

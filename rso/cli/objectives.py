@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rso.cli import output
 from rso.core.units import spaced
-from rso.objectives.plan import ParetoPlan, designed, held_out, pareto_plan
+from rso.objectives.plan import ParetoPlan, designed, held_out_points, pareto_plan
 from rso.study.errors import Problem, study_error
 from rso.study.schema import Study
 from rso.study.sources import source_of
@@ -30,7 +30,7 @@ def check_objectives(study: Study, folder: Path, trust: bool) -> list[str]:
         ]
     plan = pareto_plan(study)
     design = designed(plan)
-    held = held_out(plan, design)
+    held = held_out_points(plan, design)
     lines = [f"{study.file}: good", f"  {study.study.title}", *_parameters(plan), *_wanted(plan)]
     if study.search.method == "simulations":
         most = study.search.population * study.search.generations
@@ -97,7 +97,7 @@ def run_objectives(options: argparse.Namespace, study: Study, folder: Path, stor
                     plan, runs, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
                 )
             except NoSurface as error:
-                return output.ended(3, f"stopped: {error}")
+                return output.say_why_ended(3, f"stopped: {error}")
     files = []
     if study.report.html or study.report.pdf:
         files = render_pareto(found, folder, html=study.report.html, pdf=study.report.pdf)
@@ -109,4 +109,4 @@ def run_objectives(options: argparse.Namespace, study: Study, folder: Path, stor
     print()
     output.bold(found["study"]["title"])
     output.lines([*summary(found, options.quiet), *(f"  {f}" for f in files)])
-    return output.ended(int(found["exit_code"]), found["exit_reason"])
+    return output.say_why_ended(int(found["exit_code"]), found["exit_reason"])

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from rso.core.printable import one, raw
+from rso.core.printable import as_one_entry, raw_stream
 
 Mark = Literal["good", "open", "bad"]
 MARKS: dict[Mark, tuple[str, str, str]] = {  # sign, the same in ASCII, colour
@@ -28,7 +28,7 @@ def coloured(stream: Any) -> bool:
 
 def say(text: object) -> None:
     """One line, whatever names are in it."""
-    print(one(str(text)))
+    print(as_one_entry(str(text)))
 
 
 def complain(text: object) -> None:
@@ -41,14 +41,14 @@ def lines(texts: Sequence[str]) -> None:
     print("\n".join(wrapped(text, sys.stdout) for text in texts))
 
 
-def sentences(texts: Sequence[str]) -> None:
+def wrapped_sentences(texts: Sequence[str]) -> None:
     """Sentences below a title, each wrapped at words."""
     width = min(_columns(), WIDEST)
     for text in texts:
         print(textwrap.fill(text, width, initial_indent="  ", subsequent_indent="    ", break_long_words=False))
 
 
-def marked(mark: Mark, text: str) -> None:
+def marked_line(mark: Mark, text: str) -> None:
     """A line with its sign, coloured where that is wanted."""
     sign, ascii_sign, colour = MARKS[mark]
     try:
@@ -59,7 +59,7 @@ def marked(mark: Mark, text: str) -> None:
     if coloured(sys.stdout):
         head, _, tail = body.partition(sign)
         sys.stdout.flush()
-        raw(sys.stdout).write(f"{head}\x1b[{colour}m{sign}\x1b[0m{tail}\n")
+        raw_stream(sys.stdout).write(f"{head}\x1b[{colour}m{sign}\x1b[0m{tail}\n")
     else:
         print(body)
 
@@ -68,15 +68,15 @@ def bold(text: str) -> None:
     """A title."""
     if coloured(sys.stdout):
         sys.stdout.flush()
-        raw(sys.stdout).write(f"\x1b[1m{one(text)}\x1b[0m\n")
+        raw_stream(sys.stdout).write(f"\x1b[1m{as_one_entry(text)}\x1b[0m\n")
     else:
-        print(one(text))
+        print(as_one_entry(text))
 
 
 def wrapped(line: str, stream: Any) -> str:
     """A line in the width of the terminal, what follows further in; as it is where nobody looks at it."""
     if not stream.isatty():
-        return one(line)
+        return as_one_entry(line)
     within = " " * (len(line) - len(line.lstrip()))
     return "\n".join(
         textwrap.fill(
@@ -87,11 +87,11 @@ def wrapped(line: str, stream: Any) -> str:
             break_long_words=False,
             break_on_hyphens=False,
         )
-        for part in one(line).split("\n")
+        for part in as_one_entry(line).split("\n")
     )
 
 
-def ended(code: int, reason: str | None) -> int:
+def say_why_ended(code: int, reason: str | None) -> int:
     """The exit code; where it is not 0 the last line of a command says why."""
     if code:
         lines([f"exit code {code}: {reason}"])

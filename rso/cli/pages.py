@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rso.cli import output
 from rso.core import disk
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 
 PAGES = ("report", "diagnosis", "ladder", "next")
 
@@ -45,7 +45,7 @@ def plot(options: argparse.Namespace, folder: Path) -> int:
         output.lines([f"  {name}: {text}" for name, text in known.items()])
         return 0
     if options.figure not in known:
-        output.complain(f"figure {options.figure!r} is unknown; {choose(options.figure, known)}")
+        output.complain(f"figure {options.figure!r} is unknown; {choices_text(options.figure, known)}")
         return 2
     try:
         output.say(written(found, options.figure, options.to or Path(f"{options.figure}.svg")))

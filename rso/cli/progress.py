@@ -6,7 +6,7 @@ import sys
 import time
 from typing import Any
 
-from rso.core.printable import one, raw
+from rso.core.printable import as_one_entry, raw_stream
 from rso.core.symbols import in_units
 from rso.evaluation import Event, Finished, Planned, Preparing, Retried
 
@@ -31,7 +31,9 @@ class Progress:
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
             columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            console = Console(file=raw(sys.stdout))  # its own codes go through; texts are made printable by `say`
+            console = Console(
+                file=raw_stream(sys.stdout)
+            )  # its own codes go through; texts are made printable by `say`
             self._bar = Progress(
                 *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
             )
@@ -47,9 +49,9 @@ class Progress:
         if self._quiet:
             return
         if self._bar is not None:
-            self._bar.console.print(one(in_units(text)), markup=False, highlight=False)
+            self._bar.console.print(as_one_entry(in_units(text)), markup=False, highlight=False)
         else:
-            print(one(in_units(text)), flush=True)
+            print(as_one_entry(in_units(text)), flush=True)
 
     def watch(self, event: Event) -> None:
         """Show an event of :func:`rso.evaluation.run_all`."""

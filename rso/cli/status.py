@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.cli import output
-from rso.cli.answer import condensed, number, verdict_lines
+from rso.cli.answer import condensed, number_text, verdict_lines
 from rso.core import disk
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
@@ -47,7 +47,7 @@ def _told(found: Mapping[str, Any], file: Path, runs: Sequence[Mapping[str, Any]
         stage = found.get("stage")
         output.say(f"  not finished; {f'last finished stage: {stage}' if stage else 'no stage is finished'}")
     for mark, text in verdict_lines(found):
-        output.marked(mark, text)
+        output.marked_line(mark, text)
     if found.get("exit_code"):
         output.lines([f"  exit code {found['exit_code']}: {found.get('exit_reason')}"])
     output.say(f"  simulations, {every}")
@@ -66,7 +66,7 @@ def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:
     for name, value in values.items():
         if not units or name in units:
             label, factor = people(units.get(name, ""), abs(value))
-            each.append(f"{symbol(name)} = {number(value * factor, 3)} {unit_text(label)}".strip())
+            each.append(f"{symbol(name)} = {number_text(value * factor, 3)} {unit_text(label)}".strip())
     return ", ".join(each)
 
 

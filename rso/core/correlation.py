@@ -14,7 +14,7 @@ def exponential(at: np.ndarray, length: float) -> np.ndarray:
     return np.exp(-np.abs(at[:, None] - at) / length)
 
 
-def gaussian(at: np.ndarray, length: float) -> np.ndarray:
+def gaussian_correlation(at: np.ndarray, length: float) -> np.ndarray:
     """Correlation (n, n) e^{−(Δu/ℓ)²/2} of errors at u (n,): smooth."""
     return np.exp(-0.5 * ((at[:, None] - at) / length) ** 2)
 

@@ -79,7 +79,7 @@ class Resampling:
         return np.where(np.expand_dims(u < 0, more), 0.0, slope)
 
 
-def ahead(travel: np.ndarray) -> np.ndarray:
+def first_loading(travel: np.ndarray) -> np.ndarray:
     """Mask (n,) of the points of a response that belong to a :class:`Resampling`: pressed deeper than ever before.
 
     Programs of others also print the moment of contact, a hold or the unloading.
@@ -90,7 +90,7 @@ def ahead(travel: np.ndarray) -> np.ndarray:
 
 def loading(travel: np.ndarray, value: np.ndarray) -> Resampling:
     """The loading curve in the points (n,) of a response, whatever else it holds; ValueError where it has none."""
-    mine = ahead(travel)
+    mine = first_loading(travel)
     return Resampling(np.asarray(travel, float)[mine], np.asarray(value, float)[mine])
 
 
@@ -141,12 +141,12 @@ def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray)
     return at
 
 
-def resting(channel: str, time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
+def hold_rows(channel: str, time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
     """Rows of a response over time (m,) s that lie `since` (n,) s after a hold began, at a depth (mm) or of CREEP."""
-    return creeping(time, since) if channel == CREEP else rests(time, travel, depth, since)
+    return creep_rows(time, since) if channel == CREEP else rests(time, travel, depth, since)
 
 
-def creeping(time: np.ndarray, since: np.ndarray) -> np.ndarray:
+def creep_rows(time: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Rows of a response over time (m,) s that lie `since` (n,) s after its force was reached, at its first moment.
 
     KeyError where it has no such moment.
@@ -176,7 +176,7 @@ def at_readings(
     for those of the `channel` CREEP, which are of a hold at a force.  `back`: all are readings of the unloading.
     """
     if channel == CREEP and since is not None:
-        return np.asarray(value)[creeping(time, since)]
+        return np.asarray(value)[creep_rows(time, since)]
     if back:
         return on_the_way_back(travel, value, depth)
     there = loading(travel, value)
@@ -188,7 +188,7 @@ def at_readings(
     return found
 
 
-def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
+def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
     """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,).
 
     It is the largest difference of its interval from a spline of degree five in s = √u.  Where there are fewer
@@ -252,7 +252,7 @@ def _rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return out
 
 
-def window(travel: np.ndarray, value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+def depth_window(travel: np.ndarray, value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Points with low ≤ travel ≤ high (mm); ValueError if none is left."""
     u = np.asarray(travel, float)
     keep = (u >= low) & (u <= high)

@@ -42,7 +42,7 @@ def _new(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
 
 
-def read(path: Path, most: int = MOST) -> bytes:
+def read_bytes(path: Path, most: int = MOST) -> bytes:
     """All bytes of a regular file; OSError for anything else (a device, a pipe) and for more than `most` bytes."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe without a writer must not wait
     with open(descriptor, "rb") as file:
@@ -56,9 +56,9 @@ def read(path: Path, most: int = MOST) -> bytes:
 
 
 def read_json(path: Path, most: int = MOST) -> Any:
-    """Data of a JSON file; OSError as of :func:`read`, ValueError where it is none."""
+    """Data of a JSON file; OSError as of :func:`read_bytes`, ValueError where it is none."""
     try:
-        return json.loads(read(path, most).decode("utf-8-sig"))
+        return json.loads(read_bytes(path, most).decode("utf-8-sig"))
     except RecursionError:
         raise ValueError("brackets are nested too deeply") from None
 

@@ -20,7 +20,7 @@ def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
     return data
 
 
-def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
+def write_results(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
     data = plainly(results)
     disk.replace(path, _lines(data))

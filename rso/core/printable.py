@@ -23,12 +23,12 @@ def _shown(c: str) -> str:
     return f"\\x{ord(c):02x}" if ord(c) < 256 else f"\\u{ord(c):04x}" if ord(c) < 65536 else f"\\U{ord(c):08x}"
 
 
-def one(text: str) -> str:
+def as_one_entry(text: str) -> str:
     """The text as one entry of a list: what follows a line end in it is set in, so that it passes for no other line."""
     return re.sub(r"\n(?=[^\s])", "\n    ", printable(text))
 
 
-def raw(stream: Any) -> Any:
+def raw_stream(stream: Any) -> Any:
     """The stream below a :class:`Printable`, for our own live line."""
     return stream.stream if isinstance(stream, Printable) else stream
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.contract import FreeCurve, Response
-from rso.core.units import quantity
+from rso.core.units import value_in_unit
 
 ROUNDED = 1e-9  # of the whole abscissa: an end that is missed by less is reached
 _NAME = r"[A-Za-z_]\w*"
@@ -55,7 +55,7 @@ class OutputQuantity:
 
     def abscissae(self, over_unit: str) -> tuple[float, ...]:
         """The abscissae in the unit of the curve's; ValueError for another kind."""
-        return tuple(quantity(v, over_unit) for v in self.at)
+        return tuple(value_in_unit(v, over_unit) for v in self.at)
 
     def read(self, response: Response) -> float:
         """The number; Unread where the curve does not reach what is asked of it."""
@@ -172,9 +172,9 @@ def _number(text: str) -> str | float:
         return text
 
 
-def of_unit(value: str | float | None, unit: str, otherwise: float) -> float:
+def limit_in_unit(value: str | float | None, unit: str, otherwise: float) -> float:
     """An end of limits in the unit of its quantity, also one that no table of units has; ValueError for another."""
     if value is None:
         return otherwise
     match = _WRITTEN.fullmatch(value) if isinstance(value, str) else None
-    return float(match[1]) if match and match[2] == unit else quantity(value, unit)
+    return float(match[1]) if match and match[2] == unit else value_in_unit(value, unit)

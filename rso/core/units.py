@@ -149,13 +149,13 @@ def spaced(unit: str) -> str:
 def same(unit: str, base: str) -> bool:
     """Whether they are one unit, however it is written."""
     try:
-        return unit == base or factor(unit, base) == 1
+        return unit == base or conversion_factor(unit, base) == 1
     except ValueError:
         return False
 
 
 @functools.lru_cache(maxsize=256)
-def factor(unit: str, base: str) -> Fraction:
+def conversion_factor(unit: str, base: str) -> Fraction:
     """How many `base` one `unit` is, exactly; ValueError if `unit` is unknown or of another dimension."""
     scale, dimension = _scale(unit)
     base_scale, base_dimension = _scale("dimensionless" if base == "1" else base)
@@ -164,17 +164,17 @@ def factor(unit: str, base: str) -> Fraction:
     return scale / base_scale
 
 
-def worth(unit: str, base: str) -> Fraction:
+def unit_or_count_factor(unit: str, base: str) -> Fraction:
     """How many `base` one `unit` is, or one count of a raw channel: ``"0.00125 mm"`` for a motor's step.
 
-    ValueError as :func:`factor`, and for what is not positive.
+    ValueError as :func:`conversion_factor`, and for what is not positive.
     """
     match = _NUMBER.fullmatch(unit) if is_counted(unit) else None
     if match is None:
-        return factor(unit, base)
+        return conversion_factor(unit, base)
     if Fraction(match[1]) <= 0:
         raise ValueError(f"{unit!r} must be positive; flip turns a sign")
-    return Fraction(match[1]) * factor(match[2], base)
+    return Fraction(match[1]) * conversion_factor(match[2], base)
 
 
 def is_counted(unit: str | None) -> bool:
@@ -190,7 +190,7 @@ def is_unit(text: str) -> bool:
         return False
 
 
-def quantity(value: str | float, unit: str) -> float:
+def value_in_unit(value: str | float, unit: str) -> float:
     """A number with a unit as a float in `unit`; a bare number is taken to be in `unit` already.
 
     >>> quantity("3.2 kPa", "MPa")
@@ -220,7 +220,7 @@ def quantity(value: str | float, unit: str) -> float:
     if re.match(r"\s*,\d", written):
         raise ValueError(f"{value!r} has a decimal comma, write a point; {expected}")
     try:
-        return float(Fraction(digits) * factor(written, unit))
+        return float(Fraction(digits) * conversion_factor(written, unit))
     except OverflowError as error:
         raise ValueError(f"{value!r} is not finite; {expected}") from error
     except ValueError as error:
@@ -231,14 +231,14 @@ def in_base(text: str) -> tuple[float, str]:
     """Text with a unit as a number in N, mm, MPa, s, and the unit that this is: ``"3.2 kPa"`` → (0.0032, "MPa").
 
     Angles stay in degrees where they are given so; a unit of another kind stays as it is.  ValueError as
-    :func:`quantity`.
+    :func:`value_in_unit`.
     """
     match = _NUMBER.fullmatch(text) if len(text) <= _LONGEST else None
     unit = match[2].strip() if match else ""
     if not unit:
         raise ValueError(f"{text[:_LONGEST]!r} is no number with a unit")
     base = unit if unit in ("deg", "°") else next((b for b in _EXAMPLES if is_of(b, unit)), unit)
-    return quantity(text, base), base
+    return value_in_unit(text, base), base
 
 
 def people(unit: str, size: float) -> tuple[str, float]:
@@ -267,7 +267,7 @@ def header(text: str) -> tuple[str, str]:
         what = "column {} has no unit" if written.lower() in _LOWER else "unknown column {}"
         raise ValueError(f"{what.format(repr(written[:_LONGEST]))}; {_meant(written)}{_understood()}")
     try:
-        factor(unit, kind_of(name))
+        conversion_factor(unit, kind_of(name))
     except ValueError as error:
         raise ValueError(f"column {written[:_LONGEST]!r}: {error}; {_understood()}") from error
     return name, unit
@@ -338,7 +338,7 @@ def weight(unit: str) -> str | None:
 def is_of(base: str, unit: str) -> bool:
     """Whether a text is a unit of the kind of `base`."""
     try:
-        return bool(factor(unit, base))
+        return bool(conversion_factor(unit, base))
     except ValueError:
         return False
 
@@ -350,4 +350,4 @@ def kind_of(name: str) -> str:
 
 def column_factor(name: str, unit: str) -> float:
     """Factor that turns a column, of a unit or of counts, into N, mm, s; 1 for columns without unit."""
-    return 1.0 if name in BARE_COLUMNS else float(worth(unit, kind_of(name)))
+    return 1.0 if name in BARE_COLUMNS else float(unit_or_count_factor(unit, kind_of(name)))

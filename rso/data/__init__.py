@@ -5,10 +5,10 @@ from rso.data.branches import SEGMENTS
 from rso.data.creep import CreepHold, creep_curve, creep_of
 from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import CONTACT, Column
-from rso.data.files.reading import Measurement, Repeat, fingerprint, read
+from rso.data.files.reading import Measurement, Repeat, fingerprint, read_measurement
 from rso.data.files.workbook import sheet_of
 from rso.data.holds import Hold, hold_of
-from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
+from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded_curve, yielded
 from rso.data.loading_rate import recorded_speed
 from rso.data.measured_curve import MeasuredCurve, Noise, StatedNoise
 from rso.data.outliers import kept, step_of, without_spikes
@@ -40,9 +40,9 @@ __all__ = [
     "hold_of",
     "kept",
     "pulls_off",
-    "read",
+    "read_measurement",
     "record",
-    "recorded",
+    "recorded_curve",
     "recorded_speed",
     "sheet_of",
     "step_of",

@@ -56,7 +56,7 @@ class _Fit:
     F: np.ndarray
 
 
-def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
+def contact_onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings show it.
 
     The contact is a rounded tip's (:func:`_of_rounded`) with the weight that the record leaves to such tips, else the

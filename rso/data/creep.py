@@ -11,7 +11,7 @@ import numpy as np
 from rso.core.power_law import LEADING
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
-from rso.data.holds import FEWEST, SAME, SOONEST, AtRest, bins_between, relaxing, within
+from rso.data.holds import FEWEST, SAME, SOONEST, AtRest, bins_between, relaxing_curve, times_between
 from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.scatter import of_record
 
@@ -62,8 +62,8 @@ def creep_of(measurement: Measurement, speed: float) -> CreepHold | str:
     if not 0.0 < first < last:
         return "its repeats share no time"
     spans = bins_between(times, first, last)
-    spans = spans[[all(within(t, a, b).any() for t in times) for a, b in spans]]
-    since = np.array([float(f"{times[0][within(times[0], a, b)].mean():.6g}") for a, b in spans])
+    spans = spans[[all(times_between(t, a, b).any() for t in times) for a, b in spans]]
+    since = np.array([float(f"{times[0][times_between(times[0], a, b)].mean():.6g}") for a, b in spans])
     apart = np.diff(since, prepend=-np.inf) > SAME * last
     since, spans = since[apart], spans[apart]
     if len(since) < FEWEST:
@@ -94,7 +94,7 @@ def creep_curve(measurement: Measurement, noise: Noise, hold: CreepHold) -> Meas
     y, counts = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     r, n = y.shape
     mean = y.mean(axis=0)
-    smooth = relaxing(list(hold.since[:, None]), mean)(hold.since)
+    smooth = relaxing_curve(list(hold.since[:, None]), mean)(hold.since)
     stated = np.array(
         [np.interp(hold.since, t, _held(q).sigma) for t, q in zip(times, measurement.repeats, strict=True)]
     )
@@ -201,9 +201,9 @@ def _power(r: Repeat, force: float) -> float:
 
 def _binned(t: np.ndarray, depth: np.ndarray, spans: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Depth (m,) at the moments, means of the readings of each bin carried to it along a smooth curve, and counts."""
-    bins = [within(t, a, b) for a, b in spans]
+    bins = [times_between(t, a, b) for a, b in spans]
     value = np.array([depth[b].mean() for b in bins])
-    along = relaxing([t[b] for b in bins], value)
+    along = relaxing_curve([t[b] for b in bins], value)
     bias = np.array([along(t[b]).mean() for b in bins]) - along(since)
     return value - bias, np.array([float(b.sum()) for b in bins])
 

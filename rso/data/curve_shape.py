@@ -23,7 +23,7 @@ FALL = 0.1  # of its range that a force of loading may fall before the deepest p
 FLAT = 5  # equal largest readings in a row: a sensor at its end
 
 
-def marks(values: np.ndarray) -> np.ndarray:
+def placeholder_readings(values: np.ndarray) -> np.ndarray:
     """Indices of a few readings of the same size, MARKED times that of any other: 9999 or −9999 where nothing was."""
     size = np.abs(values)
     far = np.nonzero(size == size.max())[0]
@@ -31,7 +31,7 @@ def marks(values: np.ndarray) -> np.ndarray:
     return far if len(far) < len(others) and size.max() > MARKED * others.max() > 0.0 else far[:0]
 
 
-def on_the_way(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def while_moving(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Those of the steps `far` (n,) before and after which the indenter moves: others begin or end a rest."""
     least = 0.25 * float(np.ptp(depth)) / len(depth)
     moves = [
@@ -42,7 +42,7 @@ def on_the_way(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return found
 
 
-def alone(size: np.ndarray, times: float = BESIDE) -> np.ndarray:
+def isolated_steps(size: np.ndarray, times: float = BESIDE) -> np.ndarray:
     """Which of the steps (n,) are so many times larger than the three on either side; none at the ends.
 
     Nor those of a coarse scale, on whose marks readings stand for a while: there all steps that are any are alike.
@@ -104,7 +104,7 @@ def noise_of(values: np.ndarray) -> float:
     return 1.5 * float(np.median(np.abs(np.diff(values, 3)))) / 20**0.5 if len(values) > 12 else 0.0
 
 
-def onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | None:
+def force_onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | None:
     """Depth from which the force rises (mm), its level at the start and its scatter (N); None where too few show it.
 
     Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of POWERS; c is 0 unless
@@ -134,7 +134,7 @@ def onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | 
     return float(c[i]), level, math.sqrt(variance)
 
 
-def flat(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
+def flat_top(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
     """How many readings in a row have the largest force while the indenter moves by EDGE of its stroke; 0 if few."""
     at = np.nonzero(force == force.max())[0]
     run = max(np.split(at, np.nonzero(np.diff(at) > 1)[0] + 1), key=len)
@@ -151,7 +151,7 @@ def before_contact(depth: np.ndarray, force: np.ndarray) -> float | None:
     return grown if grown > max(LATE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
 
 
-def power(depth: np.ndarray, force: np.ndarray) -> float | None:
+def loading_power(depth: np.ndarray, force: np.ndarray) -> float | None:
     """The power of the depth that the force of loading follows closely, None where it follows none."""
     pressed = (depth > 2.0 * EDGE * depth.max()) & (force > 0.0)
     if np.sum(pressed) < max(FEW, 0.6 * len(depth)) or np.ptp(depth[pressed]) == 0.0:

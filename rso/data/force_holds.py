@@ -48,7 +48,7 @@ def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment
     return int(loading[at]) + 1, _words(d[at:], F[at:])
 
 
-def readings(
+def hold_readings(
     first: int, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment: np.ndarray, sigma: np.ndarray
 ) -> HeldForce | str:
     """The readings of a hold at constant force from the `first` on, or why they cannot be compared with a model."""

@@ -64,7 +64,7 @@ def at_peak(r: Repeat) -> np.ndarray:
     return held[(held > last) & (held < (back[0] if len(back) else len(r.segment)))]
 
 
-def stopped(r: Repeat, time: np.ndarray, speed: float) -> float:
+def stop_time(r: Repeat, time: np.ndarray, speed: float) -> float:
     """When (s) the indenter came to rest, if it did: after the last reading of the way there, or between it and the
     first of the rest, by what was left to go."""
     there = np.nonzero(r.segment == "loading")[0]
@@ -101,18 +101,19 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
     if not 0.0 < first < last:
         return "its repeats share no time"
     spans = bins_between(times, first, last)
-    mine = [[within(s, a, b) for s in times] for a, b in spans]
+    mine = [[times_between(s, a, b) for s in times] for a, b in spans]
     filled = np.array([all(m.any() for m in each) for each in mine])
     if filled.sum() < FEWEST:
         return f"its repeats share fewer than {FEWEST} moments"
     spans = spans[filled]
-    since = np.array([float(f"{times[0][within(times[0], a, b)].mean():.6g}") for a, b in spans])
+    since = np.array([float(f"{times[0][times_between(times[0], a, b)].mean():.6g}") for a, b in spans])
     apart = np.diff(since, prepend=-np.inf) > SAME * since[-1]  # a reading beside another is no moment of its own
     since, spans = since[apart], spans[apart]
     if len(since) < FEWEST:
         return f"it has fewer than {FEWEST} moments"
     depths = [
-        np.array([r.depth[at][within(s, a, b)].mean() for a, b in spans]) for r, at, s in _each(measurement, times)
+        np.array([r.depth[at][times_between(s, a, b)].mean() for a, b in spans])
+        for r, at, s in _each(measurement, times)
     ]
     level = float(np.mean([np.median(d) for d in depths]))
     moved = max(float(np.abs(d - level).max()) for d in depths)
@@ -128,23 +129,23 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
 def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values (m,) of a channel at the moments of a hold, squares of their stated sigma, and how many readings each has.
 
-    Readings of a bin are averaged and carried to its moment along :func:`relaxing`, and to the depth of the hold as
-    F ~ u^`power`: a drive that creeps has not stopped, a repeat went a little deeper.
+    Readings of a bin are averaged and carried to its moment along :func:`relaxing_curve`, and to the depth of the hold
+    as F ~ u^`power`: a drive that creeps has not stopped, a repeat went a little deeper.
     """
     at = at_peak(r)
     s, y = _since(r, at, hold.speed), r.channels[channel][at]
     depth, stated = r.depth[at], r.sigma.get(channel, np.zeros(len(r.depth)))[at] ** 2
-    bins = [within(s, a, b) for a, b in hold.spans]
+    bins = [times_between(s, a, b) for a, b in hold.spans]
     bins = [b if b.any() else np.abs(s - t) == np.abs(s - t).min() for b, t in zip(bins, hold.since, strict=True)]
     mean = lambda v: np.array([v[b].mean() for b in bins])  # noqa: E731
     power = float(np.clip(power, *POWERS))
     value = mean(y * (hold.depth / depth) ** power)
-    along = relaxing([s[b] for b in bins], value)
+    along = relaxing_curve([s[b] for b in bins], value)
     bias = np.array([along(s[b]).mean() for b in bins]) - along(hold.since)
     return value - bias, mean(stated), np.array([float(b.sum()) for b in bins])
 
 
-def relaxing(times: Sequence[np.ndarray], y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def relaxing_curve(times: Sequence[np.ndarray], y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """A smooth curve c + Σ_k a_k exp(−t/τ_k), all a_k of one sign, whose means over `times` (m of (k,) s) are y (m,).
 
     Non-negative least squares over `TIMES` times τ: a discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
@@ -170,17 +171,17 @@ def _each(measurement: Measurement, times: list[np.ndarray]) -> list[tuple[Repea
 def _since(r: Repeat, at: np.ndarray, speed: float) -> np.ndarray:
     """Times (n,) s of readings since the indenter came to rest."""
     assert r.time is not None
-    return r.time[at] - stopped(r, r.time, speed)
+    return r.time[at] - stop_time(r, r.time, speed)
 
 
-def within(s: np.ndarray, a: float, b: float) -> np.ndarray:
+def times_between(s: np.ndarray, a: float, b: float) -> np.ndarray:
     """(n,) whether times lie from a to b."""
     return (s >= a) & (s <= b)
 
 
 def bins_between(times: list[np.ndarray], first: float, last: float) -> np.ndarray:
     """Bins (m, 2) s between two times: even in ln t, or about the readings of the first repeat where they are few."""
-    mine = times[0][within(times[0], first, last)]
+    mine = times[0][times_between(times[0], first, last)]
     inner = np.geomspace(first, last, BINS + 1)[1:-1] if len(mine) > BINS else np.sqrt(mine[1:] * mine[:-1])
     ends = np.concatenate([[first], inner, [last]])
     return np.stack([np.append(ends[0], np.nextafter(ends[1:-1], np.inf)), ends[1:]], axis=1)

@@ -263,10 +263,12 @@ def record(
     Between instants forces are linear in time; before the first and after the last one they are constant.
     """
     u, F, t = _checked(chain, travel, forces, time)
-    return Record(*recorded({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t, age, earlier))
+    return Record(
+        *recorded_curve({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t, age, earlier)
+    )
 
 
-def recorded(
+def recorded_curve(
     knobs: Mapping[str, float | np.ndarray],
     u: np.ndarray,
     F: Mapping[str, np.ndarray],

@@ -32,7 +32,7 @@ UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than
 BEYOND = 2.0  # times the deepest travel: no mark goes as far
 
 
-def check(
+def check_repeat(
     path: Path,
     label: str,
     depth: np.ndarray,
@@ -51,7 +51,7 @@ def check(
     if len(depth) < curve_shape.FEWEST:
         return []
     for name, unit, values in (("depth", "mm", depth), ("Fz", "N", force)):
-        if values is not None and not few and len(wild := curve_shape.marks(values)):
+        if values is not None and not few and len(wild := curve_shape.placeholder_readings(values)):
             count, rows = ("1 reading", "this row") if len(wild) == 1 else (f"{len(wild)} readings", "these rows")
             raise ValueError(
                 f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {count} and quite "
@@ -125,7 +125,7 @@ def _of_force(
     span = float(np.ptp(force))
     start = _force_at_start(who, d, F, span)
     notes: list[str] = []
-    late, level, scatter = curve_shape.onset(d, F) or (0.0, start, UNSEEN * span)
+    late, level, scatter = curve_shape.force_onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= curve_shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
         notes.append(
             f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before? "
@@ -142,12 +142,12 @@ def _of_force(
             f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
             f"must count from contact: {ZERO}"
         )
-    if not notes and (power := curve_shape.power(d, F)) is not None and power < FLATTEST:
+    if not notes and (power := curve_shape.loading_power(d, F)) is not None and power < FLATTEST:
         notes.append(
             f"repeat {label}: Fz grows only as the power {power:.2g} of depth, a pressed body's at least in "
             "proportion; are the columns depth and Fz exchanged?"
         )
-    if flat := curve_shape.flat(depth, force, float(np.ptp(depth))):
+    if flat := curve_shape.flat_top(depth, force, float(np.ptp(depth))):
         notes.append(
             f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
             "end?"
@@ -204,7 +204,7 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
     return start
 
 
-def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
+def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
     """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor SKEW."""
     deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
     ends = []
@@ -224,7 +224,7 @@ def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> N
         )
 
 
-def profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
+def check_profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
     """Remarks on the vertical displacements uz (n,) mm of one repeat of a profile, recorded at `depth` (n,) mm."""
     deepest, most, least = float(depth.max()), float(uz.max()), float(uz.min())
     if max(most, -least) > BEYOND * deepest:
@@ -240,7 +240,7 @@ def profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
     return []
 
 
-def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
+def check_common_depths(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
     """Remarks on repeats (label, depth of loading in mm) that take from the depths which all of them reach."""
     ways = [(label, float(d.min()), float(d.max())) for label, d in repeats if len(d)]
     if len(ways) < 2:
@@ -289,14 +289,14 @@ def _breaks(
     it was.  Where only readings are missing the speed, or the force, goes on with it: nothing is remarked upon.
     """
     notes, step = [], np.diff(depth)
-    far = curve_shape.alone(np.abs(step)) & (
+    far = curve_shape.isolated_steps(np.abs(step)) & (
         np.abs(step) > max(LEAP * np.ptp(depth), 12.0 * curve_shape.noise_of(depth))
     )
     if time is not None:
-        far &= curve_shape.alone(np.abs(step) / np.maximum(np.diff(time), 1e-12))
+        far &= curve_shape.isolated_steps(np.abs(step) / np.maximum(np.diff(time), 1e-12))
     elif force is not None:
-        far &= ~curve_shape.alone(np.abs(np.diff(force)), 3.0)
-    far = curve_shape.on_the_way(far, depth)
+        far &= ~curve_shape.isolated_steps(np.abs(np.diff(force)), 3.0)
+    far = curve_shape.while_moving(far, depth)
     if far.any():
         k = int(np.argmax(np.abs(step) * far))
         notes.append(
@@ -305,8 +305,13 @@ def _breaks(
         )
     if force is not None:
         rise = np.diff(force)
-        far = curve_shape.alone(np.abs(rise)) & ~curve_shape.alone(np.abs(step), 3.0) & loading[:-1] & loading[1:]
-        far = curve_shape.on_the_way(
+        far = (
+            curve_shape.isolated_steps(np.abs(rise))
+            & ~curve_shape.isolated_steps(np.abs(step), 3.0)
+            & loading[:-1]
+            & loading[1:]
+        )
+        far = curve_shape.while_moving(
             far & (np.abs(rise) > max(JUMP * np.ptp(force), 12.0 * curve_shape.noise_of(force))), depth
         )
         if far.any():

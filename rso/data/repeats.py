@@ -13,11 +13,11 @@ from rso.core.power_law import LEADING
 from rso.core.units import COLUMNS
 from rso.data import usual_errors
 from rso.data.files.reading import Measurement, Repeat
-from rso.data.holds import Hold, held, relaxing
+from rso.data.holds import Hold, held, relaxing_curve
 from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.outliers import without_spikes
-from rso.data.scatter import White, beyond_said, of_record, of_repeats, ratio_of
-from rso.data.variance_components import parts
+from rso.data.scatter import White, beyond_said, of_record, ratio_of, repeat_scatter
+from rso.data.variance_components import variance_parts
 
 PULLS = 0.1  # of its range: a force that is negative by more pulls
 AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
@@ -43,8 +43,8 @@ def combine(
 
     The repeats' deviations are split into white noise w, of one variance or, where that shows, of one that changes
     smoothly, a noise c correlated along the depth, and parts along ŷ (gain g) and ŷ' (contact o), estimated together
-    (:func:`~rso.data.variance_components.parts`); how well w is known is the curve's `freedom`.  g, o and c that nobody
-    states are of the usual size, the less so the more repeats there are; one record has these alone
+    (:func:`~rso.data.variance_components.variance_parts`); how well w is known is the curve's `freedom`.  g, o and c
+    that nobody states are of the usual size, the less so the more repeats there are; one record has these alone
     (:mod:`~rso.data.usual_errors`).  What is stated counts as it is, unless repeats differ by more.
     White noise that is stated is what the readings show, once more: the former counts, unless they clearly scatter by
     more, whether about a smooth curve (one repeat alone, which shows no other) or about each other.
@@ -54,8 +54,8 @@ def combine(
 
     Readings of a `hold` come behind those of loading, a few moments for all.  There u of the first equation is the way
     that the indenter would have gone since, at its speed: errors that go together along the way do so in time.  ŷ is
-    that of :func:`~rso.data.holds.relaxing`, and ŷ' what it is at the end of loading times F/F(end): a contact found
-    late is late for all.
+    that of :func:`~rso.data.holds.relaxing_curve`, and ŷ' what it is at the end of loading times F/F(end): a contact
+    found late is late for all.
     """
     if channel not in measurement.channels:
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
@@ -130,7 +130,7 @@ def combine(
 
 def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ŷ and ŷ' of loading (n,) and of the hold behind it (n + m,), whose means are those of `mean` (n + m,)."""
-    along = relaxing(list(hold.since[:, None]), mean[len(smooth) :])(hold.since)
+    along = relaxing_curve(list(hold.since[:, None]), mean[len(smooth) :])(hold.since)
     share = along / smooth[-1] if smooth[-1] else np.ones(len(along))
     return np.append(smooth, along), np.append(slope, slope[-1] * share)
 
@@ -314,11 +314,11 @@ def _scatter(
     is shared with other channels, a part for each repeat, whose sum has the correlation that the repeats have.
     """
     r = len(y)
-    found, part = of_repeats(y, smooth, slope)
+    found, part = repeat_scatter(y, smooth, slope)
     contrasts = np.linalg.svd(np.eye(r) - 1.0 / r)[0][:, : r - 1].T @ y
     prior = {n: v for n, v in zip(("correlation", "gain", "contact"), _priors(u[:loading], smooth, noise), strict=True)}
     variance = np.maximum(found.variance, (1e-9 * float(np.abs(smooth).max() or 1.0)) ** 2)
-    p = parts(u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual_errors.PRIOR)
+    p = variance_parts(u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual_errors.PRIOR)
     ratio = p.white * ratio_of(y, smooth, slope, r * white_said)
     white = beyond_said(White(p.white * found.variance, found.freedom), ratio, r * white_said)
     mean = white.variance / r
@@ -330,7 +330,7 @@ def _scatter(
         v0, k = prior[name], dof[name]
         s2 = v if v0 is None else max(v * (usual_errors.PRIOR + k) - usual_errors.PRIOR * v0**2, 0.0) / k
         a, b = (
-            usual_errors.counted(v0 or 0.0, k, s2)
+            usual_errors.counted_variance(v0 or 0.0, k, s2)
             if v0 is not None
             else (student(usual_errors.PRIOR + k) ** 2 * v, 0.0)
         )
@@ -352,7 +352,7 @@ def _priors(u: np.ndarray, smooth: np.ndarray, noise: Noise) -> tuple[float | No
     given = (None, noise.gain, noise.contact)
     names = ("correlation", "gain", "contact")
     return tuple(
-        usual_errors.scale(v) if n in noise.unstated else (usual_errors.scale(g) if g else None)
+        usual_errors.deviation_of_size(v) if n in noise.unstated else (usual_errors.deviation_of_size(g) if g else None)
         for n, v, g in zip(names, sizes, given, strict=True)
     )  # type: ignore[return-value]
 

@@ -55,7 +55,7 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     return White(np.maximum(found.variance - np.interp(u, u[four].mean(axis=1), expected), 0.0), found.freedom)
 
 
-def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray]:
+def repeat_scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray]:
     """Noise of one of r >= 2 repeats y (r, n), as if it were white, and gain and contact (2, r) of each against their
     mean.
 

@@ -19,12 +19,12 @@ CORRELATED = 0.002  # of the largest force: nonlinearity, hysteresis and drift o
 OVER = 0.5  # of the travel, along which these belong together
 
 
-def scale(size: float) -> float:
+def deviation_of_size(size: float) -> float:
     """The deviation √v₀ that counts as `size` where nothing else is known."""
     return size / student(PRIOR)
 
 
-def counted(prior: float, k: float, shown: float) -> tuple[float, float]:
+def counted_variance(prior: float, k: float, shown: float) -> tuple[float, float]:
     """Variance that counts of a single test, known from k degrees of freedom beside the prior, in two parts.
 
     The first is what is `shown` (s²), the second what the usual deviation `prior` (√v₀) adds.

@@ -33,7 +33,7 @@ class Parts:
     contact: float
 
 
-def parts(
+def variance_parts(
     u: np.ndarray,
     contrasts: np.ndarray,
     white: np.ndarray,

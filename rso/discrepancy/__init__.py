@@ -16,13 +16,13 @@ story        all of it as plain data           words, parameters   and in senten
 """
 
 from rso.discrepancy.diagnosis import Diagnosis, diagnose
-from rso.discrepancy.diagnosis_results import story
+from rso.discrepancy.diagnosis_results import diagnosis_data
 from rso.discrepancy.evidence.detectable import announced, detectable_by_plan
-from rso.discrepancy.library.effects import Effect, bounded, catalogue, localised, recorded, suited
-from rso.discrepancy.library.planning import planned
+from rso.discrepancy.library.effects import Effect, bounded, catalogue, localised, measured_effects, suited
+from rso.discrepancy.library.planning import planned_simulations
 from rso.discrepancy.library.simulations import Base, BaseAxis
-from rso.discrepancy.library.tables import Library, LibraryUnanswered, build
-from rso.discrepancy.library.test_plan import Experiment, TestPlan, make_plan
+from rso.discrepancy.library.tables import Library, LibraryUnanswered, build_library
+from rso.discrepancy.library.test_plan import Experiment, TestPlan, make_test_plan
 from rso.discrepancy.proposals import planned_tests
 from rso.discrepancy.rerun import CLOSE, RerunCheck, corrected_library, finalists, planned_rerun
 
@@ -39,18 +39,18 @@ __all__ = [
     "TestPlan",
     "announced",
     "bounded",
-    "build",
+    "build_library",
     "catalogue",
     "corrected_library",
     "detectable_by_plan",
     "diagnose",
+    "diagnosis_data",
     "finalists",
     "localised",
-    "make_plan",
-    "planned",
+    "make_test_plan",
+    "measured_effects",
     "planned_rerun",
+    "planned_simulations",
     "planned_tests",
-    "recorded",
-    "story",
     "suited",
 ]

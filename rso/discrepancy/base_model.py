@@ -41,7 +41,7 @@ def base_model(study: Study, library: Library, box: Box | None) -> Determination
 
     None where nothing is open, there is no such curve, or readings and their errors allow no likelihood.
     """
-    curves = fitted(study, library)
+    curves = fitted_tests(study, library)
     if not curves or box is None:
         return None
     there = replace(library, plan=replace(library.plan, tests=tuple(t for t, _ in curves), profiles=()))
@@ -57,7 +57,7 @@ def base_model(study: Study, library: Library, box: Box | None) -> Determination
         return None
 
 
-def fitted(study: Study, library: Library) -> list[tuple[Test, Data]]:
+def fitted_tests(study: Study, library: Library) -> list[tuple[Test, Data]]:
     """Loading of every compared force that is fitted: as a test of one channel at the depths of the readings, and with
     the errors of the measurement."""
     found = []
@@ -105,7 +105,7 @@ def _numerical(library: Library, test: Test, f: np.ndarray) -> np.ndarray:
     return share * size
 
 
-def as_plain(d: Determination | None) -> dict[str, Any] | None:
+def base_model_block(d: Determination | None) -> dict[str, Any] | None:
     """The `base_model` of diagnosis.json."""
     if d is None:
         return None
@@ -130,7 +130,7 @@ def as_plain(d: Determination | None) -> dict[str, Any] | None:
     }
 
 
-def in_words(found: Mapping[str, Any] | None) -> list[str]:
+def base_model_sentence(found: Mapping[str, Any] | None) -> list[str]:
     """What the fit alone says, beside what a diagnosis allows for."""
     if not found:
         return []

@@ -15,12 +15,12 @@ from rso.calibration import result_files
 from rso.contract import digest
 from rso.core import disk
 from rso.discrepancy import Library, TestPlan
-from rso.discrepancy.study_diagnosis import Asked, ask, judge
+from rso.discrepancy.study_diagnosis import Asked, ask, judge_library
 from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import RunStore
-from rso.study.laboratory_folder import files_of, in_words, study_text, unread
+from rso.study.laboratory_folder import file_line, files_of, study_text, unread
 from rso.study.laboratory_nominal import FILE, read_nominal
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 SHARED = 2.0  # mm, of plans of the usual depth: one that ends this much earlier than another shares its library
 
@@ -31,7 +31,7 @@ def cases_of(folder: Path) -> list[Path]:
     return found or ([folder] if (folder / "nominal.json").exists() else [])
 
 
-def answer(
+def diagnose_cases(
     cases: list[Path],
     out: Path,
     store: RunStore,
@@ -65,12 +65,12 @@ def answer(
             asked = replace(asked, plan=_as_deep(asked.plan, deepest))
             library = _library(asked, libraries, store, executor, watch)
             backend = asked.base.backend
-            found = judge(asked, library, Evaluator(backend, store, executor).run if reruns else None)
+            found = judge_library(asked, library, Evaluator(backend, store, executor).run if reruns else None)
             found["timings"] = {"judging_cpu": time.process_time() - began}
             found["taken"] = taken[case]
         except ValueError as error:
             found = {"error": str(error)}
-        result_files.write(path, found)
+        result_files.write_results(path, found)
         say(f"{case.name}: {found.get('error') or found['diagnosis']['verdict']}")
         yield case.name, found
 
@@ -94,7 +94,7 @@ def _tell(taken: Mapping[Path, Mapping[str, Any]], say: Callable[[str], None]) -
     """One line per file; cases that are taken alike are said once."""
     first: dict[tuple[str, ...], str] = {}
     for case, found in taken.items():
-        lines = (*map(in_words, found["files"]), f"support: {json.dumps(found['support'])}", *found["assumed"])
+        lines = (*map(file_line, found["files"]), f"support: {json.dumps(found['support'])}", *found["assumed"])
         if lines in first:
             say(f"{case.name}: taken for the same as {first[lines]}")
             continue
@@ -137,14 +137,16 @@ def _asked(case: Path, out: Path, seed: int) -> Asked:
     own = out / "studies" / case.name
     disk.folder(disk.folder(out / "studies") / case.name)
     disk.replace(own / "study.toml", study_text(case, seed, own))
-    return ask(load(own / "study.toml"))
+    return ask(load_study(own / "study.toml"))
 
 
 def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor: Executor, watch: Any) -> Library:
     """A library of the same places, effects and base, made once; the tests of each case differ."""
     b, key = asked.base, _key(asked)
     if key not in known:
-        known[key] = discrepancy.build(b, asked.plan, asked.effects, Evaluator(b.backend, store, executor, watch).run)
+        known[key] = discrepancy.build_library(
+            b, asked.plan, asked.effects, Evaluator(b.backend, store, executor, watch).run
+        )
     own = {e.name: e for e in asked.effects}  # what is plausible may hang on the forces
     return replace(known[key], plan=asked.plan, effects=tuple(own[e.name] for e in known[key].effects))
 

@@ -12,8 +12,15 @@ from rso.discrepancy.detectors.jumps import Jumps, jumps
 from rso.discrepancy.detectors.periodic import PeriodicLine, periodic_line
 from rso.discrepancy.evidence import any_network, attribution, localisation, noise, shrinkage
 from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
-from rso.discrepancy.evidence.checks import SelfCheck, self_checks, sensitivity
-from rso.discrepancy.evidence.cross_validation import HeldOut, fit, held_out, left_out, predicts, shrinkage_of
+from rso.discrepancy.evidence.checks import SelfCheck, prior_sensitivity, self_checks
+from rso.discrepancy.evidence.cross_validation import (
+    HeldOut,
+    fit_effects,
+    held_out_evidence,
+    left_out_gaps,
+    predicts,
+    shrinkage_of,
+)
 from rso.discrepancy.evidence.gaussian_mixture import Posterior, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import Reach, draws, reach
@@ -23,10 +30,10 @@ from rso.discrepancy.evidence.verdict import (
     UNEXPLAINED,
     Judgement,
     beaten,
-    beside,
     given_a_gap,
-    judge,
+    judge_comparison,
     most_probable,
+    pairs_of_remainder,
     singles,
 )
 from rso.discrepancy.library.effects import Effect
@@ -121,13 +128,15 @@ def diagnose(
     for h in dict.fromkeys([judged.chosen, *singles(contest, judged.named), *losers]):
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
     pure = Hypothesis(judged.chosen.effects)  # of many forms of one cause it need not be among the most probable
-    held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *most_probable(contest), pure])))
+    held = held_out_evidence(bench, y, list(dict.fromkeys([Hypothesis(()), *most_probable(contest), pure])))
     if judged.verdict in WHOLE and pure.effects and not predicts(held, pure):
         judged = UNEXPLAINED  # evidence without prediction is no cause
         posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
     judged = _whole_or_part(judged, evidence, y, posts, rest)
     # a part, by the curves that are seen: validation has no say
-    if judged.verdict == "partly" and _widens(left_out(library, bench, evidence, y, judged.chosen, seed, anew=False)):
+    if judged.verdict == "partly" and _widens(
+        left_out_gaps(library, bench, evidence, y, judged.chosen, seed, anew=False)
+    ):
         judged = UNEXPLAINED
         posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
     judged = _flow_or_network(judged, evidence, y, posts, rng)
@@ -141,9 +150,11 @@ def diagnose(
     where, taken, scatter = _readings(evidence, chosen, fits, y, seed, odd and odd[0])
     r = bench.whites[0](y - fits["none"])
     causes = _causes(evidence, contest, y, posts, verdict, judged.named)
-    others = None if odd is None else np.setdiff1d(np.arange(len(y)), localisation.rows_of(library.plan, odd[0]))
+    others = (
+        None if odd is None else np.setdiff1d(np.arange(len(y)), localisation.experiment_rows(library.plan, odd[0]))
+    )
     if others is not None:  # what the others say
-        posts[chosen.name] = fit(bench, (), others, y, rng, DRAWS)
+        posts[chosen.name] = fit_effects(bench, (), others, y, rng, DRAWS)
     reached = reach(evidence, contest, chosen, y, LEVEL, seed + 7, others)
     return Diagnosis(
         verdict=verdict,
@@ -154,7 +165,7 @@ def diagnose(
         causes=causes,
         named=judged.named,
         probabilities=dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
-        sensitivity=sensitivity(evidence, contest, finalists, y),
+        sensitivity=prior_sensitivity(evidence, contest, finalists, y),
         where=where,
         held_out=held,
         shrinkage=shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted),
@@ -201,7 +212,7 @@ def _opened(library: Library, y: np.ndarray, nulls: int, seed: int, settings: Di
     """With the noise of the repeats; where that is far beyond what is stated and explains all, what is stated asks why,
     and stands where that is found."""
     opened = _first(attribution.set_up(library, y, settings=settings), y, nulls, seed)
-    if opened.gap or noise.levels(library.plan, True, settings.noise) == opened.evidence.bench.levels:
+    if opened.gap or noise.noise_levels(library.plan, True, settings.noise) == opened.evidence.bench.levels:
         return opened
     asked = _first(attribution.set_up(library, y, True, settings), y, nulls, seed)
     return asked if asked.gap else opened
@@ -224,14 +235,14 @@ def _contested(
     contest = opened.first
     if gap:
         contest = attribution.comparisons(evidence, y[None], pairs, finalists=finalists)[0]
-    judged = judge(contest, gap, evidence.bench.settings.rules)
+    judged = judge_comparison(contest, gap, evidence.bench.settings.rules)
     part = judged.verdict == "partly" and len(judged.chosen.effects) == 1
     rest = residual_score(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE else None
     if rest is not None and rest.there:
-        joined = beside(judged.chosen, rest, pairs)
+        joined = pairs_of_remainder(judged.chosen, rest, pairs)
         finalists |= {e.source for pair in joined for e in pair}
         contest = attribution.comparisons(evidence, y[None], [*pairs, *joined], finalists=finalists)[0]
-        judged = judge(contest, gap, evidence.bench.settings.rules)
+        judged = judge_comparison(contest, gap, evidence.bench.settings.rules)
     return contest, finalists, judged, rest
 
 
@@ -286,7 +297,7 @@ def _readings(
     slope = noise.slope_of(bench.library, fits["none"])
     tests = noise.of_tests(plan, bench.levels, fits["none"], slope)
     taken = _of_tests(evidence, chosen, tests, y - fits[chosen.name], y)
-    alone = noise.readings(plan, bench.levels, slope)
+    alone = noise.reading_variance(plan, bench.levels, slope)
     scatter = np.sqrt(np.maximum(np.diag(bench.C) - np.diag(tests), alone))  # C was made at an earlier fit
     if chosen != Hypothesis(()):
         C = noise.scatter(plan, bench.levels, fits["none"], slope)

@@ -13,7 +13,7 @@ from rso.discrepancy.diagnosis import Cause, Diagnosis
 from rso.discrepancy.evidence.detectable import Detectable
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.marginal_ranges import trusted
+from rso.discrepancy.evidence.marginal_ranges import calibrated_deviation
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.shrinkage import predicted
 from rso.discrepancy.library.effects import Effect
@@ -22,7 +22,7 @@ from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import HELD, LOADING, Test, TestPlan
 from rso.discrepancy.next_test import NextTest, next_tests
 from rso.discrepancy.rerun import RerunCheck
-from rso.discrepancy.wording import sentences
+from rso.discrepancy.wording import diagnosis_sentences
 from rso.evaluation import Task
 
 SCHEMA = 1
@@ -32,7 +32,7 @@ LEADING = 4  # hypotheses of one effect whose signatures are told
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
-def story(
+def diagnosis_data(
     library: Library,
     d: Diagnosis,
     visible: Sequence[Detectable],
@@ -54,7 +54,7 @@ def story(
         "fixed": dict(library.base.fixed),
         "ranges": {a.name: list(a.kept) for a in library.base.axes if a.kept},
         "modulus": {"name": library.base.modulus, "low": library.base.low, "high": library.base.high},
-        "diagnosis": block(d, visible, tests),
+        "diagnosis": diagnosis_block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],
         "noise": {
             c: {
@@ -73,7 +73,7 @@ def story(
         "trusted": {
             e.name: {"sd": sd, "unit": e.size.unit, "stated": e.known is not None}
             for e in library.effects
-            if (sd := trusted(e)) is not None
+            if (sd := calibrated_deviation(e)) is not None
         },
         "effects": [_effect(e) for e in library.effects],
         "probabilities": dict(sorted(d.probabilities.items(), key=lambda v: -v[1])[:20]),
@@ -84,17 +84,17 @@ def story(
             for c in d.checks
         ],
         "power": [{"effect": v.effect.name, "power": v.power} for v in visible],
-        "residuals": residuals(plan, d),
-        "signatures": signatures(library, d),
+        "residuals": residual_panels(plan, d),
+        "signatures": signature_panels(library, d),
         "rerun": [asdict(c) for c in checked],
         "failed_runs": list(library.failed),
         "notes": list(library.plan.notes),
-        "mirrored": mirrored(plan, d),
+        "mirrored": mirrored_channels(plan, d),
     }
-    return found | {"words": sentences(found)}
+    return found | {"words": diagnosis_sentences(found)}
 
 
-def mirrored(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
+def mirrored_channels(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     """Lateral forces that are those of the base model times a number below −0.5, where that has some to show."""
     y, f = plan.values(), d.fits["none"]
     out: dict[tuple[str, str], tuple[float, float, float]] = {}
@@ -111,7 +111,7 @@ def mirrored(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]) -> dict[str, Any]:
+def diagnosis_block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]) -> dict[str, Any]:
     """The block `diagnosis` of results.json."""
     s = d.shrinkage
     return {
@@ -302,7 +302,7 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
     return next_tests(plain_library, d.bench, alive, probability, run, scatter)
 
 
-def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
+def residual_panels(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     """By test and channel: depth, branch, residual against each fitted model, standard deviation of a reading; readings
     of a hold for themselves, with the time `since` the indenter came to rest.
 
@@ -321,7 +321,7 @@ def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
+def signature_panels(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
     """By test and channel, as the residuals: what each leading hypothesis, fitted for itself, adds to the base model as
     fitted."""
     seen = replace(library, plan=library.plan.seen())
@@ -329,7 +329,7 @@ def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
         h.name: d.fits[h.name]
         if h.name in d.fits
         else predicted(seen, h.effects, d.posteriors[h.name], d.bench.modulus)
-        for h in leading(d)
+        for h in leading_hypotheses(d)
     }
     return [
         {**head, "added": {name: _rounded((f - d.fits["none"])[k]) for name, f in fits.items()}}
@@ -338,7 +338,7 @@ def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def leading(d: Diagnosis) -> list[Hypothesis]:
+def leading_hypotheses(d: Diagnosis) -> list[Hypothesis]:
     """Hypotheses with a posterior that move a mean, the chosen one first: LEADING of one effect at most, and a pair."""
     known = {h.name: h for h in (*d.contest.hypotheses, d.chosen)}
     found: dict[frozenset[str], Hypothesis] = {}

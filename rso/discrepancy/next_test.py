@@ -25,9 +25,16 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.prediction import predict
-from rso.discrepancy.library.tables import Library, build
-from rso.discrepancy.library.test_plan import make_plan
-from rso.discrepancy.proposals import READINGS, CandidateTest, afterwards, candidates, known, moved
+from rso.discrepancy.library.tables import Library, build_library
+from rso.discrepancy.library.test_plan import make_test_plan
+from rso.discrepancy.proposals import (
+    READINGS,
+    CandidateTest,
+    at_library_places,
+    proposed_tests,
+    tables_cover,
+    test_after_plan,
+)
 from rso.evaluation import Task
 from rso.optimal_design import Worth, about_causes, ranked
 from rso.optimal_design.separation import as_likely, chance_to_decide
@@ -96,11 +103,11 @@ def next_tests(
         return []
     found = []
     acting = {e.name for effects, _ in survivors.values() for e in effects}
-    for candidate in candidates(library):
+    for candidate in proposed_tests(library):
         if candidate.without and not candidate.without & acting:
             continue  # what it keeps from acting is none of what is open
         try:
-            there = simulated(library, candidate, survivors, run)
+            there = candidate_library(library, candidate, survivors, run)
         except ValueError:
             continue
         if there is not None:
@@ -112,21 +119,21 @@ def next_tests(
     return ranked(found, lambda t: Worth(t.information, t.price))
 
 
-def simulated(
+def candidate_library(
     library: Library, candidate: CandidateTest, survivors: Survivors, run: Callable[[Sequence[Task]], list[Any]] | None
 ) -> Library | None:
     """The library of a candidate test, None where that would need simulations and there is no `run`.
 
     Raises ValueError where the base model has no answer.
     """
-    plan = make_plan(candidate.experiments, library.plan.scale)
-    plan = replace(plan, tests=tuple(afterwards(library.plan, plan, t) for t in plan.tests))
-    if known(library, plan):
-        return replace(library, plan=moved(library, plan))
+    plan = make_test_plan(candidate.experiments, library.plan.scale)
+    plan = replace(plan, tests=tuple(test_after_plan(library.plan, plan, t) for t in plan.tests))
+    if tables_cover(library, plan):
+        return replace(library, plan=at_library_places(library, plan))
     if run is None:
         return None
     effects = {e.name: e for group, _ in survivors.values() for e in group}
-    return build(library.base, plan, tuple(effects.values()), run)
+    return build_library(library.base, plan, tuple(effects.values()), run)
 
 
 def _out_of_reach(there: Library, survivors: Survivors) -> bool:
@@ -178,7 +185,7 @@ def distances(
             centre = np.median(post.at[:, : len(there.base.axes)], axis=0)[None]
             g = (scatter or {})[e.name] * by_test(there, e, centre, float(np.median(post.modulus)))
             spread[name] = spread[name] + g.T @ g
-    C = covariance(there, bench, next(iter(mean.values())))
+    C = new_tests_covariance(there, bench, next(iter(mean.values())))
     out = {}
     for k, l in itertools.combinations(survivors, 2):
         Δ = mean[k] - mean[l]
@@ -202,15 +209,15 @@ def forecast(
     return post.modulus[pick, None] * A + c
 
 
-def covariance(there: Library, bench: Shared, force: np.ndarray) -> np.ndarray:
+def new_tests_covariance(there: Library, bench: Shared, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
     mark = noise.NoiseLevel(there.plan.scale * bench.settings.noise.mark, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
     levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
-    return noise.covariance(there, levels, force, noise.slope_of(there, force), bench.settings.model_error)
+    return noise.data_covariance(there, levels, force, noise.slope_of(there, force), bench.settings.model_error)
 
 
-def gauges(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:
+def gauge_tests(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:
     """Knob → a test that shows it by itself, whatever the rest, and what that test resolves in the knob's unit."""
     level = bench.levels.get("Fz", next(iter(bench.levels.values())))
     white = level.white / np.sqrt(READINGS)
@@ -244,14 +251,14 @@ def direct(library: Library, bench: Shared, survivors: Survivors) -> dict[str, d
 
     What such a test shows is the size itself, so that a size known badly before is as good as any.
     """
-    known, pairs = gauges(library, bench), list(itertools.combinations(survivors, 2))
+    known, pairs = gauge_tests(library, bench), list(itertools.combinations(survivors, 2))
     found: dict[str, dict[tuple[str, str], float]] = {}
     for name, (effects, post) in survivors.items():
         for e in effects:
             if e.size.name not in known or e.size.neutral is None or e.place is not None or e.family == "scatter":
                 continue  # no bench shows what one test had
             words, resolution = known[e.size.name]
-            off = sizes(bench, effects, post, e) - e.size.neutral
+            off = effect_sizes(bench, effects, post, e) - e.size.neutral
             D = as_likely(off, resolution)
             own = found.setdefault(words, dict.fromkeys(pairs, 0.0))
             for p in pairs:
@@ -261,7 +268,7 @@ def direct(library: Library, bench: Shared, survivors: Survivors) -> dict[str, d
     return found
 
 
-def sizes(bench: Shared, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:
+def effect_sizes(bench: Shared, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:
     """Values (m,) of an effect's knob over the draws, in its unit."""
     column = post.at.shape[1] - sum(len(e.knobs) for e in effects)
     column += sum(len(e.knobs) for e in itertools.takewhile(lambda e: e is not effect, effects))

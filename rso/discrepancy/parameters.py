@@ -11,9 +11,11 @@ WIDER = 1.15  # times: an interval that is said beside another is wider by this
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 
 
-def about(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+def parameter_sentences(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     """Sentences about every parameter, open or fixed, and about ranges that are too narrow for the data."""
-    own = [" ".join(filter(None, (_parameter(d, found, k), beside(d, found, k)))) for k in d["parameters"]["before"]]
+    own = [
+        " ".join(filter(None, (_parameter(d, found, k), known_alone(d, found, k)))) for k in d["parameters"]["before"]
+    ]
     return own + _trusted(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
 
 
@@ -23,7 +25,7 @@ def called(found: Mapping[str, Any], name: str) -> str:
     return " + ".join(label.get(part) or part for part in name.split(" + "))
 
 
-def values_of(values: Mapping[str, float], found: Mapping[str, Any]) -> str:
+def values_with_units(values: Mapping[str, float], found: Mapping[str, Any]) -> str:
     """Parameters with their units."""
     return ", ".join(f"{k} = {_amounts(found, k, v)}" for k, v in values.items())
 
@@ -32,16 +34,16 @@ def _amounts(found: Mapping[str, Any], k: str, *values: float, digits: int = 4) 
     """Values of a parameter in the unit of people, that of the first; the others are the ends of its interval."""
     unit, factor = people(found.get("units", {}).get(k, ""), values[0])
     first, *ends = (f"{v * factor:.{digits}g}" for v in values)
-    return f"{first}{of_unit(unit)} (90 % {' to '.join(ends)})" if ends else f"{first}{of_unit(unit)}"
+    return f"{first}{unit_suffix(unit)} (90 % {' to '.join(ends)})" if ends else f"{first}{unit_suffix(unit)}"
 
 
 def _range(found: Mapping[str, Any], k: str, low: float, high: float) -> str:
     """Two ends of a parameter in the unit of people, that of the upper one."""
     unit, factor = people(found.get("units", {}).get(k, ""), high)
-    return f"{low * factor:.4g} to {high * factor:.4g}{of_unit(unit)}"
+    return f"{low * factor:.4g} to {high * factor:.4g}{unit_suffix(unit)}"
 
 
-def of_unit(unit: str) -> str:
+def unit_suffix(unit: str) -> str:
     """A unit behind a number: 3.3 1/MPa would be read as another number."""
     return "" if unit in ("1", "-", "") else f" {unit[1:] if unit.startswith('1/') else unit}"
 
@@ -62,7 +64,7 @@ def _parameter(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     return f"{k} stays at {now}." if was == now else f"{k} moves from {was} to {now}."
 
 
-def beside(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
+def known_alone(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     """How well a parameter is known if nothing is there but what is said, and what that leaves out; nothing where it
     leaves out nothing that counts."""
     whole, alone = (d["parameters"].get(when, {}).get(k) for when in ("after", "if_nothing_else"))
@@ -121,7 +123,9 @@ def _trusted(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
 
 def _fixed(found: Mapping[str, Any]) -> list[str]:
     """What the study fixes, so that no fit has moved it."""
-    return [f"Fixed by the study, not fitted: {values_of(found['fixed'], found)}."] if found.get("fixed") else []
+    return (
+        [f"Fixed by the study, not fitted: {values_with_units(found['fixed'], found)}."] if found.get("fixed") else []
+    )
 
 
 def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

@@ -12,10 +12,10 @@ from rso.contract import FurtherTests, PreventableEffects, SurfaceMarks, capabil
 from rso.data import Measurement, Repeat
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.library.effects import Effect
-from rso.discrepancy.library.planning import framed, planned
-from rso.discrepancy.library.simulations import Base, LibraryJob, alike, passes, rated, rests_at
+from rso.discrepancy.library.planning import framed, planned_simulations
+from rso.discrepancy.library.simulations import Base, LibraryJob, passes, passes_alike, rated, rests_at
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_plan
+from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_test_plan
 
 READINGS = 20
 REPEATS = 3  # of a proposed test: what each has for itself averages out
@@ -51,13 +51,13 @@ def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict
     outline = Outline(base, plan, framed(base, plan).primary, tuple(effects))
     modelled = [e for e in effects if e.family == "model"]
     found = {}
-    for candidate in candidates(outline):
+    for candidate in proposed_tests(outline):
         try:
-            there = make_plan(candidate.experiments, plan.scale)
-            there = replace(there, tests=tuple(afterwards(plan, there, t) for t in there.tests))
-            if known(outline, there):
+            there = make_test_plan(candidate.experiments, plan.scale)
+            there = replace(there, tests=tuple(test_after_plan(plan, there, t) for t in there.tests))
+            if tables_cover(outline, there):
                 continue
-            jobs = planned(base, there, effects)  # those of the base model first
+            jobs = planned_simulations(base, there, effects)  # those of the base model first
         except ValueError:
             continue
         own = (None, base.relaxing.effect.name if base.relaxing else None)
@@ -68,7 +68,7 @@ def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict
     return found
 
 
-def candidates(library: Library | Outline) -> list[CandidateTest]:
+def proposed_tests(library: Library | Outline) -> list[CandidateTest]:
     """Tests that are not in the plan yet: other rates, unloading and a hold at a known place, what the backend
     proposes."""
     plan = library.plan
@@ -129,14 +129,14 @@ def candidates(library: Library | Outline) -> list[CandidateTest]:
     return out
 
 
-def afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
+def test_after_plan(done: TestPlan, plan: TestPlan, test: Test) -> Test:
     """A test of another plan as it is when all tests of a plan are done: last, at places that they pressed."""
     settings = plan.places[test.place].settings
     pressed = [t.peak for t in done.tests if done.places[t.place].settings == settings]
     return replace(test, age=0.5, earlier=max([test.earlier, *pressed]))
 
 
-def known(library: Library | Outline, plan: TestPlan) -> bool:
+def tables_cover(library: Library | Outline, plan: TestPlan) -> bool:
     """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, as are rests and
     speeds of ways back, no new marks."""
     own = _places(library, plan)
@@ -149,7 +149,7 @@ def known(library: Library | Outline, plan: TestPlan) -> bool:
             for p, k in zip(plan.places, own, strict=True)
         )
         and all(
-            way.peak is None or any(p.peak is not None and alike(way, p) for p in passes(library.plan, k))
+            way.peak is None or any(p.peak is not None and passes_alike(way, p) for p in passes(library.plan, k))
             for j, k in enumerate(own)
             for way in passes(plan, j)
         )
@@ -167,8 +167,8 @@ def _rested(library: Library | Outline, plan: TestPlan, place: int, own: int) ->
     )
 
 
-def moved(library: Library, plan: TestPlan) -> TestPlan:
-    """The new tests of a :func:`known` plan at the library's own places."""
+def at_library_places(library: Library, plan: TestPlan) -> TestPlan:
+    """The new tests of a :func:`tables_cover` plan at the library's own places."""
     own = _places(library, plan)
     assert own is not None  # the plan is known
     tests = tuple(replace(t, place=own[t.place]) for t in plan.tests)

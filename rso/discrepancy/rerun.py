@@ -22,7 +22,7 @@ from rso.discrepancy.diagnosis import Diagnosis
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import SAME, late, timed
 from rso.discrepancy.library.planning import framed
-from rso.discrepancy.library.relaxation import foreseen, relaxes
+from rso.discrepancy.library.relaxation import foreseen, is_relaxation
 from rso.discrepancy.library.responses import FORCES, changed, marks_of, rested
 from rso.discrepancy.library.simulations import Base, jobs_at, passes
 from rso.discrepancy.library.tables import DEAR, Library
@@ -92,7 +92,7 @@ def corrected_library(
         here, place = library.places[k], library.plan.places[k]
         forces = library.forces(k, at[None, :d])[0].T
         base = Resampling(here.u[1:], forces[1:])
-        ahead = foreseen(here.u, forces, point[None], here.passes)[0] if relaxes(e) else None
+        ahead = foreseen(here.u, forces, point[None], here.passes)[0] if is_relaxation(e) else None
         change, lost = changed(here.passes, here.u, place, library.base.reference, mine, base, ahead)
         failed += sum(not isinstance(o, Done) for o in mine)
         resting, without = rested(here.rests if e.flows else (), library.base.reference, mine[len(here.passes) :], base)

@@ -33,19 +33,19 @@ from rso.contract import (
 )
 from rso.core import disk
 from rso.core.similarity import group, stress_exponent
-from rso.core.units import quantity
+from rso.core.units import value_in_unit
 from rso.data import recorded_speed
 from rso.discrepancy import Base, BaseAxis, Effect, Experiment, Library
-from rso.discrepancy.base_model import as_plain, base_model, in_words
+from rso.discrepancy.base_model import base_model, base_model_block, base_model_sentence
 from rso.discrepancy.library.planning import framed
-from rso.discrepancy.library.relaxation import relaxes
+from rso.discrepancy.library.relaxation import is_relaxation
 from rso.discrepancy.library.simulations import BaseRelaxation
 from rso.discrepancy.library.test_plan import NOT_USED, SurfaceProfile, Test
 from rso.doe import Box
 from rso.evaluation import Evaluator, Task, Watch
 from rso.evaluation.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, sketches, stated_speed
-from rso.study.errors import Problem, choose, study_error
+from rso.study.errors import Problem, choices_text, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
 from rso.study.sources import needs_data
@@ -84,7 +84,7 @@ def ask(study: Study) -> Asked:
     experiments = [_experiment(study, n) for n in range(len(study.experiments))]
     _refuse_what_is_not_modelled(study, backend, experiments)
     try:
-        plan = discrepancy.make_plan(_powered(backend, experiments))
+        plan = discrepancy.make_test_plan(_powered(backend, experiments))
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
@@ -105,13 +105,13 @@ def ask(study: Study) -> Asked:
     every = tuple(e for e in every if e.size.name not in own)  # known, and no multiple of the modulus, or open
     every = tuple(e for e in every if not e.flows or _flows_everywhere(backend, e, plan, {*opened, *resolved.fixed}))
     measured = {c for t in plan.seen().tests for c in t.channels}
-    effects = discrepancy.recorded(every, measured)
+    effects = discrepancy.measured_effects(every, measured)
     wanted = study.diagnose.effects
     if wanted != "all":
         known, hidden = [e.name for e in effects], {e.name for e in every}
         why = f"shows only in a channel that was not measured; measured are {', '.join(sorted(measured))}"
         problems = [
-            Problem(("diagnose", "effects"), why if n in hidden else f"no such effect; {choose(n, known)}", n)
+            Problem(("diagnose", "effects"), why if n in hidden else f"no such effect; {choices_text(n, known)}", n)
             for n in wanted
             if n not in known
         ]
@@ -149,8 +149,8 @@ def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]
         place = ("diagnose", "known", name)
         try:
             if name not in units:
-                raise ValueError(f"no such effect; {choose(name, list(units))}")
-            if not 0.0 <= (value := quantity(written, units[name])) < math.inf:
+                raise ValueError(f"no such effect; {choices_text(name, list(units))}")
+            if not 0.0 <= (value := value_in_unit(written, units[name])) < math.inf:
                 raise ValueError(f"{written!r}: a standard uncertainty is a number of at least 0 in {units[name]}")
             known[name] = value
         except (ValueError, TypeError) as error:
@@ -276,7 +276,7 @@ def _relaxing(base: Base, settings: Mapping[str, Any], resolved: Resolved) -> Ba
     """
     opened = {a.name: a for a in resolved.axes}
     values = {p.name: resolved.fixed.get(p.name, p.default) for p in base.backend.parameters}
-    for e in filter(relaxes, discrepancy.catalogue(base.backend, settings, {}, ())):
+    for e in filter(is_relaxation, discrepancy.catalogue(base.backend, settings, {}, ())):
         share, time = e.size.name, e.shape[0].name
         (_, most), (short, long) = (
             (opened[k].low, opened[k].high) if k in opened else (values[k] or 0.0,) * 2 for k in (share, time)
@@ -334,13 +334,13 @@ def run_diagnosis(
         if note.endswith(NOT_USED):
             say(note)
     say("library: the base model and every effect of the catalogue, once for this test plan")
-    library = discrepancy.build(asked.base, asked.plan, asked.effects, run)
+    library = discrepancy.build_library(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started
 
-    alone = plain(as_plain(base_model(asked.study, library, asked.box)))
+    alone = plain(base_model_block(base_model(asked.study, library, asked.box)))
 
     def keep(found: dict[str, Any]) -> None:
-        found["words"] = [*found["words"], *in_words(alone)]
+        found["words"] = [*found["words"], *base_model_sentence(alone)]
         found["timings"] = {
             "library_wall": built,
             "library_cpu": library.cpu_s,
@@ -361,7 +361,7 @@ def run_diagnosis(
         }
         _write(folder, found)
 
-    found = judge(asked, library, run, say=say, fitted=_fitted(asked, folder), keep=keep)
+    found = judge_library(asked, library, run, say=say, fitted=_fitted(asked, folder), keep=keep)
     keep(found)
     return found
 
@@ -382,7 +382,7 @@ def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
     return {k: float(values[k]) for k in opened} if same and set(opened) <= set(values) else None
 
 
-def judge(
+def judge_library(
     asked: Asked,
     library: Library,
     run: Callable[[Sequence[Task]], list[Any]] | None,
@@ -421,17 +421,17 @@ def judge(
     say(f"the verdict is {result.verdict}{named}{further}")
     title = asked.study.study.title
     if run is not None and len(result.named) > 1:
-        keep(discrepancy.story(library, result, visible, None, title, checks))
-    return discrepancy.story(library, result, visible, run, title, checks)
+        keep(discrepancy.diagnosis_data(library, result, visible, None, title, checks))
+    return discrepancy.diagnosis_data(library, result, visible, run, title, checks)
 
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    result_files.write(folder / FILE, found)
+    result_files.write_results(folder / FILE, found)
     path = folder / "results.json"
     if not path.exists():
         return
     try:
-        result_files.write(path, disk.read_json(path) | {"diagnosis": found["diagnosis"]})
+        result_files.write_results(path, disk.read_json(path) | {"diagnosis": found["diagnosis"]})
     except (ValueError, TypeError):  # what is damaged is no place for it; diagnosis.json has it
         return

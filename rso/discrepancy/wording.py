@@ -8,7 +8,7 @@ from typing import Any
 from rso.discrepancy.evidence.noise import UNLIKE
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.library.test_plan import NOT_USED
-from rso.discrepancy.parameters import about, called, of_unit, values_of
+from rso.discrepancy.parameters import called, parameter_sentences, unit_suffix, values_with_units
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
 BORDER = 2.0  # times the false alarms: p up to which no gap is said to be undecided
@@ -23,7 +23,7 @@ FITS = 0.3  # probability from which an effect is said to fit where it is not na
 MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
 
 
-def sentences(found: Mapping[str, Any]) -> list[str]:
+def diagnosis_sentences(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
     out = [_gap(d, found), *_mirrored(found), *_unlike(found), *_jumps(d), *_hum(d)]
@@ -31,7 +31,7 @@ def sentences(found: Mapping[str, Any]) -> list[str]:
         out += [_where(d, found), _cause(d, found) + _single(d, found) + _remainder(d, found)]
     if (closed := _shrinkage(d, found)) is not None:
         out.append(closed + _alone(d, found))
-    out += about(d, found)
+    out += parameter_sentences(d, found)
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
@@ -163,7 +163,9 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     size = f"misfit {g['size_over_noise']:.2f} times the noise"
     if (none := nothing(found)) > DOUBT:
         large = "" if g["size_over_noise"] > LOUD else ", no more than noise"
-        return f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {chance(none)}."
+        return (
+            f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {percent_text(none)}."
+        )
     return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, {size})."
 
 
@@ -208,8 +210,8 @@ def _of(region: Mapping[str, Any]) -> str:
 
 def _named(c: Mapping[str, Any]) -> str:
     low, high = c["interval"]
-    unit, other = of_unit(c["unit"]), c.get("otherwise")
-    neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {chance(other['probability'])}" if other else ""
+    unit, other = unit_suffix(c["unit"]), c.get("otherwise")
+    neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {percent_text(other['probability'])}" if other else ""
     if may_be_absent(c):
         neutral += f", among them {c['neutral']:g}: it may be absent"
     elif c["neutral"]:
@@ -225,7 +227,7 @@ def shaped(c: Mapping[str, Any]) -> str:
     """The knobs that shape an effect, as found: a thickness, a time, a place."""
     each = []
     for k in c.get("shape") or []:
-        (low, high), unit = k["interval"], of_unit(k["unit"])
+        (low, high), unit = k["interval"], unit_suffix(k["unit"])
         each.append(f"{k['knob']} = {k['size']:.3g}{unit} ({low:.3g} to {high:.3g})")
     return f" with {', '.join(each)}" if each else ""
 
@@ -237,31 +239,31 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return none + _fitting(found) + _odd(found)
     first = causes[0]
     text = {e["name"]: e["description"] for e in found["effects"]}
-    unseen = hidden(d, found)
+    unseen = hidden_causes(d, found)
     doubt = [", hardly to be seen here" if c.get("cause") in unseen else "" for c in causes]
     each = ", ".join(
-        f"{called(found, c['effect'])} ({chance(c['probability'])}{more})"
+        f"{called(found, c['effect'])} ({percent_text(c['probability'])}{more})"
         for c, more in zip(causes, doubt, strict=True)
     )
     if v == "ambiguous":
         if len(causes) == 1 and first.get("like_a_modulus"):
             return (
                 f"Cause: every test has its own factor on the force, {_named(first)}, probability "
-                f"{chance(first['probability'])}. It may come from the load cell or from the specimen (recovery "
+                f"{percent_text(first['probability'])}. It may come from the load cell or from the specimen (recovery "
                 "between tests, temperature), which changes the modulus alike. A known weight on the cell before "
                 "each test decides."
             )
         if len(causes) == 1 and first.get("like_a_body"):
             return (
                 f"Cause: what carries the body gives way with time, {_named(first)}, probability "
-                f"{chance(first['probability'])}, or the body itself does by pore flow (poroelasticity). Forces on "
-                "the indenter hardly separate the two; a rigid block under the same load, for as long, does."
+                f"{percent_text(first['probability'])}, or the body itself does by pore flow (poroelasticity). Forces "
+                "on the indenter hardly separate the two; a rigid block under the same load, for as long, does."
             )
         if len(causes) == 1 and first.get("like_a_spot"):
             return (
                 f"Cause: the specimen gives way under one place, {_named(first)}, probability "
-                f"{chance(first['probability'])}: how it sits there, or a soft inclusion. Test the same place with "
-                "the specimen turned or placed again, or places around it."
+                f"{percent_text(first['probability'])}: how it sits there, or a soft inclusion. Test the same place "
+                "with the specimen turned or placed again, or places around it."
             )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
@@ -280,7 +282,7 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     alike += " A body out of which water is pressed does nearly the same." if first.get("like_a_body") else ""
     alike += " A softer spot of the body there does nearly the same." if first.get("like_a_spot") else ""
     alike += _unconfirmed(first["effect"], found)
-    return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
+    return f"{head}: {text[first['effect']]}, {each}; probability {percent_text(first['probability'])}.{alike}"
 
 
 def _fitting(found: Mapping[str, Any]) -> str:
@@ -294,8 +296,10 @@ def _fitting(found: Mapping[str, Any]) -> str:
     best = max(each, key=lambda k: each[k], default=None)
     if best is None or each[best] < FITS:
         return ""
-    beside = f"; no gap has {chance(none)}" if none > DOUBT else ""
-    return f" {called(found, best)} fits best ({chance(each[best])}) and does not predict curves left out{beside}."
+    beside = f"; no gap has {percent_text(none)}" if none > DOUBT else ""
+    return (
+        f" {called(found, best)} fits best ({percent_text(each[best])}) and does not predict curves left out{beside}."
+    )
 
 
 def _odd(found: Mapping[str, Any]) -> str:
@@ -306,7 +310,7 @@ def _odd(found: Mapping[str, Any]) -> str:
     points = {e["name"]: e["point"] for e in found["experiments"]}
     alike = [n for n, p in points.items() if p == points[odd] and n != odd]
     what = f"it and {', '.join(alike)} at the same point" if alike else "it: that place of the body, or that test"
-    said = f" It is in {odd} alone ({chance(p)}), the others agree with the model."
+    said = f" It is in {odd} alone ({percent_text(p)}), the others agree with the model."
     return f"{said} Ask what differs between {what}." if alike else f"{said} Ask what is special about {what}."
 
 
@@ -330,7 +334,7 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         first = max(each, key=lambda v: abs(v["value"]))
         if first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
             continue
-        unit = of_unit(c["unit"])
+        unit = unit_suffix(c["unit"])
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
         size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
         out += f" Nearly all of it ({called(found, c['effect'])}) is in one curve, {curve}: {size}."
@@ -355,7 +359,7 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     s = d["shrinkage"]
     if s["before"] is None or s["before"] != s["before"]:
         return "How much: one curve only, nothing is left to test a cause on."
-    model = f" ({values_of(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
+    model = f" ({values_with_units(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
     before, after = f"{s['before']:.2f} before{model}", f"{s['refit_only']:.2f} after a re-fit alone"
     text = f"On held-out curves, {s['how']}, the gap is {before}, {after}"
     if not d["chosen"]:  # nothing was added
@@ -412,7 +416,7 @@ def may_be_absent(c: Mapping[str, Any]) -> bool:
     return c.get("neutral") is not None and c["interval"][0] < c["neutral"] < c["interval"][1]
 
 
-def chance(p: float) -> str:
+def percent_text(p: float) -> str:
     """A probability in per cent, never quite none or all."""
     return "< 1 %" if p < 0.005 else "> 99 %" if p > 0.995 else f"{100 * p:.0f} %"
 
@@ -431,7 +435,7 @@ def _checks(found: Mapping[str, Any]) -> str | None:
     return f"{said}: {', '.join(each)}." if each else None
 
 
-def hidden(d: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
+def hidden_causes(d: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
     """Causes of which no form is visible at any plausible size, each with its first form."""
     source = {e["name"]: e.get("source") for e in found["effects"]}
     rows = d.get("detectable") or ()
@@ -441,5 +445,5 @@ def hidden(d: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _unseen(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    blind = [called(found, name) for name in hidden(d, found).values()]
+    blind = [called(found, name) for name in hidden_causes(d, found).values()]
     return [f"This test plan cannot detect, at any plausible size: {', '.join(blind)}."] if blind else []

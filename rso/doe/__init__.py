@@ -19,7 +19,7 @@ from rso.doe.samplers.central_composite import central_composite, star_distance
 from rso.doe.samplers.factorial import factorial
 from rso.doe.samplers.latin_hypercube import extend_latin, latin, latin_within
 from rso.doe.samplers.optimal_space_filling import optimal_space_filling
-from rso.doe.sequences import sobol
+from rso.doe.sequences import sobol_sequence
 from rso.doe.space import Space, space
 
 __all__ = [
@@ -43,7 +43,7 @@ __all__ = [
     "latin_within",
     "optimal_space_filling",
     "read_condition",
-    "sobol",
+    "sobol_sequence",
     "space",
     "star_distance",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.doe.sampler import DesignTask, Feasible
-from rso.doe.sequences import sobol
+from rso.doe.sequences import sobol_sequence
 
 POOL = 4096  # points of a Sobol sequence among which the farthest is sought first
 
@@ -29,7 +29,7 @@ def extend_by(X: np.ndarray, n: int, task: DesignTask) -> np.ndarray:
 def pool(d: int, n: int, seed: int, feasible: Feasible | None) -> np.ndarray:
     """At least n points of a Sobol sequence that are feasible, in its order."""
     for m in range(max(1, int(np.ceil(np.log2(n)))), 21):
-        points = sobol(d, 2**m, seed)
+        points = sobol_sequence(d, 2**m, seed)
         points = points if feasible is None else points[np.asarray(feasible(points), bool)]
         if len(points) >= n:
             return points

@@ -57,7 +57,7 @@ def enough(kind: str, task: DesignTask, most: int | None = None) -> int:
     return runs
 
 
-def counted(kind: str, X: np.ndarray, task: DesignTask) -> np.ndarray:
+def design_of_fixed_size(kind: str, X: np.ndarray, task: DesignTask) -> np.ndarray:
     """A design of a kind whose number of points is fixed; ValueError for another number, or points not feasible."""
     if task.runs is not None and task.runs != len(X):
         text = f"design: {kind} of {task.d} parameters has {len(X)} runs, not {task.runs}; leave runs out or use lhs"

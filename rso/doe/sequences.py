@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 
-def sobol(d: int, runs: int, seed: int | Sequence[int]) -> np.ndarray:
+def sobol_sequence(d: int, runs: int, seed: int | Sequence[int]) -> np.ndarray:
     """First `runs` points of a scrambled Sobol sequence (runs, d); balanced where runs is a power of two."""
     from scipy.stats import qmc  # half a second to import
 

@@ -124,7 +124,7 @@ def space(box: Box, levels: Sequence[Sequence[float]], labels: Sequence[Sequence
     return Space(box, tuple(map(tuple, levels)), tuple(map(tuple, labels)))
 
 
-def refused(kind: str, options: Mapping[str, Any], space: Space) -> str | None:
+def refusal(kind: str, options: Mapping[str, Any], space: Space) -> str | None:
     """Why a kind of design cannot be of this space, with what can; None where it can."""
     several = [n for n, v in zip(space.names, space.levels, strict=True) if v]
     if several and kind in CONTINUOUS_ONLY:
@@ -139,7 +139,7 @@ def refused(kind: str, options: Mapping[str, Any], space: Space) -> str | None:
     return None
 
 
-def apart(space: Space, U: np.ndarray) -> np.ndarray:
+def distinct_runs(space: Space, U: np.ndarray) -> np.ndarray:
     """The points (m, d) of a design that are different runs, in their order, on their levels."""
     snapped = space.snapped(U)
     _, first = np.unique(snapped.round(12), axis=0, return_index=True)

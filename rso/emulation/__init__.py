@@ -2,11 +2,11 @@
 
 from rso.emulation.convex_hull import beyond
 from rso.emulation.kriging import Kriging, fit_kriging
-from rso.emulation.model_choice import Surrogate, fit, from_dict, refit
+from rso.emulation.model_choice import Surrogate, fit_surrogate, from_dict, refit
 from rso.emulation.multi_output import MultiOutput, multi_output
 from rso.emulation.polynomial import Polynomial, fit_polynomial
-from rso.emulation.saving import load, save
-from rso.emulation.scores import Scores, cross_validate, held_out, pooled, score
+from rso.emulation.saving import load_arrays, save_arrays
+from rso.emulation.scores import Scores, cross_validate, held_out_scores, pooled, score
 from rso.emulation.whole_curve import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
 
 __all__ = [
@@ -19,18 +19,18 @@ __all__ = [
     "WholeCurve",
     "beyond",
     "cross_validate",
-    "fit",
     "fit_curve",
     "fit_kriging",
     "fit_polynomial",
+    "fit_surrogate",
     "from_dict",
-    "held_out",
-    "load",
+    "held_out_scores",
+    "load_arrays",
     "multi_output",
     "on_common_grid",
     "pooled",
     "refit",
     "refit_curve",
-    "save",
+    "save_arrays",
     "score",
 ]

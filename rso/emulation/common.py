@@ -17,7 +17,7 @@ def outside(X: np.ndarray, d: int, tolerance: float = 1e-9) -> np.ndarray:
     return ~np.all((X >= -tolerance) & (X <= 1 + tolerance), axis=1)
 
 
-def inside(X: np.ndarray, d: int) -> np.ndarray:
+def within_ranges(X: np.ndarray, d: int) -> np.ndarray:
     """X as an array, or ValueError: a surrogate knows nothing outside the ranges that were sampled."""
     bad = outside(X, d)
     if bad.any():
@@ -26,7 +26,7 @@ def inside(X: np.ndarray, d: int) -> np.ndarray:
     return np.asarray(X, float)
 
 
-def checked(X: np.ndarray, y: np.ndarray, log: bool) -> tuple[np.ndarray, np.ndarray]:
+def checked_samples(X: np.ndarray, y: np.ndarray, log: bool) -> tuple[np.ndarray, np.ndarray]:
     """Data of a fit as float arrays X (n, d) and y (n,); ValueError for what no fit can use."""
     X, y = np.asarray(X, float), np.asarray(y, float)
     if X.ndim != 2 or y.shape != (len(X),):
@@ -35,11 +35,11 @@ def checked(X: np.ndarray, y: np.ndarray, log: bool) -> tuple[np.ndarray, np.nda
         raise ValueError(f"surrogate: {np.sum(~np.isfinite(y))} values are not finite; leave failed runs out")
     if log and y.min() <= 0:
         raise ValueError(f"surrogate: a logarithm needs positive outputs, the smallest is {y.min():g}")
-    return inside(X, X.shape[1]), y
+    return within_ranges(X, X.shape[1]), y
 
 
 @cache
-def powers(d: int, degree: int) -> np.ndarray:
+def monomial_exponents(d: int, degree: int) -> np.ndarray:
     """Exponents (terms, d) of every monomial of total degree <= `degree`, constant first; not to be written to."""
     rows = [c for k in range(degree + 1) for c in combinations_with_replacement(range(d), k)]
     found = np.array([[row.count(j) for j in range(d)] for row in rows])

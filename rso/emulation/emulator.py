@@ -17,7 +17,7 @@ import numpy as np
 
 from rso import emulation
 from rso.contract import Response
-from rso.core.curves import on_the_way_back, resting, way_back
+from rso.core.curves import hold_rows, on_the_way_back, way_back
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import (
@@ -27,8 +27,8 @@ from rso.emulation import (
     Surrogate,
     WholeCurve,
     beyond,
-    fit,
     fit_curve,
+    fit_surrogate,
     from_dict,
     multi_output,
     refit,
@@ -67,7 +67,7 @@ class Output:
         """Index of this reading in a response that was asked for it; KeyError if it was not."""
         if self.since_s:
             time, travel = response.channels["time"], response.channels["travel"]
-            return int(resting(self.channel, time, travel, self.depth_mm, np.array([self.since_s]))[0])
+            return int(hold_rows(self.channel, time, travel, self.depth_mm, np.array([self.since_s]))[0])
         travel = response.curve(self.channel).travel_mm
         if self.back:
             rows = way_back(travel)
@@ -227,7 +227,7 @@ def reduced_box(box: Box, group: Group) -> Box | None:
     )
 
 
-def learn(
+def learn_emulator(
     box: Box,
     group: Group,
     outputs: Sequence[Output],
@@ -285,7 +285,7 @@ def learn(
 
 
 def _fit(job: Mapping[str, Any]) -> Surrogate:
-    return fit(**job)
+    return fit_surrogate(**job)
 
 
 def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:
@@ -384,7 +384,7 @@ def _slopes(
 # ------------------------------------------------------------------------------------------------------ on disk
 
 
-def save(emulator: Emulator, stem: Path) -> None:
+def save_emulator(emulator: Emulator, stem: Path) -> None:
     """Write the emulator to `stem`.json and `stem`.npz (see :mod:`rso.emulation.saving`)."""
     curves: list[WholeCurve] = []
     models: dict[str, Any] = {}
@@ -396,7 +396,7 @@ def save(emulator: Emulator, stem: Path) -> None:
             models[name] = {"kind": model.kind, "curve": index, "point": model.point}
         else:
             models[name] = model.to_dict()
-    emulation.save(
+    emulation.save_arrays(
         stem,
         {
             "schema": 1,
@@ -412,9 +412,9 @@ def save(emulator: Emulator, stem: Path) -> None:
     )
 
 
-def load(stem: Path) -> Emulator:
-    """The emulator that :func:`save` wrote, with the same predictions to the bit; OSError or ValueError else."""
-    data = emulation.load(stem)
+def load_emulator(stem: Path) -> Emulator:
+    """The emulator of :func:`save_emulator`, with the same predictions to the bit; OSError or ValueError else."""
+    data = emulation.load_arrays(stem)
     if data.get("schema") != 1:
         raise ValueError(f"{stem.name}.json: schema {data.get('schema')!r} is not 1")
     curves = [WholeCurve.from_dict(c) for c in data["curves"]]

@@ -17,7 +17,7 @@ import numpy as np
 
 from rso.core.similarity import Group
 from rso.core.units import spaced
-from rso.doe import Box, sobol
+from rso.doe import Box, sobol_sequence
 
 LIKELY = 0.5
 CLEAN = 0.1  # share of the runs that a threshold may misjudge and still be told in words
@@ -54,7 +54,7 @@ class FeasibleRegion:
         """Share of `box` (in the study's own parameters, uniform on their scales) where runs would rather fail."""
         if self.model is None:
             return 0.0
-        theta = box.from_unit(sobol(box.d, n, seed))
+        theta = box.from_unit(sobol_sequence(box.d, n, seed))
         return float(np.mean(self.excess(dict(zip(box.names, theta.T, strict=True))) > 0))
 
     def story(self) -> str:
@@ -102,7 +102,7 @@ class FeasibleRegion:
         return f"runs fail within {', '.join(parts)}"
 
 
-def learn(
+def learn_feasibility(
     box: Box | None, group: Group, values: Sequence[Mapping[str, float]], done: Sequence[bool], seed: int
 ) -> FeasibleRegion | None:
     """The region that these runs show; None if `box` is None (similarity leaves no parameter) or there is no run.

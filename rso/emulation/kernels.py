@@ -16,7 +16,7 @@ KERNELS = ("matern52", "squared_exponential")
 WORDS = {"matern52": "Matérn 5/2", "squared_exponential": "squared exponential"}
 
 
-def profile(kernel: str, s: np.ndarray, order: int = 3) -> tuple[np.ndarray, ...]:
+def kernel_derivatives(kernel: str, s: np.ndarray, order: int = 3) -> tuple[np.ndarray, ...]:
     """g and its derivatives in s up to `order` <= 3; g‴ of Matérn is regularised at 0, where a factor s² meets it.
 
     Matérn 5/2: g = (1 + q + q²/3) e^(−q), q = √(5 s) (Rasmussen & Williams 2006, eq. 4.17); squared exponential:
@@ -40,7 +40,7 @@ def squares(X: np.ndarray) -> np.ndarray:
     return (X.T[:, :, None] - X.T[:, None, :]) ** 2
 
 
-def differences(X: np.ndarray, Y: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+def scaled_differences(X: np.ndarray, Y: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Δ (d, n, m) with Δ_j = (x_j − y_j)/ℓ_j."""
     # Term by term: |x|² + |y|² − 2xy loses the digits that a nearly interpolating process needs.
     return (X.T[:, :, None] - Y.T[:, None, :]) / np.asarray(lengths)[:, None, None]
@@ -48,10 +48,10 @@ def differences(X: np.ndarray, Y: np.ndarray, lengths: np.ndarray) -> np.ndarray
 
 def matern(X: np.ndarray, Y: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     """Matérn 5/2 correlation (n, m) of points X (n, d) and Y (m, d)."""
-    return covariance("matern52", X, Y, lengths)
+    return kernel_matrix("matern52", X, Y, lengths)
 
 
-def covariance(
+def kernel_matrix(
     kernel: str, X: np.ndarray, Y: np.ndarray, lengths: np.ndarray, *, left: bool = False, right: bool = False
 ) -> np.ndarray:
     """Correlation of values at X (n, d) with values at Y (m, d); with `left`/`right` also of the slopes there.
@@ -59,9 +59,9 @@ def covariance(
     Rows are [k; ∂k/∂x_1; …; ∂k/∂x_d], each n, columns likewise with y: shape (n, m) up to ((1 + d) n, (1 + d) m).
     """
     if not (left or right):
-        return profile(kernel, cdist(X / lengths, Y / lengths, "sqeuclidean"), 0)[0]
-    D = differences(X, Y, lengths)
-    g, g1, g2 = profile(kernel, np.sum(D**2, axis=0), 2)
+        return kernel_derivatives(kernel, cdist(X / lengths, Y / lengths, "sqeuclidean"), 0)[0]
+    D = scaled_differences(X, Y, lengths)
+    g, g1, g2 = kernel_derivatives(kernel, np.sum(D**2, axis=0), 2)
     d, n, m = D.shape
     rows, columns = 1 + d * left, 1 + d * right
     K = np.empty((rows, n, columns, m))
@@ -80,11 +80,11 @@ def covariance(
 
 
 def covariances(kernel: str, X: np.ndarray, Y: np.ndarray, lengths: np.ndarray, right: bool) -> np.ndarray:
-    """:func:`covariance` with each of m vectors of lengths (m, d), of values at X: (m, n, N) or (m, n, (1 + d) N)."""
+    """:func:`kernel_matrix` with each of m lengths (m, d), of values at X: (m, n, N) or (m, n, (1 + d) N)."""
     scale = lengths.T[:, :, None, None]
     x, y = X.T[:, None, :, None], Y.T[:, None, None, :]
-    D = (x - y) / scale if right else x / scale - y / scale  # (d, m, n, N), rounded as `covariance` does
-    g, *slope = profile(kernel, np.sum(D**2, axis=0), int(right))
+    D = (x - y) / scale if right else x / scale - y / scale  # (d, m, n, N), rounded as `kernel_matrix` does
+    g, *slope = kernel_derivatives(kernel, np.sum(D**2, axis=0), int(right))
     if not right:
         return g
     return np.concatenate([g, *(-2 * slope[0] * D[j] / lengths[:, j, None, None] for j in range(len(D)))], axis=-1)
@@ -92,10 +92,10 @@ def covariances(kernel: str, X: np.ndarray, Y: np.ndarray, lengths: np.ndarray, 
 
 def length_slopes(kernel: str, X: np.ndarray, lengths: np.ndarray, W: np.ndarray) -> np.ndarray:
     """Σ_ab W_ab ∂K_ab/∂ ln ℓ_m (d,) for K = covariance(X, X) with all slopes; W symmetric, of K's shape."""
-    D = differences(X, X, lengths)
+    D = scaled_differences(X, X, lengths)
     d, n, _ = D.shape
     D2 = D**2
-    _, g1, g2, g3 = profile(kernel, np.sum(D2, axis=0))
+    _, g1, g2, g3 = kernel_derivatives(kernel, np.sum(D2, axis=0))
     V = W.reshape(1 + d, n, 1 + d, n)
     out = -2 * np.tensordot(D2, V[0, :, 0] * g1, axes=2)
     for j in range(d):

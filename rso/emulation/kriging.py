@@ -10,9 +10,25 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from rso.emulation.common import checked, from_log, inside, legendre, legendre_slopes, outside, powers, triangular
-from rso.emulation.kernels import KERNELS, WORDS, covariance, covariances
-from rso.emulation.kriging_likelihood import LENGTHS, KrigingData, correlation, factor, hyper_parameters, one_thread
+from rso.emulation.common import (
+    checked_samples,
+    from_log,
+    legendre,
+    legendre_slopes,
+    monomial_exponents,
+    outside,
+    triangular,
+    within_ranges,
+)
+from rso.emulation.kernels import KERNELS, WORDS, covariances, kernel_matrix
+from rso.emulation.kriging_likelihood import (
+    LENGTHS,
+    KrigingData,
+    cholesky_factor,
+    correlation,
+    hyper_parameters,
+    one_thread,
+)
 from rso.emulation.scores import Scores, score
 
 
@@ -70,7 +86,7 @@ class Kriging:
     def _covariance(self, X: np.ndarray, left: bool = False) -> np.ndarray:
         """Covariance of the process at X with the observations, ((1 + d left) n, N)."""
         right = self.slopes is not None
-        K = self.variance * covariance(self.kernel, X, self.X, self.lengths, left=left, right=right)
+        K = self.variance * kernel_matrix(self.kernel, X, self.X, self.lengths, left=left, right=right)
         return K[:, self._columns]
 
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -84,8 +100,8 @@ class Kriging:
 
     def _moments(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) of this process alone."""
-        X = inside(X, self.d)
-        return self._moments_of(legendre(X, powers(self.d, self.trend)), self._covariance(X))
+        X = within_ranges(X, self.d)
+        return self._moments_of(legendre(X, monomial_exponents(self.d, self.trend)), self._covariance(X))
 
     def _moments_of(self, a: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         m = a @ self.beta + k @ self.weights
@@ -96,8 +112,8 @@ class Kriging:
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
-        X = inside(X, self.d)
-        return self.mean_of(legendre(X, powers(self.d, self.trend)), self._covariance(X))
+        X = within_ranges(X, self.d)
+        return self.mean_of(legendre(X, monomial_exponents(self.d, self.trend)), self._covariance(X))
 
     def mean_of(self, a: np.ndarray, k: np.ndarray) -> np.ndarray:
         """Mean (n,) from the basis of the trend a (n, terms) and covariances with the observations k (n, N)."""
@@ -105,8 +121,8 @@ class Kriging:
 
     def gradient(self, X: np.ndarray) -> np.ndarray:
         """∂/∂x (n, d) of the mean; where `log`, of its median e^m."""
-        X = inside(X, self.d)
-        exponents = powers(self.d, self.trend)
+        X = within_ranges(X, self.d)
+        exponents = monomial_exponents(self.d, self.trend)
         process = (self._covariance(X, left=True) @ self.weights).reshape(1 + self.d, -1)
         slopes = process[1:].T + np.einsum("nkp,p->nk", legendre_slopes(X, exponents), self.beta)
         if not self.log:
@@ -178,7 +194,7 @@ class KrigingBatch:
         """Means (n, m) at X (n, d) in the unit cube, to the bits of :meth:`Kriging.mean`: a search follows them."""
         first, m = self.models[0], np.empty((len(X), len(self.models)))
         G = covariances(first.kernel, X, first.X, self._lengths, first.slopes is not None)
-        A = legendre(X, powers(first.d, first.trend))
+        A = legendre(X, monomial_exponents(first.d, first.trend))
         for j, model in enumerate(self.models):
             m[:, j] = model.mean_of(A, (model.variance * G[j])[:, first._columns])
         return m
@@ -218,9 +234,9 @@ def fit_kriging(
     ValueError
         for a trend with too many terms for the points, fewer than 3 points, an unknown kernel or bad noise.
     """
-    X, y = checked(X, y, log)
+    X, y = checked_samples(X, y, log)
     n, d = X.shape
-    terms = len(powers(d, trend))
+    terms = len(monomial_exponents(d, trend))
     if trend not in (0, 1, 2) or n < 3 or n <= terms:
         raise ValueError(
             f"kriging: trend must be 0, 1 or 2 with fewer terms ({terms}) than points ({n} >= 3), got {trend}"
@@ -286,7 +302,7 @@ def _data(
 ) -> tuple[KrigingData, np.ndarray]:
     """Observations with their trend rows and noise, and z (N,)."""
     n, d = X.shape
-    exponents = powers(d, trend)
+    exponents = monomial_exponents(d, trend)
     A = legendre(X, exponents)
     if slopes is None or slope_noise is None:
         return KrigingData(X, t, A, np.asarray(noise), np.full(n, True)), t
@@ -315,7 +331,7 @@ def condition(
     """The process with these hyper-parameters, conditioned on the data; leave-one-out scores unless `cv` is given."""
     data, z = _data(X, t, noise, trend, slopes, slope_noise)
     with one_thread():
-        L = factor(variance * correlation(data, kernel, lengths) + np.diag((share * data.noise) ** 2))
+        L = cholesky_factor(variance * correlation(data, kernel, lengths) + np.diag((share * data.noise) ** 2))
         LA = solve_triangular(L, data.A, lower=True)
         LH = cholesky(LA.T @ LA, lower=True)
         beta = cho_solve((LH, True), LA.T @ solve_triangular(L, z, lower=True))

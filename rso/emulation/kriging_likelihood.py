@@ -11,9 +11,9 @@ from scipy.linalg import lapack
 from scipy.optimize import minimize
 from threadpoolctl import ThreadpoolController
 
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 from rso.emulation.common import triangular
-from rso.emulation.kernels import covariance, length_slopes, profile, squares
+from rso.emulation.kernels import kernel_derivatives, kernel_matrix, length_slopes, squares
 
 LENGTHS = (0.05, 500.0)  # in units of the cube: shorter is unseen between points; a long one makes a nearly linear term
 VARIANCES = (1e-3, 1e8)  # of the standardised output; beyond, the jitter would be a noise that nobody stated
@@ -55,7 +55,7 @@ def one_thread() -> AbstractContextManager[object]:
     return _threads().limit(limits=1)
 
 
-def factor(K: np.ndarray, jitter: float = JITTER) -> np.ndarray:
+def cholesky_factor(K: np.ndarray, jitter: float = JITTER) -> np.ndarray:
     """Lower Cholesky factor of K (N, N) with `jitter` of its own diagonal added, more where that is not enough."""
     # LAPACK by its own name: half the time of such small fits went into scipy's checks of its arguments.
     diagonal = np.diag(K)
@@ -73,7 +73,7 @@ def factor(K: np.ndarray, jitter: float = JITTER) -> np.ndarray:
 
 def correlation(data: KrigingData, kernel: str, lengths: np.ndarray) -> np.ndarray:
     """Correlation (N, N) of the observations."""
-    K = covariance(kernel, data.X, data.X, lengths, left=data.slopes, right=data.slopes)
+    K = kernel_matrix(kernel, data.X, data.X, lengths, left=data.slopes, right=data.slopes)
     return K if data.keep.all() else K[np.ix_(data.keep, data.keep)]
 
 
@@ -90,11 +90,11 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
     if data.slopes:
         R = correlation(data, kernel, lengths)
     else:
-        R, slope = profile(kernel, np.tensordot(lengths**-2.0, data.squares, axes=1), 1)
+        R, slope = kernel_derivatives(kernel, np.tensordot(lengths**-2.0, data.squares, axes=1), 1)
     K = c * R + np.diag((share * data.noise) ** 2) if noisy else R
     N, q = data.A.shape
     try:
-        L = factor(K)
+        L = cholesky_factor(K)
     except np.linalg.LinAlgError:
         return 1e10, np.zeros_like(p)
     Q, T = np.linalg.qr(triangular(L, data.A))
@@ -138,7 +138,7 @@ def hyper_parameters(
     noisy = bool(data.noise.any())
     bounds = np.log([LENGTHS] * d + [VARIANCES] * noisy + [SHARES] * free_share)
     first = [np.full(d, np.log(v)) for v in (0.5, 1.5)]
-    more = np.log(0.15) + np.log(20.0) * sobol(d, TRIED, seed)
+    more = np.log(0.15) + np.log(20.0) * sobol_sequence(d, TRIED, seed)
     rest = [0.0] * noisy + [np.log(0.1)] * free_share
     starts = [np.array([*lengths, *rest]) for lengths in (*first, *more)]
     if start is not None:
@@ -158,7 +158,7 @@ def hyper_parameters(
     share = float(np.exp(p[-1])) if free_share else 1.0
     if noisy:
         return float(np.exp(p[d])), lengths, share
-    L = factor(correlation(data, kernel, lengths))
+    L = cholesky_factor(correlation(data, kernel, lengths))
     Q, _ = np.linalg.qr(triangular(L, data.A))
     r = triangular(L, data.z)
     r = r - Q @ (Q.T @ r)

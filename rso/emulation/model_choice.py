@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from rso.core.distributions import chi2_ppf
-from rso.doe import factorial, sobol
-from rso.emulation.common import powers
+from rso.doe import factorial, sobol_sequence
+from rso.emulation.common import monomial_exponents
 from rso.emulation.kernels import KERNELS
 from rso.emulation.kriging import Kriging, conditioned, describe, fit_kriging
 from rso.emulation.polynomial import Polynomial, fit_polynomial
-from rso.emulation.scores import Scores, held_out, left_out, left_out_bands, pooled, scaled, score
+from rso.emulation.scores import Scores, held_out_scores, left_out_bands, left_out_means, pooled, scaled, score
 
 Surrogate = Polynomial | Kriging
 KINDS = ("auto", "polynomial", "kriging")
@@ -41,7 +41,7 @@ class TrainingData:
         return TrainingData(self.X[keep], self.y[keep], *parts)
 
 
-def fit(
+def fit_surrogate(
     kind: str,
     X: np.ndarray,
     y: np.ndarray,
@@ -99,7 +99,7 @@ def fit(
             refusals.append(str(refusal))
     if not tried:
         raise ValueError("; ".join(dict.fromkeys(refusals)))
-    judged = [s if held is None or not len(held[1]) else pooled(s, held_out(m, *held)) for m, s in tried]
+    judged = [s if held is None or not len(held[1]) else pooled(s, held_out_scores(m, *held)) for m, s in tried]
     # A tie goes to the polynomial, the simpler one.
     best = min(range(len(tried)), key=lambda k: judged[k].rmse)
     model, cv = tried[best]
@@ -125,7 +125,7 @@ def refit(
     gradients: np.ndarray | None = None,
     degree: int | None = None,
 ) -> Surrogate:
-    """The same kind of surrogate on other (usually more) data, no contest: see :func:`fit` for the arguments.
+    """The same kind of surrogate on other (usually more) data, no contest: see :func:`fit_surrogate` for the arguments.
 
     Kriging finds its hyper-parameters again from the old ones and uses gradients if it did; a polynomial selects its
     terms again unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters; what
@@ -181,7 +181,7 @@ def _best_polynomial(
     model = min(_tame([fit_polynomial(X, y, degree=degree, log=g) for g in logs], y), key=lambda p: p.cv.rmse)
     try:
         # Terms are selected without each fold too: a selection that has seen the fold would flatter itself.
-        mean = left_out(lambda rows: fit_polynomial(X[rows], y[rows], degree=degree, log=model.log), X, y, seed)
+        mean = left_out_means(lambda rows: fit_polynomial(X[rows], y[rows], degree=degree, log=model.log), X, y, seed)
         cv = score(mean, y)
         model = replace(model, inflate=_widening(model, X, y, mean), cv=cv)
     except ValueError:
@@ -203,7 +203,7 @@ def _best_kriging(
     n, d = data.X.shape
     known = share is not None and data.noise is not None
     # Twice as many points as trend terms, so that the process has something left to learn from.
-    trends = [q for q in degrees if q == 0 or n >= 2 * len(powers(d, q))]
+    trends = [q for q in degrees if q == 0 or n >= 2 * len(monomial_exponents(d, q))]
     first = data if known else replace(data, noise=None)
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
     few = farthest_first(data.X, _searched(d))
@@ -252,14 +252,14 @@ def _over_the_cube(model: Kriging, left_out: Scores) -> Scores:
     Cannamela, Technometrics 57 (2015) 418 (the stated variance corrected by left-out errors).
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        sd = replace(model, rivals=()).predict(sobol(model.d, 512, 0))[1]
+        sd = replace(model, rivals=()).predict(sobol_sequence(model.d, 512, 0))[1]
         expected = float(np.sqrt(np.mean(sd**2)))
     return scaled(left_out, expected / left_out.rmse) if expected < left_out.rmse else left_out
 
 
 def _searched(d: int) -> int:
     """Runs at most that kernel and trend are sought with: enough for a quadratic trend too."""
-    return max(SEARCHED, 2 * len(powers(d, 2)))
+    return max(SEARCHED, 2 * len(monomial_exponents(d, 2)))
 
 
 def _option(model: Kriging) -> tuple[str, int, bool]:
@@ -302,7 +302,7 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
     large the mean is says nothing by itself: a power law rises by decades, and its sd shows whether it knows that.
     """
     d = models[0].d
-    Q = np.vstack([sobol(d, 256, 0), *([factorial(d, levels=(2,) * d)] if d <= 8 else [])])
+    Q = np.vstack([sobol_sequence(d, 256, 0), *([factorial(d, levels=(2,) * d)] if d <= 8 else [])])
     kept = []
     for m in models:
         if m.log:

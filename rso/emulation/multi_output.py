@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.emulation.common import inside, legendre
+from rso.emulation.common import legendre, within_ranges
 from rso.emulation.kriging import Kriging, KrigingBatch
 from rso.emulation.model_choice import Surrogate
 from rso.emulation.polynomial import Polynomial
@@ -29,7 +29,7 @@ class MultiOutput:
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Means (n, m) at X (n, d); ValueError outside the unit cube."""
-        X = inside(X, self.models[0].d)
+        X = within_ranges(X, self.models[0].d)
         A = legendre(X, self.exponents) if len(self.exponents) else np.empty((len(X), 0))
         curves: dict[int, np.ndarray] = {}
         found = np.empty((len(X), len(self.models)))

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from rso.emulation.common import checked, from_log, inside, legendre, outside, powers, triangular
+from rso.emulation.common import (
+    checked_samples,
+    from_log,
+    legendre,
+    monomial_exponents,
+    outside,
+    triangular,
+    within_ranges,
+)
 from rso.emulation.scores import Scores, score
 
 HIGHEST = 4
@@ -48,11 +56,11 @@ class Polynomial:
     @property
     def full(self) -> bool:
         """Whether every term up to the degree is there."""
-        return len(self.exponents) == len(powers(self.d, self.degree))
+        return len(self.exponents) == len(monomial_exponents(self.d, self.degree))
 
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) in the units of y at X (n, d); ValueError outside the unit cube."""
-        m, sd = self._moments(legendre(inside(X, self.d), self.exponents))
+        m, sd = self._moments(legendre(within_ranges(X, self.d), self.exponents))
         return m, self.inflate * sd
 
     def _moments(self, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +72,7 @@ class Polynomial:
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
-        return self.of_basis(legendre(inside(X, self.d), self.exponents))
+        return self.of_basis(legendre(within_ranges(X, self.d), self.exponents))
 
     def of_basis(self, A: np.ndarray) -> np.ndarray:
         """Mean (n,) from the values A (n, terms) of its terms."""
@@ -116,23 +124,23 @@ def fit_polynomial(X: np.ndarray, y: np.ndarray, *, degree: int | None = None, l
         if a stated degree has as many terms as there are points or more (nothing would be left to judge the
         fit), or if the points do not determine it (a two-level design and a square, say).
     """
-    X, y = checked(X, y, log)
+    X, y = checked_samples(X, y, log)
     d = X.shape[1]
     if degree is not None:
         if not 1 <= degree <= HIGHEST:
             raise ValueError(f"polynomial: degree must be 1 to {HIGHEST}, got {degree}")
-        return _fit(X, y, powers(d, degree), log)[0]
+        return _fit(X, y, monomial_exponents(d, degree), log)[0]
     fits, refusals = [], []
     for candidate in range(1, HIGHEST + 1):
         try:
-            fits.append(_fit(X, y, powers(d, candidate), log))
+            fits.append(_fit(X, y, monomial_exponents(d, candidate), log))
         except ValueError as refusal:
             refusals.append(str(refusal))
     if not fits:
         raise ValueError(refusals[0])
     for candidate in range(2, HIGHEST + 1):
         chosen = select(X, np.log(y) if log else y, candidate)
-        if 1 < len(chosen) < len(powers(d, candidate)):
+        if 1 < len(chosen) < len(monomial_exponents(d, candidate)):
             fits.append(_fit(X, y, chosen, log))
     return min(fits, key=lambda pair: pair[1])[0]
 
@@ -144,7 +152,7 @@ def select(X: np.ndarray, t: np.ndarray, degree: int) -> np.ndarray:
     the smallest leave-one-out error times :func:`_penalty` (Blatman & Sudret, J. Comput. Phys. 230 (2011) 2345).
     """
     n, d = X.shape
-    exponents = powers(d, degree)
+    exponents = monomial_exponents(d, degree)
     B = legendre(X, exponents)
     size = np.linalg.norm(B, axis=0)
     q = B[:, 0] / size[0]

@@ -17,7 +17,7 @@ from rso.core import disk
 MARK = "array in npz"
 
 
-def save(stem: Path, data: Mapping[str, Any]) -> None:
+def save_arrays(stem: Path, data: Mapping[str, Any]) -> None:
     """Write `stem`.json and `stem`.npz, each in one step; arrays of `data` are named in the first, held in the second.
 
     Raises ValueError for anything that is neither plain data nor an array of numbers.
@@ -48,9 +48,9 @@ def save(stem: Path, data: Mapping[str, Any]) -> None:
     disk.replace(stem.with_name(f"{stem.name}.json"), text)
 
 
-def load(stem: Path) -> dict[str, Any]:
-    """What :func:`save` wrote; OSError or ValueError if it cannot be read. Nothing in the files is executed."""
-    raw = disk.read(stem.with_name(stem.name + ".npz"))
+def load_arrays(stem: Path) -> dict[str, Any]:
+    """What :func:`save_arrays` wrote; OSError or ValueError if it cannot be read. Nothing in the files is executed."""
+    raw = disk.read_bytes(stem.with_name(stem.name + ".npz"))
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as file:
             if sum(part.file_size for part in file.infolist()) > 2 * len(raw) + 10_000:  # it is written unpacked

@@ -64,7 +64,7 @@ def pooled(a: Scores, b: Scores) -> Scores:
     return Scores(root(a.rmse, b.rmse), max(a.max_abs, b.max_abs), float("nan"), relative, n)
 
 
-def held_out(model: Predictor, X: np.ndarray, y: np.ndarray) -> Scores:
+def held_out_scores(model: Predictor, X: np.ndarray, y: np.ndarray) -> Scores:
     """Scores of a fitted model on points X (m, d), y (m,) that it has not seen."""
     return score(model.mean(np.asarray(X, float)), y)
 
@@ -76,10 +76,10 @@ def cross_validate(
 
     Leave-one-out where there are no more points than folds. The assignment to folds depends on n and seed only.
     """
-    return score(left_out(refit, X, y, seed, folds), y)
+    return score(left_out_means(refit, X, y, seed, folds), y)
 
 
-def left_out(
+def left_out_means(
     refit: Callable[[np.ndarray], Predictor], X: np.ndarray, y: np.ndarray, seed: int, folds: int = 10
 ) -> np.ndarray:
     """Mean (n,) for each fold by a model refitted without it, as :func:`cross_validate`."""

@@ -62,7 +62,7 @@ class Morris:
     trajectories: int
 
 
-def curve(predict: Predict, x0: np.ndarray, j: int, n: int = 41) -> tuple[np.ndarray, np.ndarray]:
+def response_curve(predict: Predict, x0: np.ndarray, j: int, n: int = 41) -> tuple[np.ndarray, np.ndarray]:
     """(x_j, y), each (n,): the response to parameter j over its range with the others at x0 (d,)."""
     x0 = np.asarray(x0, float)
     if not 0 <= j < len(x0):
@@ -79,7 +79,7 @@ def local(predict: Predict, x0: np.ndarray, names: Sequence[str], box: Box | Non
         raise ValueError(f"local: needs one name per parameter and x0 in the unit cube, got {list(names)} and {x0}")
     bars = []
     for j, name in enumerate(names):
-        _, y = curve(predict, x0, j)
+        _, y = response_curve(predict, x0, j)
         elasticity = None if box is None else _elasticity(predict, x0, j, box)
         bars.append(LocalBar(name, float(y[0]), float(y[-1]), float(np.ptp(y)), elasticity))
     return tuple(bars)
@@ -144,7 +144,7 @@ def _trajectories(
     return np.clip(X, 0, 1), sign, rank  # 1/3 + 2/3 may be one rounding above 1
 
 
-def sobol(
+def saltelli_indices(
     predict: Predict, d: int, seed: int, n: int = 2**12, constraint: Feasible | None = None, sd: Predict | None = None
 ) -> SobolIndices:
     """Sobol indices S_j = Var(E[y|x_j])/Var(y) and T_j = E[Var(y|x_~j)]/Var(y) of inputs uniform on the cube.

@@ -10,7 +10,7 @@ import numpy as np
 
 from rso.core.curves import Resampling
 from rso.emulation.common import from_log, outside
-from rso.emulation.model_choice import Surrogate, fit, from_dict, refit
+from rso.emulation.model_choice import Surrogate, fit_surrogate, from_dict, refit
 from rso.emulation.scores import Scores, score
 
 MODES, LEFT_OUT = 8, 1e-6  # at most so many modes; fewer where they leave out less than this share of the curves' size
@@ -177,7 +177,7 @@ def fit_curve(
     """Surrogate of the curves Y (n, m) at abscissae `at` (m,) over X (n, d) in the unit cube.
 
     `kind`, `noise_sd` (n, m), known up to a share, and `gradients` (n, d, m), NaN where unknown, as in
-    :func:`rso.emulation.fit`; `log` None tries logarithms too where Y > 0, judged by cross-validation.
+    :func:`rso.emulation.fit_surrogate`; `log` None tries logarithms too where Y > 0, judged by cross-validation.
     The band is checked: every fold is predicted from modes and coefficients learnt without it.
 
     Raises ValueError for values that are not finite or too few points.
@@ -192,7 +192,9 @@ def fit_curve(
             at,
             Y,
             g,
-            lambda a, s, G: fit(kind, X, a, seed=seed, log=False, noise_sd=s, share=None, gradients=G, names=names),
+            lambda a, s, G: fit_surrogate(
+                kind, X, a, seed=seed, log=False, noise_sd=s, share=None, gradients=G, names=names
+            ),
             noise_sd,
             gradients,
         )

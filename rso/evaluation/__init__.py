@@ -5,7 +5,7 @@ Public names are listed here; the files behind them are private to this room.
 
 from rso.evaluation.adapters import CommandBackend, Source, load_backend
 from rso.evaluation.cluster import ClusterExecutor, open_cluster
-from rso.evaluation.dispatch import Event, Finished, Planned, Preparing, Retried, Task, begin, run_all
+from rso.evaluation.dispatch import Event, Finished, Planned, Preparing, Retried, Task, begin_ahead, run_all
 from rso.evaluation.evaluator import Evaluator, Outcome, Watch, in_rows, responses, why
 from rso.evaluation.executor_loop import Ahead
 from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
@@ -34,7 +34,7 @@ __all__ = [
     "WorkerDied",
     "WorkerPool",
     "WorkersCannotStart",
-    "begin",
+    "begin_ahead",
     "in_rows",
     "load_backend",
     "open_cluster",

@@ -368,7 +368,7 @@ def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
         return RuntimeError(f"exit code {code}, {why}; see {answer.parent}; stderr ends with: {stderr or '(nothing)'}")
 
     try:
-        text = disk.read(answer).decode("utf-8-sig")
+        text = disk.read_bytes(answer).decode("utf-8-sig")
     except FileNotFoundError:
         raise crash("no response file") from None
     except (OSError, ValueError) as error:

@@ -119,8 +119,8 @@ def run_all(
     more, then reported as Crashed; it is tried again in the next call.  An outcome holds the canonical values and
     case (with artefacts) of its task.  `watch` is called in this thread.
 
-    What :func:`begin` has begun is in `ahead`; and runs of a pool that have their artefacts do not wait for those of
-    others.  Only what was begun so and has not been taken over may be computed again after an interruption.
+    What :func:`begin_ahead` has begun is in `ahead`; and runs of a pool that have their artefacts do not wait for those
+    of others.  Only what was begun so and has not been taken over may be computed again after an interruption.
 
     A backend that gives up for lack of time counts as crashed: on another machine, or another day, it has an answer.
     A response that lacks what its task needs (channels, asked travels) or has another unit than the backend declares
@@ -219,7 +219,7 @@ def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case)
     return Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
 
 
-def make(backend: Backend | Source, recipe: str) -> Ended:
+def make_artefact(backend: Backend | Source, recipe: str) -> Ended:
     """One artefact, made in the process that computes it."""
     if isinstance(backend, Source):
         backend = backend.load()
@@ -288,11 +288,11 @@ def _prepare(
 
     if wanted:
         tell(Preparing(len(wanted)))
-        drive(executor, [Job(r, names[r], (make, target, r)) for r in wanted], retries, arrived, ahead)
+        drive(executor, [Job(r, names[r], (make_artefact, target, r)) for r in wanted], retries, arrived, ahead)
     return [_with_artefacts(plan, backend, store, known) for plan in plans]
 
 
-def begin(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Executor, ahead: Ahead) -> None:
+def begin_ahead(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Executor, ahead: Ahead) -> None:
     """Let a pool begin tasks that will be wanted soon, their artefacts first; nothing is waited for or announced.
 
     To be called again when artefacts may be there; other executors than pools begin nothing.  :func:`run_all` with the
@@ -307,7 +307,7 @@ def begin(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Ex
         if (sha := store.artefact(recipe)) is not None:
             known[recipe] = sha
         elif recipe not in ahead:
-            ahead[recipe] = executor.submit(make, target, recipe)
+            ahead[recipe] = executor.submit(make_artefact, target, recipe)
         elif ahead[recipe].done() and ahead[recipe].exception() is None:
             made = ahead[recipe].result().result
             if not isinstance(made, SimulationFailed):

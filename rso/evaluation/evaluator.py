@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rso.contract import Backend, Case, Response
-from rso.evaluation.dispatch import Event, Task, begin, run_all
+from rso.evaluation.dispatch import Event, Task, begin_ahead, run_all
 from rso.evaluation.executor_loop import Ahead
 from rso.evaluation.pool import WorkerDied, WorkerPool
 from rso.evaluation.store import Crashed, Done, Failed, RunStore
@@ -44,7 +44,7 @@ class Evaluator:
 
     def begin(self, tasks: Sequence[Task]) -> None:
         """Let the workers begin what will be wanted soon, while this process goes on."""
-        begin(self.backend, tasks, self.store, self.executor, self.ahead)
+        begin_ahead(self.backend, tasks, self.store, self.executor, self.ahead)
 
     def each(self, fn: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
         """fn of every item, by the workers of a pool where there is one; what they compute is the same to the bit."""

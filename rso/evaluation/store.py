@@ -213,7 +213,7 @@ class RunStore:
             path = None if row is None else object_path(self.objects, row["sha"])
             if path is None or not path.is_file():
                 return None
-            if _sha(disk.read(path)) != row["sha"]:
+            if _sha(disk.read_bytes(path)) != row["sha"]:
                 raise StoreError(f"{path} is damaged (its content has another hash): delete it, it will be made again")
             return str(row["sha"])
 

@@ -3,13 +3,28 @@
 from rso.inference.autocorrelated_residuals import with_autocorrelation
 from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, minimise
 from rso.inference.derived import DerivedInterval, derived_interval
-from rso.inference.error_model import ModelErrors, correlated_along, covariance, with_model_errors
+from rso.inference.error_model import ModelErrors, correlated_along, error_covariance, with_model_errors
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
-from rso.inference.identifiability import Determination, Known, Runs, compare_weightings, determine, lenient, p_value
-from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
-from rso.inference.least_squares import Fit, all_minima, descend, fit_at, gauss_newton
-from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, common, stack
+from rso.inference.identifiability import (
+    Determination,
+    Known,
+    Runs,
+    chi2_p_value,
+    compare_weightings,
+    determine,
+    lenient,
+)
+from rso.inference.intervals import (
+    Interval,
+    ProfileInterval,
+    laplace,
+    profile_likelihood,
+    quantiles,
+    standard_deviations,
+)
+from rso.inference.least_squares import Fit, all_minima, fit_at, gauss_newton, levenberg_marquardt
+from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, split_common_errors, stack
 from rso.inference.models import (
     CurvePlace,
     emulated,
@@ -18,14 +33,14 @@ from rso.inference.models import (
     outputs_of,
     readings_of,
     resample,
-    simulated,
+    simulated_curves,
     spread_of,
 )
-from rso.inference.posterior_sampling import Draws, sample
+from rso.inference.posterior_sampling import Draws, sample_posterior
 from rso.inference.sloppy_directions import Direction, directions, expected_sd
 from rso.inference.tangents import EvaluatedPoint, TangentFrame, tangents
-from rso.inference.usual_errors import elsewhere, widened, with_usual
-from rso.inference.verdict import Verdict, judge
+from rso.inference.usual_errors import elsewhere, widening, with_usual
+from rso.inference.verdict import Verdict, judge_parameter
 
 __all__ = [
     "WEIGHTINGS",
@@ -52,43 +67,43 @@ __all__ = [
     "TangentFrame",
     "Verdict",
     "all_minima",
-    "common",
+    "chi2_p_value",
     "compare_weightings",
     "correlated_along",
-    "covariance",
     "curve_score",
     "derived_interval",
-    "descend",
     "determine",
     "directions",
     "downhill",
     "elsewhere",
     "emulated",
     "emulated_together",
+    "error_covariance",
     "expected_sd",
     "fit_at",
     "fit_surface",
     "gauss_newton",
     "has_gradients",
-    "judge",
+    "judge_parameter",
     "laplace",
     "lenient",
+    "levenberg_marquardt",
     "minimise",
     "on_runs",
     "outputs_of",
-    "p_value",
-    "profile",
+    "profile_likelihood",
     "quantiles",
     "readings_of",
     "resample",
-    "sample",
-    "simulated",
-    "spread",
+    "sample_posterior",
+    "simulated_curves",
+    "split_common_errors",
     "spread_of",
     "stack",
+    "standard_deviations",
     "surface_minima",
     "tangents",
-    "widened",
+    "widening",
     "with_autocorrelation",
     "with_model_errors",
     "with_usual",

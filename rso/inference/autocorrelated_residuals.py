@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, null_space
 
 from rso.core.distributions import chi2_cdf, student
 from rso.data import autocorrelation
-from rso.inference.likelihood import Data, Misfit, common
+from rso.inference.likelihood import Data, Misfit, split_common_errors
 
 SEEN = 0.001  # chance of errors of the stated size to leave so little: then it is not they that go together
 UNKNOWN = 0.01  # of the largest value: a reading's error, where no reading is left over to tell it
@@ -18,8 +18,8 @@ SIZES = np.geomspace(1e-12, 1.0, 241)  # variances that are tried, over the squa
 
 
 def with_autocorrelation(misfit: Misfit, x: np.ndarray) -> Misfit:
-    """The misfit with sizes (:func:`sized`), and with memory where the residuals at x (d,) of a curve show it and its
-    errors were white by default.
+    """The misfit with sizes (:func:`with_estimated_error`), and autocorrelated where the residuals at x (d,) of a curve
+    show it and its errors were white by default.
 
         C_ij → C_ij + w_i w_j ρ^|i−j|   (i ≠ j)
 
@@ -28,7 +28,7 @@ def with_autocorrelation(misfit: Misfit, x: np.ndarray) -> Misfit:
     beyond them stays one.  n values hold n (1 − ρ²)/(1 + ρ²) degrees of freedom (Bartlett, J. R. Stat. Soc. 98 (1935)
     536); where χ² is too small for these, what goes together is not the errors.
     """
-    misfit = sized(misfit, x)
+    misfit = with_estimated_error(misfit, x)
     left = misfit.model.predict(x[None])[0] - np.concatenate([d.value for d in misfit.data])
     orders = [np.argsort(d.depth, kind="stable") for d in misfit.data]
     at = np.cumsum([len(d.value) for d in misfit.data])[:-1]
@@ -40,7 +40,7 @@ def with_autocorrelation(misfit: Misfit, x: np.ndarray) -> Misfit:
     return replace(misfit, data=tuple(_remembering(*each) for each in found))
 
 
-def sized(misfit: Misfit, x: np.ndarray) -> Misfit:
+def with_estimated_error(misfit: Misfit, x: np.ndarray) -> Misfit:
     """The misfit with errors of readings that nobody stated and the readings do not show, of a size by what is left.
 
         C → C + t² τ² Y²,    max_τ −½ Σ_j [ln(τ² + λ_j) + z_j²/(τ² + λ_j)]
@@ -81,7 +81,7 @@ def _size(z: np.ndarray, C: np.ndarray) -> tuple[float, float]:
 
 def _whole(data: Sequence[Data]) -> np.ndarray:
     """Covariance (n, n) of all curves with what they share."""
-    alone, V = common(data)
+    alone, V = split_common_errors(data)
     return np.asarray(block_diag(*(d.covariance for d in alone)) + V @ V.T)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.core.curves import metrics
-from rso.doe import Box, sobol
+from rso.doe import Box, sobol_sequence
 from rso.inference.least_squares import damped
 from rso.inference.likelihood import Data, Model
 
@@ -99,7 +99,7 @@ def minimise(
     Source: Audet & Dennis, SIAM J. Optim. 17 (2006) 188, with random polling directions.
     """
     rng, d = np.random.default_rng([seed, 5]), box.d
-    X = sobol(d, SAMPLE, seed)
+    X = sobol_sequence(d, SAMPLE, seed)
     S = score(X)
     if not np.isfinite(S).any():
         raise ValueError("minimise: the metric is finite nowhere in the box")

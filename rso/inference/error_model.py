@@ -31,7 +31,7 @@ def correlated_along(
     return np.outer(s, s) * kernel(u, length)
 
 
-def covariance(
+def error_covariance(
     depth: np.ndarray,
     value: np.ndarray,
     slope: np.ndarray,
@@ -93,7 +93,7 @@ class ModelErrors:
         }
 
 
-def joined(each: Sequence[ModelErrors]) -> ModelErrors:
+def joined_errors(each: Sequence[ModelErrors]) -> ModelErrors:
     """The errors of several curves as those of one block of readings, one curve after the other."""
     if len(each) == 1:
         return each[0]

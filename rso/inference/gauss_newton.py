@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 from rso.inference.least_squares import all_minima
 from rso.inference.likelihood import Data, Misfit, Model
 from rso.inference.tangents import EvaluatedPoint, TangentFrame, tangents, unfolded
@@ -82,7 +82,7 @@ def on_runs(
     """
     known: list[EvaluatedPoint] = []
     first = look(list(starts))  # together: no worker waits
-    spare = iter(sobol(frame.box.d, 256, seed))
+    spare = iter(sobol_sequence(frame.box.d, 256, seed))
     found = []
     for k, (x, sight) in enumerate(zip(starts, first, strict=True)):
         walk = [Iterate(k, x, sight, None, None, None, None, None, RADIUS, False)]
@@ -101,7 +101,7 @@ def on_runs(
 
 def _started(i: Iterate, frame: TangentFrame, data_of: DataOf) -> Iterate:
     assert i.sight is not None
-    chi2 = chi2_of(data_of(i.sight), i.sight.f, frame)
+    chi2 = chi2_in_frame(data_of(i.sight), i.sight.f, frame)
     return Iterate(i.start, i.x, i.sight, chi2, None, None, None, None, RADIUS, True)
 
 
@@ -121,14 +121,14 @@ def _descend(
     lost = [i.x for i in walk if i.sight is None]
     while True:
         data = data_of(best)
-        S = chi2_of(data, best.f, frame)
+        S = chi2_in_frame(data, best.f, frame)
         reach = min((0.5 * float(np.abs(best.x - x).max()) for x in lost), default=1.0)
         x, predicted = trial(tangents(frame, known, best), frame, data, best, radius, reach, seed)
         z_best, z = (frame.reduced(v[None])[1][0] for v in (best.x, x))
         step = float(np.abs(z - z_best).max(initial=0.0))
         last, still = walk[-1].gap, np.array_equal(x, best.x)
-        expected = chi2_of(data, predicted, frame)
-        small = moved(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
+        expected = chi2_in_frame(data, predicted, frame)
+        small = largest_change(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
         if still or (small and last is not None and last <= tolerance):
             if contradiction(frame, known) > CONTRADICTION:
                 return GaussNewtonFit(tuple(walk), best, S, False, WRONG)
@@ -143,7 +143,7 @@ def _descend(
             lost.append(x)
             walk.append(Iterate(start, x, None, None, predicted, expected, None, step, radius, False))
             continue
-        gap, new = moved(data, predicted, sight.f), chi2_of(data, sight.f, frame)
+        gap, new = largest_change(data, predicted, sight.f), chi2_in_frame(data, sight.f, frame)
         walk.append(Iterate(start, x, sight, new, predicted, expected, gap, step, radius, new < S))
         known.append(sight)
         gain = (S - new) / (S - expected) if S > expected else 1.0
@@ -168,7 +168,7 @@ def trial(
     Where nothing is better than the best run, that.
     """
     z_best = frame.reduced(best.x[None])[1][0]
-    S = chi2_of(data, best.f, frame)
+    S = chi2_in_frame(data, best.f, frame)
     wall = np.sqrt(max(S, 1.0)) / OUTSIDE
 
     def fenced(X: np.ndarray) -> np.ndarray:
@@ -181,10 +181,10 @@ def trial(
     found = all_minima(misfit, seed=seed, near=best.x[None])[0]
     x = np.clip(np.round(found.x, DIGITS), 0.0, 1.0)
     predicted = model.predict(x[None])[0]
-    return (x, predicted) if chi2_of(data, predicted, frame) < S else (best.x, best.f)
+    return (x, predicted) if chi2_in_frame(data, predicted, frame) < S else (best.x, best.f)
 
 
-def moved(data: Sequence[Data], a: np.ndarray, b: np.ndarray) -> float:
+def largest_change(data: Sequence[Data], a: np.ndarray, b: np.ndarray) -> float:
     """Largest difference of two sets of curves (n,), each over the largest value that was measured or computed."""
     ends = np.cumsum([len(d.value) for d in data])[:-1]
     parts = [np.split(v, ends) for v in (a, b)]
@@ -217,7 +217,7 @@ def contradiction(frame: TangentFrame, runs: Sequence[EvaluatedPoint]) -> float:
     return float(np.abs(np.linalg.solve(A + ρ * np.eye(len(A)), C.T @ (t - C.sum(axis=1)))).max())
 
 
-def chi2_of(data: tuple[Data, ...], f: np.ndarray, frame: TangentFrame) -> float:
+def chi2_in_frame(data: tuple[Data, ...], f: np.ndarray, frame: TangentFrame) -> float:
     """χ² of curves `f` (n,) given data with their covariance."""
     misfit = Misfit(Model(frame.box, lambda X: np.tile(f, (len(X), 1))), data)
     return float(np.sum(misfit.white(f - np.concatenate([d.value for d in data])) ** 2))

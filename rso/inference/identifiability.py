@@ -12,12 +12,19 @@ from rso.core.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
-from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
+from rso.inference.intervals import (
+    Interval,
+    ProfileInterval,
+    laplace,
+    profile_likelihood,
+    quantiles,
+    standard_deviations,
+)
 from rso.inference.least_squares import SAME, Fit, all_minima, fit_at
 from rso.inference.likelihood import WEIGHTINGS, Misfit
-from rso.inference.posterior_sampling import Draws, agree, sample
+from rso.inference.posterior_sampling import Draws, agree, sample_posterior
 from rso.inference.sloppy_directions import Direction, per_log
-from rso.inference.verdict import REFUTED, WORDS, Verdict, Word, judge, quieter, sentences, size
+from rso.inference.verdict import REFUTED, WORDS, Verdict, Word, judge_parameter, quieter, size, verdict_sentences
 
 LEVEL = 0.9
 OTHERS = 5  # points beside the best fit from which profiles start
@@ -149,17 +156,19 @@ def determine(
     p, scale, wider = _widening(misfit, first.chi2, ν, level, first.x)
     used = replace(misfit, scale=misfit.scale * wider)
     fit = fit_at(used, first.x)
-    profiles = [profile(used, fit, k, _apart(used, fit, [*(m.x for m in minima[1:]), *near])) for k in range(box.d)]
+    profiles = [
+        profile_likelihood(used, fit, k, _apart(used, fit, [*(m.x for m in minima[1:]), *near])) for k in range(box.d)
+    ]
     rise = _chi2(used, runs) - fit.chi2
     near_best = [fit, *(fit_at(used, m.x) for m in minima[1:4])]
     near_best = [m for m in near_best if m.chi2 < fit.chi2 + FAR]
-    draws = sample(used, near_best, seed=seed, along=_along(profiles)) if mcmc else None
+    draws = sample_posterior(used, near_best, seed=seed, along=_along(profiles)) if mcmc else None
     near_by = laplace(fit, level, seed)
     drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
-    sd = spread(fit.fisher) / per_log(box, fit.x)
+    sd = standard_deviations(fit.fisher) / per_log(box, fit.x)
     known, refuting, missed = [], set[int](), scale if misfit.weighting == "noise" else 1.0
     for k, name in enumerate(box.names):
-        out = left_out(profiles[k], runs.X[:, k], rise, level)
+        out = runs_outside_interval(profiles[k], runs.X[:, k], rise, level)
         refuting |= set(out)
         seen = profiles[k].with_runs(runs.X, rise)
         one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated)
@@ -184,7 +193,7 @@ def _widening(
     misfit: Misfit, chi2: float, ν: int, level: float, x: np.ndarray | None = None
 ) -> tuple[float | None, float, float]:
     """The p-value, the scale of the errors, and by how much intervals are wider: by the scale or Student's factor."""
-    p, expected = p_value(misfit, chi2, ν, x), ν - taken_up(misfit, x)
+    p, expected = chi2_p_value(misfit, chi2, ν, x), ν - taken_up(misfit, x)
     ratio = chi2 / expected if ν > 0 and expected >= LEAST else 0.0
     ρ, m = max(d.memory for d in misfit.data), misfit.freedom
     unsized = math.isfinite(m) or any(d.sized for d in misfit.data)
@@ -217,7 +226,7 @@ def taken_up(misfit: Misfit, x: np.ndarray | None) -> float:
     return float(np.sum(WU**2) - np.sum((Q.T @ WU) ** 2))
 
 
-def p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = None) -> float | None:
+def chi2_p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = None) -> float | None:
     """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing shows.
 
     That is where ν <= 0, where errors have no stated size, where their size was taken from what is left, and where
@@ -292,11 +301,11 @@ def _known(
     box = misfit.model.box
     interval = p.interval(level)
     leaning = tuple(box.names[j] for j in p.leaning(level))
-    verdict = judge(box, k, interval, leaning, scale, stated)
+    verdict = judge_parameter(box, k, interval, leaning, scale, stated)
     if verdict.word != "determined" and scale == 1.0:  # less noise does not help a model that is wrong
         verdict = replace(verdict, noise_factor=quieter(box, k, p, level, stated))
     places = [place for d in misfit.data for place in d.places]
-    text, why = sentences(
+    text, why = verdict_sentences(
         box, k, verdict, interval, p, unit=misfit.data[0].unit, places=places, level=level, leaning=leaning, scale=scale
     )
     agreement = None if drawn is None else agree(near_by, drawn)
@@ -321,7 +330,7 @@ def doubt(known: Known, word: Word, why: str, by: str = "by surrogates, ") -> Kn
     return replace(known, verdict=Verdict(word, 0, None), story=story, reason=why)
 
 
-def left_out(p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
+def runs_outside_interval(p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
     """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
     of all pieces of its interval by more than `BESIDE` of its width."""
     found, limit = p.pieces(level), chi2_ppf(level, 1)

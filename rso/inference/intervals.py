@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso.core.distributions import chi2_ppf, normal_cdf, normal_ppf
-from rso.doe import sobol
-from rso.inference.least_squares import Fit, descend
+from rso.doe import sobol_sequence
+from rso.inference.least_squares import Fit, levenberg_marquardt
 from rso.inference.likelihood import Misfit
 
 DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
@@ -38,7 +38,7 @@ class Interval:
         return self.at_low or self.at_high
 
 
-def spread(fisher: np.ndarray) -> np.ndarray:
+def standard_deviations(fisher: np.ndarray) -> np.ndarray:
     """√diag F⁻¹ (d,), infinite along what the data say nothing about."""
     values, V = np.linalg.eigh(fisher)
     seen = values > 1e-12 * max(float(values.max(initial=0.0)), 1e-300)
@@ -47,7 +47,7 @@ def spread(fisher: np.ndarray) -> np.ndarray:
     return np.where(blind, np.inf, np.sqrt(variance))
 
 
-def gaussian(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -> np.ndarray:
+def gaussian_draws(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -> np.ndarray:
     """Draws (n, d) of the Gaussian N(x, F⁻¹) restricted to the unit cube, quasi-random, n <= `draws`.
 
     Along each eigenvector of F an independent Gaussian truncated to the cube's extent there; what falls outside of the
@@ -55,7 +55,7 @@ def gaussian(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -
     """
     d = len(x)
     sd, V, a, b = _truncated(x, fisher)
-    p = sobol(d, draws, seed)
+    p = sobol_sequence(d, draws, seed)
     t = sd * normal_ppf(np.clip(a + p * (b - a), 1e-300, 1 - 1e-16))
     X = x + t @ V.T
     X = X[np.all((X >= 0) & (X <= 1), axis=1)]
@@ -84,11 +84,11 @@ def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
 
     x ± z √(F⁻¹)ᵢᵢ where all of them lie well inside; else quantiles of the Gaussian restricted to the box.
     """
-    sd, tail = spread(fit.fisher), 0.5 * (1 - level)
+    sd, tail = standard_deviations(fit.fisher), 0.5 * (1 - level)
     if np.all((fit.x - 4 * sd > 0) & (fit.x + 4 * sd < 1)):
         z = normal_ppf(1 - tail)
         return [Interval(float(a), float(b)) for a, b in zip(fit.x - z * sd, fit.x + z * sd, strict=True)]
-    return quantiles(gaussian(fit.x, fit.fisher, seed), level)
+    return quantiles(gaussian_draws(fit.x, fit.fisher, seed), level)
 
 
 def quantiles(X: np.ndarray, level: float = 0.9) -> list[Interval]:
@@ -192,7 +192,7 @@ def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
     return found
 
 
-def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> ProfileInterval:
+def profile_likelihood(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> ProfileInterval:
     """Profile of one parameter over the whole box, finer within ±4 standard deviations of the fit.
 
     At each value the others start where the Gaussian approximation takes them, at the best fit itself, at the points
@@ -200,7 +200,7 @@ def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = 
     branch is missed because the best fit lies on another.
     """
     k, d = parameter, len(fit.x)
-    sd = spread(fit.fisher)
+    sd = standard_deviations(fit.fisher)
     points = [fit.x, *(() if also is None else also)]
     at = [np.linspace(0, 1, COARSE if d > 1 else ALONE), np.array([p[k] for p in points])]  # a valley may be narrow
     if np.isfinite(sd[k]):
@@ -233,7 +233,7 @@ def _lowest(
     d = len(fit.x)
     X = np.clip(np.concatenate(starts if d > 1 else starts[:1]), 0.0, 1.0)
     X[:, k] = np.tile(t, len(X) // len(t))
-    X = descend(misfit, X, np.arange(d) != k)
+    X = levenberg_marquardt(misfit, X, np.arange(d) != k)
     S = misfit.chi2(X).reshape(-1, len(t))
     S = np.where(np.isfinite(S), S, np.inf)
     rows = np.arange(len(t))
@@ -246,7 +246,7 @@ def _scanned(misfit: Misfit, k: int, t: np.ndarray) -> list[np.ndarray]:
     d = misfit.model.box.d
     if d == 1:
         return []
-    X = np.repeat(sobol(d, SCAN, 0)[None], len(t), axis=0)
+    X = np.repeat(sobol_sequence(d, SCAN, 0)[None], len(t), axis=0)
     X[:, :, k] = t[:, None]
     S = misfit.chi2(X.reshape(-1, d)).reshape(len(t), SCAN)
     order = np.argsort(np.where(np.isfinite(S), S, np.inf), axis=1)[:, :BEST]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 from rso.inference.likelihood import STEP, Misfit
 
 NEAR = 1e-6  # of the unit cube: a parameter this close to a bound is on it
@@ -99,7 +99,7 @@ def _near(x: np.ndarray) -> np.ndarray:
     return (x < 1e3 * NEAR) | (x > 1 - 1e3 * NEAR)
 
 
-def descend(
+def levenberg_marquardt(
     misfit: Misfit, X: np.ndarray, free: np.ndarray | None = None, *, tolerance: float = 1e-9, steps: int = 80
 ) -> np.ndarray:
     """Levenberg–Marquardt from many starts X (k, d) at once, along the `free` (d,) axes; where they got to (k, d).
@@ -166,14 +166,14 @@ def all_minima(misfit: Misfit, *, seed: int, starts: int = 24, near: np.ndarray 
     between them that is lower than `SEEN`, are one.
     """
     d = misfit.model.box.d
-    sample = sobol(d, SCAN, seed)
+    sample = sobol_sequence(d, SCAN, seed)
     score = misfit.chi2(sample)
     order = np.argsort(score)
     picked = [*order[: starts // 4], *range(starts // 4), *_basins(sample, score)[: starts // 2]]
     X = sample[list(dict.fromkeys(int(k) for k in picked))]
     if near is not None and len(near):
         X = np.vstack([np.clip(near, 0, 1), X])
-    X = descend(misfit, X, tolerance=COARSELY)
+    X = levenberg_marquardt(misfit, X, tolerance=COARSELY)
     S = misfit.chi2(X)
     found: list[int] = []
     for k in np.argsort(S):
@@ -186,7 +186,7 @@ def all_minima(misfit: Misfit, *, seed: int, starts: int = 24, near: np.ndarray 
         lower = sorted(found[: found.index(k)], key=lambda j: float(np.abs(X[j] - X[k]).max()))
         if not any(_one_valley(misfit, X[j], X[k], float(S[k])) for j in lower):
             kept.append(k)
-    fine = descend(misfit, X[kept])
+    fine = levenberg_marquardt(misfit, X[kept])
     return sorted((fit_at(misfit, x) for x in fine), key=lambda fit: fit.chi2)
 
 
@@ -209,7 +209,7 @@ def _one_valley(misfit: Misfit, a: np.ndarray, b: np.ndarray, S: float) -> bool:
     unit = 1.0 if misfit.weighting == "noise" else S / max(misfit.n - len(a), 1)
     if misfit.chi2(X).max() <= S + SEEN * unit:
         return True
-    return bool(misfit.chi2(descend(misfit, X, free, tolerance=COARSELY)).max() <= S + SEEN * unit)
+    return bool(misfit.chi2(levenberg_marquardt(misfit, X, free, tolerance=COARSELY)).max() <= S + SEEN * unit)
 
 
 def _is_minimum(misfit: Misfit, x: np.ndarray, S: float) -> bool:

@@ -106,7 +106,7 @@ class Data:
         return replace(self, covariance=self.covariance - left, shared=shared, usual={})
 
 
-def common(data: Sequence[Data]) -> tuple[list[Data], np.ndarray]:
+def split_common_errors(data: Sequence[Data]) -> tuple[list[Data], np.ndarray]:
     """Curves without the errors that two of them and more share, and those, V (n, g): C = diag(C_1, C_2, …) + V Vᵀ."""
     count = Counter(name for d in data for name in d.shared)
     names = [name for name, k in count.items() if k > 1]
@@ -182,7 +182,7 @@ class Misfit:
         if not self.data or not self.scale > 0:
             raise ValueError("a misfit needs data and a scale > 0")
         object.__setattr__(self, "data", tuple(self.data))
-        alone, V = common(self.data) if self.weighting == "noise" else (self.data, np.zeros((0, 0)))
+        alone, V = split_common_errors(self.data) if self.weighting == "noise" else (self.data, np.zeros((0, 0)))
         object.__setattr__(self, "_whiten", tuple(_whitening(d, self.weighting) / self.scale for d in alone))
         object.__setattr__(self, "_shared", None)
         if V.size:

@@ -133,7 +133,9 @@ def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
     return R
 
 
-def simulated(box: Box, run: Run, places: Sequence[CurvePlace], fixed: Mapping[str, float] | None = None) -> Model:
+def simulated_curves(
+    box: Box, run: Run, places: Sequence[CurvePlace], fixed: Mapping[str, float] | None = None
+) -> Model:
     """Curves from runs of a backend: `run` values → response by experiment.
 
     Derivatives are the response's own where it has those of every parameter of the box, else forward differences,

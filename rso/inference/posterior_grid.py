@@ -51,7 +51,7 @@ def cells(misfit: Misfit, through: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return C[near], W[near], S[near]
 
 
-def draw(
+def draw_from_grid(
     misfit: Misfit, found: tuple[np.ndarray, np.ndarray, np.ndarray], n: int, seed: int
 ) -> tuple[np.ndarray, float]:
     """Draws (n, d) of the posterior, and how many independent ones they are as good as, (Σ w)²/Σ w² (Kish 1965).

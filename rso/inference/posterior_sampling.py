@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rso.inference import posterior_grid
-from rso.inference.intervals import Interval, gaussian, log_volume
+from rso.inference.intervals import Interval, gaussian_draws, log_volume
 from rso.inference.least_squares import Fit
 from rso.inference.likelihood import Misfit
 
@@ -52,7 +52,7 @@ class Draws:
         return f"R-hat of two ensembles is {self.r_hat:.3g}, not below {MIXED:g}" if self.r_hat > MIXED else ""
 
 
-def sample(
+def sample_posterior(
     misfit: Misfit, minima: Sequence[Fit], *, seed: int, along: np.ndarray | None = None, most: int = 4000
 ) -> Draws:
     """Draws of p(x | y) ∝ exp(−χ²/2) inside the unit cube.
@@ -65,7 +65,7 @@ def sample(
         at = np.stack([m.x for m in minima])
         found = posterior_grid.cells(misfit, at if along is None else np.vstack([at, along]))
         if found is not None:
-            X, independent = posterior_grid.draw(misfit, found, DRAWS, seed)
+            X, independent = posterior_grid.draw_from_grid(misfit, found, DRAWS, seed)
             return Draws(X, 1.0, independent)
         most = min(most, 1000)  # so thin a posterior seldom lets a chain converge either
     return chain(misfit, minima, seed=seed, most=most)
@@ -103,7 +103,7 @@ def _ensemble(misfit: Misfit, minima: Sequence[Fit], walkers: int, seed: int, nu
     import emcee  # 1.8 s with scipy.stats, which only this needs of it
 
     d, rng = len(minima[0].x), np.random.default_rng([seed, 11, number])
-    near = [gaussian(m.x, m.fisher, seed + number) for m in minima]
+    near = [gaussian_draws(m.x, m.fisher, seed + number) for m in minima]
     log_mass = np.array([log_volume(m.x, m.fisher) - 0.5 * m.chi2 for m in minima])
     of = rng.choice(len(minima), walkers, p=np.exp(log_mass - logsumexp(log_mass)))
     counts = np.bincount(of, minlength=len(near))

@@ -53,12 +53,12 @@ def predictive_test(
     `spread` (n, n) is what the fit leaves open of f, J Σ Jᵀ; None: nothing.  The size of the errors is known from
     `freedom` degrees of freedom.  LinAlgError where a covariance is not positive definite.
     """
-    n, alone = len(value), chi2_of(value, predicted, errors)
-    chi2 = alone if spread is None else chi2_of(value, predicted, errors + spread)
+    n, alone = len(value), predictive_chi2(value, predicted, errors)
+    chi2 = alone if spread is None else predictive_chi2(value, predicted, errors + spread)
     return PredictiveTest(chi2, n, exceeded(chi2, n, freedom), exceeded(alone, n, freedom), freedom)
 
 
-def chi2_of(value: np.ndarray, predicted: np.ndarray, covariance: np.ndarray) -> float:
+def predictive_chi2(value: np.ndarray, predicted: np.ndarray, covariance: np.ndarray) -> float:
     """(y − f)ᵀ C⁻¹ (y − f) of readings y (n,) predicted as f (n,) with the covariance C (n, n)."""
     floor = SMALLEST * (float(np.abs(value).max()) or 1.0)
     L = cholesky(covariance + floor**2 * np.eye(len(value)), lower=True)
@@ -72,7 +72,7 @@ def open_by(fisher: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     return left
 
 
-def limit(points: int, confidence: float, freedom: float = math.inf) -> float:
+def chi2_limit(points: int, confidence: float, freedom: float = math.inf) -> float:
     """The χ² that a perfect model stays below with this confidence."""
     if math.isinf(freedom):
         return float(chi2_ppf(confidence, points))

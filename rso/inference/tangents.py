@@ -11,8 +11,8 @@ from scipy.linalg import cho_solve
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation.emulator import reduced_box
-from rso.emulation.kernels import covariance
-from rso.emulation.kriging_likelihood import factor
+from rso.emulation.kernels import kernel_matrix
+from rso.emulation.kriging_likelihood import cholesky_factor
 from rso.inference.likelihood import Model
 
 LENGTH = 0.4  # of the unit cube, over which what the tangent leaves bends: between two runs it is nearly a cubic
@@ -118,9 +118,9 @@ def _bending(Z: np.ndarray, T: np.ndarray, G: np.ndarray, b: int, size: np.ndarr
         return None
     values = T - T[b] - (Z - Z[b]) @ G[b].T
     R = np.vstack([values, *np.moveaxis(G - G[b], 2, 0)])
-    return cho_solve((factor(_kernel(Z, Z, left=True), SMALL), True), R / size) * size
+    return cho_solve((cholesky_factor(_kernel(Z, Z, left=True), SMALL), True), R / size) * size
 
 
 def _kernel(X: np.ndarray, Y: np.ndarray, left: bool = False) -> np.ndarray:
     """Correlation of values (and, with `left`, slopes) at X with values and slopes at Y."""
-    return covariance("squared_exponential", X, Y, np.full(Y.shape[1], LENGTH), left=left, right=True)
+    return kernel_matrix("squared_exponential", X, Y, np.full(Y.shape[1], LENGTH), left=left, right=True)

@@ -56,7 +56,7 @@ def elsewhere(a: Interval, b: Interval) -> bool:
     return outside > APART * max(a.high - a.low, 1e-12)
 
 
-def widened(d: Determination, k: int) -> float:
+def widening(d: Determination, k: int) -> float:
     """How many times as wide the interval of parameter k is as that with what is stated alone."""
     known = d.known[k]
     if known.as_stated is None:

@@ -33,7 +33,7 @@ class Verdict:
     noise_factor: float | None
 
 
-def judge(
+def judge_parameter(
     box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0, stated: Box | None = None
 ) -> Verdict:
     """'not': the interval covers half of the box or of the `stated` range, or ends at both bounds, or at one of a model
@@ -76,7 +76,7 @@ def quieter(box: Box, k: int, profile: ProfileInterval, level: float = 0.9, stat
     for f in NOISES:
         louder = replace(profile, rise=profile.rise / f**2)
         leaning = tuple(box.names[j] for j in louder.leaning(level))
-        if judge(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
+        if judge_parameter(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
             return MARGIN * float(f)
     return None
 
@@ -107,7 +107,7 @@ def _apart(low: float, high: float) -> int:
     return max(3, min(12, math.floor(math.log10(largest)) - last + 1))
 
 
-def sentences(
+def verdict_sentences(
     box: Box,
     k: int,
     verdict: Verdict,
@@ -123,7 +123,7 @@ def sentences(
     """The verdict in one sentence, and its reason: how little the curve changes where nothing is determined.
 
     `places` (n) of all measured points in words, in the order of the misfit's data, whose unit is `unit`; `scale` as in
-    :func:`judge`.
+    :func:`judge_parameter`.
     """
     name, of = box.names[k], box.units[k]
     tail = spaced(of)

@@ -10,7 +10,7 @@ from rso.model_selection.goodness_of_fit import (
     Left,
     Simulated,
     assess,
-    simulate,
+    bootstrap_refits,
     simulate_elsewhere,
 )
 from rso.model_selection.selection import (
@@ -40,8 +40,8 @@ __all__ = [
     "SelectionStep",
     "Simulated",
     "assess",
+    "bootstrap_refits",
     "log_evidence",
     "select_model",
-    "simulate",
     "simulate_elsewhere",
 ]

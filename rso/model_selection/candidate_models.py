@@ -10,13 +10,13 @@ from typing import Any
 from rso.calibration.plan import STRESS, Plan
 from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capability
 from rso.core.similarity import Group, group, stress_exponent
-from rso.core.units import quantity
+from rso.core.units import value_in_unit
 from rso.data import CreepHold, Hold
 from rso.doe import Box
 from rso.model_selection import ModelLevel
 from rso.study.analysis_tables import LevelTable
-from rso.study.errors import Problem, choose, study_error
-from rso.study.holds import middle, ranges, relaxation, relaxes
+from rso.study.errors import Problem, choices_text, study_error
+from rso.study.holds import hold_ranges, middle, relaxation_knobs, relaxes
 from rso.study.line_numbers import Place
 
 STUDY = "study"  # the model as the study file states it
@@ -136,13 +136,13 @@ def _relaxing(plan: Plan, rungs: tuple[tuple[ModelLevel, ...], ...]) -> tuple[tu
             resting[n] = hold
         elif isinstance(creep, CreepHold) and creep.grows:
             resting[n] = creep
-    pair = relaxation(plan.backend)
+    pair = relaxation_knobs(plan.backend)
     if not resting or pair is None:
         return rungs
     values = middle(plan.resolved)
     if any(relaxes(plan.backend, values, plan.cases[plan.case_of[n]]) for n in resting):
         return rungs
-    opened = ranges(pair, max(resting.values(), key=lambda h: h.lasts))
+    opened = hold_ranges(pair, max(resting.values(), key=lambda h: h.lasts))
 
     def with_it(level: ModelLevel) -> ModelLevel:
         return dataclasses.replace(
@@ -158,7 +158,9 @@ def _relaxing(plan: Plan, rungs: tuple[tuple[ModelLevel, ...], ...]) -> tuple[tu
     return tuple(r for both in found for r in both if r)
 
 
-def beside(plan: Plan, rungs: Sequence[Sequence[ModelLevel]]) -> list[tuple[dict[str, float], Mapping[str, Any]]]:
+def cases_of_levels(
+    plan: Plan, rungs: Sequence[Sequence[ModelLevel]]
+) -> list[tuple[dict[str, float], Mapping[str, Any]]]:
     """Values inside of what each level opens, and its settings: what one level follows is compared for all."""
     middles = [{k: 0.5 * (low + high) for k, (low, high) in v.open.items()} for rung in rungs for v in rung]
     return list(zip(middles, (v.settings for rung in rungs for v in rung), strict=True))
@@ -210,7 +212,7 @@ def _named(
         return None
     choices = [STUDY, *(v.name for rung in offered for v in rung), *variants]
     choices += [p.name for p in backend.parameters if p.plausible] + sorted({p.group for p in known.values()} - {""})
-    problems.append(Problem(place, f"no such level; {choose(wanted, dict.fromkeys(choices))}", wanted))
+    problems.append(Problem(place, f"no such level; {choices_text(wanted, dict.fromkeys(choices))}", wanted))
     return None
 
 
@@ -219,10 +221,10 @@ def _own(table: LevelTable, known: Mapping[str, Parameter], place: Place, proble
     opened: dict[str, tuple[float, float]] = {}
     for name, ends in table.open.items():
         if name not in known:
-            problems.append(Problem(place, f"the backend has no such parameter; {choose(name, known)}", name))
+            problems.append(Problem(place, f"the backend has no such parameter; {choices_text(name, known)}", name))
             continue
         try:
-            low, high = (known[name].check(quantity(v, known[name].unit)) for v in ends)
+            low, high = (known[name].check(value_in_unit(v, known[name].unit)) for v in ends)
         except ValueError as error:
             problems.append(Problem(place, str(error), name))
             continue

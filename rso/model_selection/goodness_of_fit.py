@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import cholesky
 
 from rso.doe import Box
-from rso.inference import Data, Fit, Misfit, Model, common, descend
+from rso.inference import Data, Fit, Misfit, Model, levenberg_marquardt, split_common_errors
 
 CONFIDENCE = 0.95
 DRAWS = 400  # simulated data sets: a p-value of 0.05 is then known to 0.01
@@ -108,7 +108,7 @@ def assess(parts: Sequence[Left], confidence: float = CONFIDENCE) -> Goodness:
         value = np.concatenate([v.value for v in part.misfit.data])
         reached = norms(part.misfit.data, part.residual[None], value[None])
         S += [np.append(a, s) for a, s in zip(reached, part.simulated.nrmse, strict=True)]
-    p, limits, each, share = together(np.array(S), 1.0 - confidence)
+    p, limits, each, share = combined_p_value(np.array(S), 1.0 - confidence)
     checks, errors, row = [], [], 0
     for part in parts:
         s, chi2 = part.simulated, float(S[row][0])
@@ -121,7 +121,7 @@ def assess(parts: Sequence[Left], confidence: float = CONFIDENCE) -> Goodness:
     return Goodness(p, share, tuple(checks), tuple(errors), confidence)
 
 
-def together(S: np.ndarray, alpha: float) -> tuple[float, np.ndarray, np.ndarray, float]:
+def combined_p_value(S: np.ndarray, alpha: float) -> tuple[float, np.ndarray, np.ndarray, float]:
     """p of all criteria S (m, 1 + B) at once, their limits (m,), the p-value of each (m,), the share beyond each limit.
 
     Column 0 is measured, the others are simulated.  p >= α exactly where no criterion is beyond its limit.
@@ -140,7 +140,7 @@ def together(S: np.ndarray, alpha: float) -> tuple[float, np.ndarray, np.ndarray
 # ------------------------------------------------------------------------------------------------------ perfect models
 
 
-def simulate(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulated:
+def bootstrap_refits(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulated:
     """Parametric bootstrap: y* = f(x̂) + ε with ε ~ N(0, C), refitted from x̂ within the box.
 
     Where the size of C was itself taken from m degrees of freedom it is drawn again with each data set: the errors are
@@ -165,7 +165,7 @@ def simulate(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulat
     pieces = np.split(f, np.cumsum([len(v.value) for v in misfit.data])[:-1])
     perfect = tuple(replace(v, value=p) for v, p in zip(misfit.data, pieces, strict=True))
     many = replace(misfit, model=Model(spare, shifted), data=perfect)
-    X = descend(many, start, np.arange(d + 1) < d)
+    X = levenberg_marquardt(many, start, np.arange(d + 1) < d)
     residual = shifted(X) - f
     return Simulated(X[:, :d], np.sum(misfit.white(residual) ** 2, axis=1), norms(misfit.data, residual, f + noise))
 
@@ -189,7 +189,7 @@ def norms(data: Sequence[Data], residual: np.ndarray, value: np.ndarray) -> tupl
 
 def _noise(data: Sequence[Data], draws: int, rng: np.random.Generator) -> np.ndarray:
     """Errors (draws, n) of all curves; those of which the size is known from few readings are Student's."""
-    parts, (alone, V) = [], common(data)
+    parts, (alone, V) = [], split_common_errors(data)
     for d in alone:
         n = len(d.value)
         tiny = (1e-9 * (float(np.abs(d.value).max()) or 1.0)) ** 2

@@ -14,7 +14,7 @@ from rso.model_selection import Judged
 from rso.model_selection.simulations import simulate_level
 
 
-def validate(plan: Plan, evaluator: Evaluator, j: Judged) -> tuple[PredictiveCheck, ...]:
+def validate_level(plan: Plan, evaluator: Evaluator, j: Judged) -> tuple[PredictiveCheck, ...]:
     """Each test kept for the end against what a perfect model with as uncertain parameters would leave there."""
     every = [e.name for e in plan.study.experiments if e.role == "validate" and e.kind == "force"]
     return tuple(_validated(plan, evaluator, j, name) for name in every)

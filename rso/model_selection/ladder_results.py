@@ -13,10 +13,10 @@ from rso import model_selection
 from rso.calibration import result_files
 from rso.calibration.plan import Plan
 from rso.calibration.predictive_check import Channel, PredictiveCheck
-from rso.calibration.readings import label
+from rso.calibration.readings import curve_label
 from rso.calibration.results import data_hashes
 from rso.inference.error_model import shares
-from rso.inference.predictive_test import limit
+from rso.inference.predictive_test import chi2_limit
 from rso.inference.verdict import physical
 from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
 from rso.model_selection.study_ladder import FittedLevel, LadderFit
@@ -26,7 +26,7 @@ FILE, SCHEMA = "ladder.json", 2
 LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
 
 
-def results(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
+def ladder_data(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
     """Everything that the page shows and the decision rests on, as strict JSON data."""
     climb, table = found.climb, plan.study.ladder
     rung_of = {v.name: n for n, rung in enumerate(found.rungs) for v in rung}
@@ -49,7 +49,7 @@ def results(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
             "adequate": climb.adequate,
             "rivals": list(climb.rivals),
             "words": climb.words,
-            "warnings": warnings(plan, found),
+            "warnings": ladder_warnings(plan, found),
             "start": _start(plan, found),
             "steps": [
                 {"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict, "words": s.words}
@@ -70,7 +70,7 @@ def results(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
     )
 
 
-def warnings(plan: Plan, found: LadderFit) -> list[str]:
+def ladder_warnings(plan: Plan, found: LadderFit) -> list[str]:
     """What a reader must know before believing the decision."""
     climb = found.climb
     said: list[str] = []
@@ -199,7 +199,7 @@ def _validated(plan: Plan, v: PredictiveCheck) -> list[dict[str, Any]]:
     """A row for each curve of an experiment that took no part."""
     if v.test is None:
         every = plan.study.experiment(v.experiment).compared
-        return [{"curve": label(plan, v.experiment, c), "verdict": None, "why": v.why} for c in every]
+        return [{"curve": curve_label(plan, v.experiment, c), "verdict": None, "why": v.why} for c in every]
     return [_curve(plan, v.experiment, c) for c in v.channels]
 
 
@@ -207,10 +207,10 @@ def _curve(plan: Plan, experiment: str, c: Channel) -> dict[str, Any]:
     confidence, t = plan.study.ladder.confidence, c.test
     assert t is not None  # the experiment has one
     return {
-        "curve": label(plan, experiment, c.kept.channel),
+        "curve": curve_label(plan, experiment, c.kept.channel),
         "chi2": t.chi2,
         "expected": float(t.points),
-        "limit": limit(t.points, confidence, t.freedom),
+        "limit": chi2_limit(t.points, confidence, t.freedom),
         "p_value": t.p_value,
         "points": t.points,
         "nrmse": c.metrics.nrmse,
@@ -231,9 +231,9 @@ def _test(t: GoodnessOfFit) -> dict[str, Any]:
     return {"chi2": t.chi2, "expected": t.expected, "limit": t.limit, "p_value": t.p_value, "points": t.points}
 
 
-def write(folder: Path, found: Mapping[str, Any]) -> Path:
+def write_ladder(folder: Path, found: Mapping[str, Any]) -> Path:
     """Write ladder.json at once or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / FILE
-    result_files.write(path, found)
+    result_files.write_results(path, found)
     return path

@@ -203,14 +203,14 @@ def _measured(j: Judged) -> str:
     within = [f"{of}, limit {limit}" for over, of, limit in each if not over]
     rest = "; ".join(within)
     said = f"{'; '.join(beyond)}{f' (within theirs: {rest})' if rest else ''}" if beyond else rest
-    return f"{said}; together p {p_value(g)} (below {100 * (1 - g.confidence):.3g} % it fails)."
+    return f"{said}; together p {goodness_p_value(g)} (below {100 * (1 - g.confidence):.3g} % it fails)."
 
 
 def _size(x: float) -> str:
     return f"{x:.3g}" if x < 1000 else f"{float(f'{x:.3g}'):.0f}"
 
 
-def p_value(g: Goodness) -> str:
+def goodness_p_value(g: Goodness) -> str:
     """The smallest p-value that so many draws can give is a bound."""
     least = 1.0 / (1.0 + g.checks[0].draws)
     return f"= {g.p_value:.2g}" if g.p_value > 1.5 * least else f"< {g.p_value:.1g}"

@@ -45,7 +45,7 @@ def simulate_level(
         raise LadderUnanswered(f"the backend does not model it: {error}") from error
 
 
-def design(axes: Axes, runs: int | None, seed: int, inherited: int = 0) -> list[dict[str, float]]:
+def level_design(axes: Axes, runs: int | None, seed: int, inherited: int = 0) -> list[dict[str, float]]:
     """Points to learn a level from: along one parameter evenly spaced, else a Latin hypercube, of the reduced box.
 
     Runs that are `inherited` from the level below need not be made, up to half of them.

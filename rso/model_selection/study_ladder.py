@@ -16,15 +16,15 @@ from rso.calibration.predictive_check import PredictiveCheck
 from rso.calibration.readings import (
     curve_data,
     curve_outputs,
-    fitted_curves,
+    force_curves,
     measured,
     numerical,
     of_emulator,
     of_response,
-    placed,
+    places_from_contact,
 )
 from rso.contract import ClosedFormStart, Response, capability
-from rso.emulation.emulator import Emulator, Sample, learn, relearn
+from rso.emulation.emulator import Emulator, Sample, learn_emulator, relearn
 from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import RunStore
 from rso.inference import (
@@ -42,9 +42,9 @@ from rso.inference import (
 )
 from rso.inference.verdict import REFUTED, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
-from rso.model_selection.candidate_models import Axes, axes_of, beside, levels_of
-from rso.model_selection.held_out import validate
-from rso.model_selection.simulations import LadderUnanswered, design, prove, sampled, simulate_level
+from rso.model_selection.candidate_models import Axes, axes_of, cases_of_levels, levels_of
+from rso.model_selection.held_out import validate_level
+from rso.model_selection.simulations import LadderUnanswered, level_design, prove, sampled, simulate_level
 from rso.study.schema import Study
 
 FEWEST = 4  # runs with an answer from which a level is learnt
@@ -106,7 +106,7 @@ def ladder_plan(study: Study) -> Plan:
         ]
         study = study.model_copy(update={"experiments": tuple(every)})
     plan = make_plan(study)
-    return make_plan(study, beside(plan, levels_of(plan))) if plan.found or plan.creeps.found else plan
+    return make_plan(study, cases_of_levels(plan, levels_of(plan))) if plan.found or plan.creeps.found else plan
 
 
 def run_ladder(
@@ -141,13 +141,13 @@ def run_ladder(
     checked = {}
     for j in climb.judged:
         if not j.problem and plan.validation:
-            checked[j.level.name] = validate(plan, evaluator, j)
+            checked[j.level.name] = validate_level(plan, evaluator, j)
     return LadderFit(rungs, climb, start, checked, evaluator.cost, time.perf_counter() - began)
 
 
 def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
     """Ranges and values by the backend's closed form from the first curve that is fitted; None where it has none."""
-    name, channel = fitted_curves(plan, "fit")[0]
+    name, channel = force_curves(plan, "fit")[0]
     form = capability(plan.backend, ClosedFormStart)
     if channel != "Fz" or form is None:
         return None
@@ -192,7 +192,7 @@ def fit_level(
     seed = plan.seed
     axes, before = axes_of(plan, level, ranges), set(evaluator.cost)
     inherited = neutral(plan, axes, level, below)
-    points = design(axes, plan.study.ladder.runs, seed, len(inherited))
+    points = level_design(axes, plan.study.ladder.runs, seed, len(inherited))
     answers = simulate_level(evaluator, level, axes, plan.cases, points)
     samples = [sampled(plan, axes, p, a) for p, a in zip(points, answers, strict=True) if not isinstance(a, str)]
     last = next((a for a in answers if not isinstance(a, str)), None)
@@ -220,7 +220,9 @@ def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") ->
     """
     table = plan.study.surrogate
     kind = kind or ("whole_curve" if table.kind == "auto" else table.kind)
-    return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed)
+    return learn_emulator(
+        axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed
+    )
 
 
 def confirm_level(
@@ -270,14 +272,14 @@ def _finished(
     before: set[str],
 ) -> FittedLevel:
     fit = d.fit
-    pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
-    places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
+    pairs = [(r, *pair) for r in ("fit", "select") for pair in force_curves(plan, r)]
+    places = tuple(places_from_contact(plan, name, channel) for _, name, channel in pairs)
     errors = tuple(numerical(last[plan.case_of[p.experiment]], p, curve_data(plan, p).value) for p in places)
-    misfits = [likelihood(plan, emulator, last, r, fit.x) for r in ("fit", "select") if fitted_curves(plan, r)]
+    misfits = [likelihood(plan, emulator, last, r, fit.x) for r in ("fit", "select") if force_curves(plan, r)]
     data = tuple(v for m in misfits for v in m.data)
     flat = np.concatenate([m.model.predict(fit.x[None])[0] for m in misfits])
     predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
-    simulated = model_selection.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
+    simulated = model_selection.bootstrap_refits(d.misfit, fit, plan.seed, plan.study.ladder.draws)
     mine = set(evaluator.cost) - before
     return FittedLevel(
         axes,
@@ -340,7 +342,7 @@ def if_autocorrelated(plan: Plan, found: FittedLevel, elsewhere: Sequence[Left])
         if larger > REFUTED**2:
             return None
         misfit = replace(misfit, data=tuple(v.plus((larger - 1.0) * v.covariance) for v in misfit.data))
-    simulated = model_selection.simulate(misfit, fit, plan.seed, plan.study.ladder.draws)
+    simulated = model_selection.bootstrap_refits(misfit, fit, plan.seed, plan.study.ladder.draws)
     residual = misfit.model.predict(fit.x[None])[0] - np.concatenate([v.value for v in misfit.data])
     part = Left(residual, misfit, simulated, found.roles[: found.roles.count("fit")])
     return model_selection.assess([part, *elsewhere], plan.study.ladder.confidence)
@@ -380,8 +382,8 @@ def likelihood(
     Without x, while a run of the most likely point is looked for, the emulator is taken for right.
     """
     places, data = [], []
-    for name, channel in fitted_curves(plan, role):
-        place = placed(plan, name, channel)
+    for name, channel in force_curves(plan, role):
+        place = places_from_contact(plan, name, channel)
         d, run = curve_data(plan, place), answer[plan.case_of[name]]
         errors = of_response(run, place, d.value) if x is None else of_emulator(emulator, x, run, place, d.value)
         places.append(place)
@@ -391,7 +393,7 @@ def likelihood(
 
 def _gap(plan: Plan, misfit: Misfit, x: np.ndarray, answer: tuple[Response, ...]) -> tuple[float, float]:
     """Difference of the predicted and the recomputed curves: over the largest value of each, and in units of χ²."""
-    places = [placed(plan, name, channel) for name, channel in fitted_curves(plan, "fit")]
+    places = [places_from_contact(plan, name, channel) for name, channel in force_curves(plan, "fit")]
     curves = [resample(answer[plan.case_of[p.experiment]], p, "") for p in places]
     whole = misfit.model.predict(x[None])[0]
     off = float(np.sum(misfit.white(whole - np.concatenate(curves)) ** 2))

@@ -28,11 +28,11 @@ ON_BOUND = 1e-6  # of the unit cube
 APART = 1.5  # factor between Fisher information and made-up data that is worth a word
 
 
-def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
+def design_data(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
     """Everything that the page shows, as strict JSON data."""
     box, focus = found.axes.box, found.axes.box.names[found.weakest]
     theta = box.from_unit(found.truths)
-    singles, pairs = in_order(found, 1), in_order(found, 2)
+    singles, pairs = ranked_sets(found, 1), ranked_sets(found, 2)
     return result_files.plainly(
         {
             "schema": SCHEMA,
@@ -51,9 +51,9 @@ def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
                 for k, n in enumerate(box.names)
             ],
             "truths": [dict(zip(box.names, map(float, row), strict=True)) for row in theta],
-            "words": sentences(found, singles, pairs),
+            "words": design_sentences(found, singles, pairs),
             "experiments": [_experiment(v) for v in found.learnt],
-            "warnings": warnings(found),
+            "warnings": design_warnings(found),
             "problems": dict(found.problems),
             "fits": [_fit(box, j) for j in found.joint],
             "told": [_row(found, n) for n in [(), *singles, *pairs]],
@@ -72,13 +72,13 @@ def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
     )
 
 
-def in_order(found: DesignResult, size: int) -> list[tuple[str, ...]]:
+def ranked_sets(found: DesignResult, size: int) -> list[tuple[str, ...]]:
     """Sets of so many experiments, best first by what they are expected to show of the weakest parameter."""
     sets = [t.added for t in found.told[0] if len(t.added) == size]
-    return ranked(sets, lambda n: worth(found, n))
+    return ranked(sets, lambda n: worth_of_set(found, n))
 
 
-def worth(found: DesignResult, added: Sequence[str]) -> Worth:
+def worth_of_set(found: DesignResult, added: Sequence[str]) -> Worth:
     """What a set shows of the weakest parameter in the mean over the truths, and how many tests it takes."""
     return Worth(about_parameter(_sizes(found, ()), _sizes(found, added)), len(added))
 
@@ -94,7 +94,9 @@ def _sizes(found: DesignResult, added: Sequence[str]) -> list[float]:
     return [float((t.expected or t.fisher)[focus]) for t in _of(found, added)]
 
 
-def sentences(found: DesignResult, singles: Sequence[tuple[str, ...]], pairs: Sequence[tuple[str, ...]]) -> list[str]:
+def design_sentences(
+    found: DesignResult, singles: Sequence[tuple[str, ...]], pairs: Sequence[tuple[str, ...]]
+) -> list[str]:
     """The answer in sentences."""
     box, k = found.axes.box, found.weakest
     name, at = box.names[k], [f"{v:.3g}" for v in box.from_unit(found.truths)[:, k]]
@@ -143,7 +145,7 @@ def sentences(found: DesignResult, singles: Sequence[tuple[str, ...]], pairs: Se
     return said
 
 
-def warnings(found: DesignResult) -> list[str]:
+def design_warnings(found: DesignResult) -> list[str]:
     """Where the model misses the data, and the truths that these exclude."""
     box, k, said = found.axes.box, found.weakest, []
     if found.scale > 1.0:
@@ -232,7 +234,7 @@ def _fit(box: Any, j: Joint) -> dict[str, Any]:
 def _row(found: DesignResult, added: Sequence[str]) -> dict[str, Any]:
     return {
         "added": list(added),
-        "information": worth(found, added).information,
+        "information": worth_of_set(found, added).information,
         "price": len(added),
         "at": [
             {
@@ -259,9 +261,9 @@ def markdown(data: Mapping[str, Any], pairs: int = 3) -> list[str]:
     return rows
 
 
-def write(folder: Path, found: Mapping[str, Any]) -> Path:
+def write_design(folder: Path, found: Mapping[str, Any]) -> Path:
     """Write next.json at once or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / FILE
-    result_files.write(path, found)
+    result_files.write_results(path, found)
     return path

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.calibration.readings import curve_data, fitted_curves, placed
+from rso.calibration.readings import curve_data, force_curves, places_from_contact
 from rso.contract import Case, Programme
-from rso.core.units import quantity
+from rso.core.units import value_in_unit
 from rso.data import StatedNoise
 from rso.inference import CurvePlace, Data
 from rso.study.analysis_tables import NextExperiment
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
 from rso.study.creep import creep_case
-from rso.study.errors import Problem, choose, study_error
+from rso.study.errors import Problem, choices_text, study_error
 
 FORCES = ("Fx", "Fy", "Fz")
 
@@ -60,9 +60,11 @@ def done(plan: Plan) -> list[Item]:
                 case = creep_case(plan.study, e.name, creep)
             else:
                 case = case_for(plan.study, e.name, travels(plan.curves[e.name], set(), hold), hold)
-            pairs = [(n, c) for n, c in fitted_curves(plan, "fit") if n == e.name]
-            data = [curve_data(plan, placed(plan, *pair)) for pair in pairs]
-            blocks = [Block((placed(plan, *p),), d.unit, noise, d) for p, d in zip(pairs, data, strict=True)]
+            pairs = [(n, c) for n, c in force_curves(plan, "fit") if n == e.name]
+            data = [curve_data(plan, places_from_contact(plan, *pair)) for pair in pairs]
+            blocks = [
+                Block((places_from_contact(plan, *p),), d.unit, noise, d) for p, d in zip(pairs, data, strict=True)
+            ]
         else:
             case, blocks = profile_case(plan.study, e.name, plan.curves[e.name]), [_measured_profile(plan, e.name)]
         items.append(Item(e.name, "", case, tuple(blocks), True))
@@ -89,7 +91,7 @@ def _measured_profile(plan: Plan, name: str) -> Block:
     return Block(tuple(places), curve.unit, noise, data)
 
 
-def planned(plan: Plan, e: NextExperiment) -> Item:
+def planned_experiment(plan: Plan, e: NextExperiment) -> Item:
     """An experiment of `[[next.experiments]]`."""
     settings = {k: v for k, v in {**plan.study.backend.settings, **e.settings}.items() if k != "unload"}
     noise = e.noise.noise().stated if e.marks else e.noise.noise().of_test(e.depth)
@@ -106,7 +108,7 @@ def planned(plan: Plan, e: NextExperiment) -> Item:
 
 def _case(name: str, asked: tuple[float, ...], settings: Mapping[str, object]) -> Case:
     try:
-        speed = quantity(settings["speed"], "mm/s")  # type: ignore[arg-type]
+        speed = value_in_unit(settings["speed"], "mm/s")  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError):
         speed = DEFAULT_SPEED
     if speed <= 0:
@@ -136,14 +138,16 @@ def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[P
         yield Problem((*place, "settings"), str(error))
     forces = [c for c in backend.channels if c in FORCES]
     for b in item.blocks:
-        if kind(b) not in ("uz", *forces):
-            text = f"the backend {backend.name!r} has no such channel of a force; {choose(kind(b), forces)}"
-            yield Problem((*place, "channels"), text, kind(b))
-        elif not said.of(kind(b)) and not said.gain and not said.calibration:
-            text = f"without errors of the readings of {kind(b)} everything would be known: "
-            yield Problem((*place, "noise"), f"{text}noise.{kind(b)} or noise.gain must be positive")
+        if block_channel(b) not in ("uz", *forces):
+            text = (
+                f"the backend {backend.name!r} has no such channel of a force; {choices_text(block_channel(b), forces)}"
+            )
+            yield Problem((*place, "channels"), text, block_channel(b))
+        elif not said.of(block_channel(b)) and not said.gain and not said.calibration:
+            text = f"without errors of the readings of {block_channel(b)} everything would be known: "
+            yield Problem((*place, "noise"), f"{text}noise.{block_channel(b)} or noise.gain must be positive")
 
 
-def kind(block: Block) -> str:
+def block_channel(block: Block) -> str:
     """Channel of a force curve, or uz of a profile."""
     return "uz" if block.unit == "mm" else block.places[0].channel

@@ -18,8 +18,8 @@ from rso.calibration.plan import Plan
 from rso.calibration.readings import of_emulator
 from rso.contract import Response
 from rso.core.similarity import Group
-from rso.core.units import quantity
-from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box
+from rso.core.units import value_in_unit
+from rso.emulation.emulator import Emulator, Output, Sample, learn_emulator, reduced_box
 from rso.emulation.hermite import along_one
 from rso.evaluation import Crashed, Done, Evaluator, Watch
 from rso.evaluation.store import RunStore
@@ -30,22 +30,22 @@ from rso.inference import (
     Misfit,
     Model,
     all_minima,
-    covariance,
     determine,
     emulated,
     emulated_together,
+    error_covariance,
     stack,
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.error_model import OF_THE_MODEL, joined
+from rso.inference.error_model import OF_THE_MODEL, joined_errors
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, Axes, axes_of
-from rso.model_selection.simulations import design
-from rso.next_experiment.experiments import Block, Item, done, kind, planned, refuse
+from rso.model_selection.simulations import level_design
+from rso.next_experiment.experiments import Block, Item, block_channel, done, planned_experiment, refuse
 from rso.optimal_design import ExpectedInformation, PossibleExperiment, expected_information, on_valley
 from rso.optimal_design.gains import weakest as known_worst
-from rso.study.errors import Problem, choose, study_error
+from rso.study.errors import Problem, choices_text, study_error
 
 FEWEST = 5  # runs with an answer from which an experiment is learnt
 AGAIN = " once more"  # after the name of an experiment that is repeated
@@ -106,7 +106,7 @@ def run_next(
     possible, values = asked(plan, axes)
     items = [*done(plan), *possible]
     evaluator = Evaluator(plan.backend, store, executor, watch)
-    points = design(axes, table.runs, plan.seed)
+    points = level_design(axes, table.runs, plan.seed)
     learnt: list[Learnt] = []
     problems: dict[str, str] = {}
     for item in items:
@@ -128,11 +128,11 @@ def run_next(
     # What the model lacks it will lack in the next experiment too; `rso run` counts errors as wide.
     s = whole.wider
     rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
-    more = [widened(v.experiment, s) for v in learnt if not v.item.done]
-    again = [dataclasses.replace(widened(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
+    more = [with_scaled_errors(v.experiment, s) for v in learnt if not v.item.done]
+    again = [dataclasses.replace(with_scaled_errors(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
     singles = [(e,) for e in (*again, *more)]
     sets = [(), *singles, *itertools.combinations(more, 2)]
-    existing = [widened(v.experiment, s) for v in have]
+    existing = [with_scaled_errors(v.experiment, s) for v in have]
     each = [
         tuple(expected_information(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
         for k, x in enumerate(truths)
@@ -140,7 +140,7 @@ def run_next(
     return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, whole.scale, tuple(each))
 
 
-def widened(e: PossibleExperiment, scale: float) -> PossibleExperiment:
+def with_scaled_errors(e: PossibleExperiment, scale: float) -> PossibleExperiment:
     """An experiment with errors `scale` times as large: C scale²."""
     return dataclasses.replace(e, covariance=lambda x: scale**2 * e.covariance(x))
 
@@ -154,7 +154,7 @@ def asked(plan: Plan, axes: Axes) -> tuple[list[Item], dict[str, list[float]]]:
     problems: list[Problem] = []
     for n, e in enumerate(plan.study.next.experiments):
         try:
-            items.append(planned(plan, e))
+            items.append(planned_experiment(plan, e))
         except ValueError as error:
             problems.append(Problem(("next", "experiments", n), str(error), e.name))
     values = {name: _values(axes, name, given, problems) for name, given in plan.study.next.truths.items()}
@@ -165,12 +165,14 @@ def asked(plan: Plan, axes: Axes) -> tuple[list[Item], dict[str, list[float]]]:
 def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]) -> list[float]:
     """Values that a parameter is asked for, in its unit and its range; what is wrong is noted."""
     if name not in axes.box.names:
-        problems.append(Problem(("next", "truths", name), f"not searched for; {choose(name, axes.box.names)}", name))
+        problems.append(
+            Problem(("next", "truths", name), f"not searched for; {choices_text(name, axes.box.names)}", name)
+        )
         return []
     k = axes.box.names.index(name)
     low, high, unit = axes.box.low[k], axes.box.high[k], axes.box.units[k]
     try:
-        values = [quantity(v, unit) for v in given]
+        values = [value_in_unit(v, unit) for v in given]
         if not values or not all(low <= v <= high for v in values):
             raise ValueError(f"values from {low:g} to {high:g} {unit} expected")
     except ValueError as error:
@@ -232,12 +234,12 @@ def learnt_from(
     if curves is not None:
         emulator = Emulator(axes.box, group, reduced, tuple(outputs), curves, tuple(samples))  # type: ignore[arg-type]
         return emulator, max(c.left_out for c in curves.values()) / max(c.largest for c in curves.values())
-    emulator = learn(axes.box, group, outputs, samples, kind="whole_curve", seed=seed)
+    emulator = learn_emulator(axes.box, group, outputs, samples, kind="whole_curve", seed=seed)
     if len(samples) <= FEWEST:
         return emulator, 0.0
     k = len(samples) // 2
     others = [s for i, s in enumerate(samples) if i != k]
-    less = learn(axes.box, group, outputs, others, kind="whole_curve", seed=seed)
+    less = learn_emulator(axes.box, group, outputs, others, kind="whole_curve", seed=seed)
     x = axes.box.to_unit(np.array([samples[k].values[n] for n in axes.box.names]))
     true = np.array([samples[k].outputs[o.id] for o in outputs])
     return emulator, float(np.abs(less.means(outputs, x[None])[0] - true).max() / np.abs(true).max())
@@ -274,16 +276,16 @@ def _of_block(b: Block, emulator: Emulator, near: Near, x: np.ndarray) -> Data:
     y = np.concatenate(curves)
     data = Data(b.places[0].experiment, b.unit, b.depth, y, _stated(b, curves)) if b.data is None else b.data
     each = [of_emulator(emulator, x, near(x), p, f) for p, f in zip(b.places, curves, strict=True)]
-    return with_model_errors(data, joined(each))
+    return with_model_errors(data, joined_errors(each))
 
 
 def _stated(b: Block, curves: Sequence[np.ndarray]) -> np.ndarray:
     """Covariance (n, n) of readings not yet taken, by what is stated of them."""
     y, n = np.concatenate(curves), b.noise
     slope = np.concatenate([_slope(p.depth, f) for p, f in zip(b.places, curves, strict=True)])
-    return covariance(
-        b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
-        correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation or 0.0,
+    return error_covariance(
+        b.depth, y, slope, white=0.0 if n.correlation else n.of(block_channel(b)),
+        correlated=n.of(block_channel(b)) if n.correlation else 0.0, length=n.correlation or 0.0,
         gain=math.hypot(n.gain or 0.0, n.calibration), depth_noise=n.depth, contact=n.contact or 0.0,
     )  # fmt: skip
 

@@ -224,7 +224,7 @@ def _improved(problem: _Problem, u: np.ndarray, f: np.ndarray, k: int, held: boo
     return whole(found.x)[0] if (better and after >= -1e-9) or after > before else u
 
 
-def chosen(F: np.ndarray, count: int) -> list[int]:
+def representative_rows(F: np.ndarray, count: int) -> list[int]:
     """Rows of a front (n, m) that stand for it, by objectives: its ends, its knee, those farthest from all chosen.
 
     The knee is the point nearest to the ideal one, with each objective scaled to its range on the front.

@@ -11,9 +11,9 @@ from typing import Any
 from rso.evaluation import Event
 from rso.evaluation.store import RunStore
 from rso.objectives.plan import ParetoPlan
-from rso.objectives.results import results, write
+from rso.objectives.results import pareto_data, write_pareto
 from rso.objectives.runs import StudyRuns
-from rso.objectives.solving import solve
+from rso.objectives.solving import solve_study
 
 
 def run_pareto(
@@ -32,6 +32,6 @@ def run_pareto(
     Raises NoSurface where too few runs have an answer, StudyError for a design that there is not.
     """
     begun = time.perf_counter()
-    found = solve(plan, StudyRuns(plan, store, executor, watch), say)
+    found = solve_study(plan, StudyRuns(plan, store, executor, watch), say)
     found.timings["total"] = time.perf_counter() - begun
-    return write(folder, results(found, command, jobs))
+    return write_pareto(folder, pareto_data(found, command, jobs))

@@ -12,12 +12,12 @@ import numpy as np
 from rso import doe
 from rso.contract import Backend, Case, FreeCurves, Parameter, Programme, capability
 from rso.core import disk
-from rso.core.quantities import OutputQuantity, of_unit
+from rso.core.quantities import OutputQuantity, limit_in_unit
 from rso.core.units import spaced
 from rso.doe import Condition, Space
-from rso.doe.space import apart, refused
+from rso.doe.space import distinct_runs, refusal
 from rso.evaluation import Source, Task
-from rso.study.errors import Problem, choose, study_error
+from rso.study.errors import Problem, choices_text, study_error
 from rso.study.resolve import resolve
 from rso.study.schema import Study
 from rso.study.sources import source_of
@@ -137,7 +137,7 @@ def pareto_plan(study: Study, *, backend: Backend | None = None) -> ParetoPlan:
     objectives = _objectives(study, outputs, problems)
     limits = _limits(study, outputs, problems)
     conditions = _conditions(study, found, resolved.fixed, problems)
-    why = refused(study.doe.kind, study.doe.options(), found)
+    why = refusal(study.doe.kind, study.doe.options(), found)
     if study.doe.options().get("star") == "circumscribed":
         why = "star points beyond the ranges are none of this study's: choose inscribed or face"
     problems += [Problem(("doe", "kind"), why, study.doe.kind)] if why else []
@@ -169,7 +169,9 @@ def _outputs(backend: Backend, case: Case) -> Outputs:
 def _unit(quantity: OutputQuantity, outputs: Outputs, place: Any, problems: list[Problem]) -> str | None:
     """The unit of a quantity; None after noting a problem."""
     if quantity.name not in outputs:
-        problems.append(Problem(place, f"the model has no output {quantity.name!r}; {choose(quantity.name, outputs)}"))
+        problems.append(
+            Problem(place, f"the model has no output {quantity.name!r}; {choices_text(quantity.name, outputs)}")
+        )
         return None
     try:
         return quantity.unit(outputs)
@@ -203,7 +205,7 @@ def _limits(study: Study, outputs: Outputs, problems: list[Problem]) -> tuple[Ou
         if unit is None:
             continue
         try:
-            low, high = of_unit(limits.low, unit, -np.inf), of_unit(limits.high, unit, np.inf)
+            low, high = limit_in_unit(limits.low, unit, -np.inf), limit_in_unit(limits.high, unit, np.inf)
         except ValueError as error:
             problems.append(Problem(place, str(error), limits.text))
             continue
@@ -236,10 +238,10 @@ def designed(plan: ParetoPlan) -> np.ndarray:
     runs = min(table.runs, int(min(space.count(), table.runs))) if stated else None
     try:
         U = doe.design(table.kind, space.d, runs, plan.seed, feasible=feasible, **table.options())
-        U = _filled_up(plan, apart(space, U), len(U), feasible)
+        U = _filled_up(plan, distinct_runs(space, U), len(U), feasible)
         if table.extend:
             further = doe.extend_design(table.kind, U, table.extend, plan.seed, feasible)
-            U = apart(space, np.vstack([U, further]))
+            U = distinct_runs(space, np.vstack([U, further]))
     except ValueError as error:
         raise study_error(plan.study.file, plan.study.lines, [Problem(("doe",), str(error))]) from error
     return U
@@ -249,18 +251,18 @@ def _filled_up(plan: ParetoPlan, U: np.ndarray, n: int, feasible: doe.Feasible |
     """The design with as many different points as were asked for, as far as there are so many."""
     if len(U) >= n:
         return U
-    more = plan.space.snapped(doe.sobol(plan.space.d, 4096, [plan.seed, 1]))
+    more = plan.space.snapped(doe.sobol_sequence(plan.space.d, 4096, [plan.seed, 1]))
     more = more if feasible is None else more[np.asarray(feasible(more), bool)]
-    return apart(plan.space, np.vstack([U, more]))[:n]
+    return distinct_runs(plan.space, np.vstack([U, more]))[:n]
 
 
-def held_out(plan: ParetoPlan, design: np.ndarray) -> np.ndarray:
+def held_out_points(plan: ParetoPlan, design: np.ndarray) -> np.ndarray:
     """Points (m, d) of their own that score the surfaces before any of them learns these."""
     n = plan.study.doe.held_out
     if not n:
         return np.empty((0, plan.space.d))
-    U = plan.space.snapped(doe.sobol(plan.space.d, 4096, [plan.seed, 2]))
-    U = apart(plan.space, U[plan.feasible(U)])
+    U = plan.space.snapped(doe.sobol_sequence(plan.space.d, 4096, [plan.seed, 2]))
+    U = distinct_runs(plan.space, U[plan.feasible(U)])
     known = {tuple(u) for u in design.round(9)}
     return np.array([u for u in U[: 64 * n] if tuple(u.round(9)) not in known][:n]).reshape(-1, plan.space.d)
 
@@ -272,7 +274,7 @@ def _from_file(plan: ParetoPlan) -> np.ndarray:
     space, path = plan.space, plan.study.folder / name
     try:
         rows = list(
-            csv.DictReader(disk.read(path, MOST_POINTS).decode("utf-8-sig").splitlines(), skipinitialspace=True)
+            csv.DictReader(disk.read_bytes(path, MOST_POINTS).decode("utf-8-sig").splitlines(), skipinitialspace=True)
         )
         theta = np.array([[_cell(space, n, row) for n in space.names] for row in rows]).reshape(-1, space.d)
         U = space.from_values(theta)
@@ -282,7 +284,7 @@ def _from_file(plan: ParetoPlan) -> np.ndarray:
             raise ValueError("points outside the parameters' ranges, or on none of their values")
         if not np.all(plan.feasible(U)):
             raise ValueError(f"{np.sum(~plan.feasible(U))} points violate doe.constraints")
-        return apart(space, U)
+        return distinct_runs(space, U)
     except (OSError, ValueError, csv.Error) as error:
         message = f"{path.name}: {error}; a CSV with the header {','.join(space.names)}, one point a line, is expected"
         raise study_error(plan.study.file, plan.study.lines, [Problem(("doe", "file"), message)]) from error
@@ -294,6 +296,6 @@ def _cell(space: Space, name: str, row: Mapping[str, str | None]) -> float:
         raise ValueError(f"column {name} is missing or empty")
     if space.labels[j]:
         if text not in space.labels[j]:
-            raise ValueError(f"{name} = {text!r}: {choose(text, space.labels[j])}")
+            raise ValueError(f"{name} = {text!r}: {choices_text(text, space.labels[j])}")
         return space.levels[j][space.labels[j].index(text)]
     return float(text)

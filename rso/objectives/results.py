@@ -19,7 +19,7 @@ from rso.core.units import spaced
 from rso.emulation import Scores
 from rso.objectives.front import knee
 from rso.objectives.plan import ParetoPlan
-from rso.objectives.runs import ParetoRun, misses, values_of
+from rso.objectives.runs import ParetoRun, limit_misses, objectives_of
 from rso.objectives.solving import ParetoCandidate, ParetoOutcome
 from rso.objectives.surfaces import nondominated
 
@@ -28,7 +28,7 @@ RUN_COLUMNS = ("key", "purpose", "state", "within_limits", "best", "cause", "rea
 EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_MET = 3, 4, 6
 
 
-def results(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]:
+def pareto_data(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]:
     """Everything that the page shows, as strict JSON data."""
     plan = found.plan
     best = _best_runs(found)
@@ -70,20 +70,20 @@ def results(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]:
             "rso": rso.__version__,
             "python": platform.python_version(),
             "command": command,
-            "study_sha256": digest(disk.read(plan.study.file).hex()),
+            "study_sha256": digest(disk.read_bytes(plan.study.file).hex()),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "jobs": jobs,
         },
     }
     data["best_runs"] = [r["key"] for r in data["runs"] if r["best"]]
-    data["words"] = sentences(data)
-    data["exit_code"], data["exit_reason"] = ended(data)
+    data["words"] = pareto_sentences(data)
+    data["exit_code"], data["exit_reason"] = pareto_exit_code(data)
     return plainly(data)
 
 
-def write(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
+def write_pareto(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
     """results.json and runs.csv in `folder`; the data."""
-    plain_results.write(folder / "results.json", data)
+    plain_results.write_results(folder / "results.json", data)
     units = {p["name"]: p["unit"] for p in data["parameters"]} | data["units"]
     import pandas as pd
 
@@ -131,16 +131,16 @@ def _parameters(plan: ParetoPlan) -> list[dict[str, Any]]:
 
 def _best_runs(found: ParetoOutcome) -> set[str]:
     """Keys of the runs that keep all limits and that no other such run beats in every objective."""
-    good = [r for r in _distinct(found.runs) if r.y is not None and not misses(found.plan, r.y)]
+    good = [r for r in _distinct(found.runs) if r.y is not None and not limit_misses(found.plan, r.y)]
     good = [r for r in good if found.plan.feasible(r.u[None])[0]]
     if not good:
         return set()
-    F = np.array([values_of(found.plan, r.y) for r in good if r.y is not None])
+    F = np.array([objectives_of(found.plan, r.y) for r in good if r.y is not None])
     return {r.outcome.key for r, keep in zip(good, nondominated(F), strict=True) if keep}
 
 
 def _run(plan: ParetoPlan, r: ParetoRun, best: set[str]) -> dict[str, Any]:
-    own = None if r.y is None else not misses(plan, r.y)
+    own = None if r.y is None else not limit_misses(plan, r.y)
     return {
         "key": r.outcome.key,
         "purpose": r.purpose,
@@ -245,7 +245,7 @@ def _counts(found: ParetoOutcome) -> dict[str, int]:
     return {"runs": len(states), **{s: states.count(s) for s in ("done", "failed", "crashed")}}
 
 
-def ended(data: Mapping[str, Any]) -> tuple[int, str | None]:
+def pareto_exit_code(data: Mapping[str, Any]) -> tuple[int, str | None]:
     """Exit code and its reason: 4 not verified, 6 no candidate keeps the limits, 3 runs without an answer, else 0."""
     bad = [c for c in data["candidates"] if not c["verified"]]
     if bad:
@@ -269,7 +269,7 @@ def ended(data: Mapping[str, Any]) -> tuple[int, str | None]:
     return 0, None
 
 
-def sentences(data: Mapping[str, Any]) -> list[str]:
+def pareto_sentences(data: Mapping[str, Any]) -> list[str]:
     """What was found, in sentences."""
     objectives, front, said = data["objectives"], data["front"], []
     runs = {r["key"]: r for r in data["runs"]}

@@ -93,10 +93,10 @@ def answered(plan: ParetoPlan, runs: Sequence[ParetoRun]) -> FeasibleRegion | No
     box = Box(names, ("1",) * len(names), (0.0,) * len(names), (1.0,) * len(names), (False,) * len(names))
     X = space.features(np.array([r.u for r in known]))
     values = [dict(zip(names, map(float, x), strict=True)) for x in X]
-    return feasibility.learn(box, WHOLE, values, [r.state == "done" for r in known], plan.seed)
+    return feasibility.learn_feasibility(box, WHOLE, values, [r.state == "done" for r in known], plan.seed)
 
 
-def misses(plan: ParetoPlan, y: dict[str, float]) -> dict[str, float]:
+def limit_misses(plan: ParetoPlan, y: dict[str, float]) -> dict[str, float]:
     """Limits that a run does not keep, by how much in their unit; what rounding leaves is none."""
     found = {}
     for c in plan.limits:
@@ -107,6 +107,6 @@ def misses(plan: ParetoPlan, y: dict[str, float]) -> dict[str, float]:
     return found
 
 
-def values_of(plan: ParetoPlan, y: dict[str, float]) -> np.ndarray:
+def objectives_of(plan: ParetoPlan, y: dict[str, float]) -> np.ndarray:
     """Objectives (m,) of a run, to be minimised."""
     return np.array([o.sign * y[o.quantity.text] for o in plan.objectives])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.emulation.sensitivity import Morris, SobolIndices, morris, sobol
+from rso.emulation.sensitivity import Morris, SobolIndices, morris, saltelli_indices
 from rso.objectives.plan import ParetoPlan
 from rso.objectives.surfaces import Surfaces
 
@@ -45,7 +45,7 @@ def sensitivities(plan: ParetoPlan, surfaces: Surfaces, centre: np.ndarray) -> S
     indices, effects = {}, {}
     for k, (text, surface) in enumerate(surfaces.each.items()):
         if table.sobol:
-            indices[text] = sobol(
+            indices[text] = saltelli_indices(
                 surface.mean,
                 space.d,
                 plan.seed + k,

@@ -11,11 +11,11 @@ import numpy as np
 
 from rso.emulation import Scores
 from rso.emulation.feasibility import FeasibleRegion
-from rso.objectives.front import NEAR, PredictedFront, chosen, knee, search
-from rso.objectives.plan import ParetoPlan, designed, held_out
-from rso.objectives.runs import ParetoRun, StudyRuns, answered, data, misses, values_of
+from rso.objectives.front import NEAR, PredictedFront, knee, representative_rows, search
+from rso.objectives.plan import ParetoPlan, designed, held_out_points
+from rso.objectives.runs import ParetoRun, StudyRuns, answered, data, limit_misses, objectives_of
 from rso.objectives.sensitivity import Sensitivities, sensitivities
-from rso.objectives.surfaces import Surfaces, learn, nondominated, scores
+from rso.objectives.surfaces import Surfaces, learn_surfaces, nondominated, scores
 from rso.optimise.mixed import mixed_front
 from rso.study.errors import Problem, study_error
 
@@ -61,7 +61,7 @@ class ParetoOutcome:
     warnings: list[str] = field(default_factory=list)
 
 
-def solve(plan: ParetoPlan, runs: StudyRuns, say: Say) -> ParetoOutcome:
+def solve_study(plan: ParetoPlan, runs: StudyRuns, say: Say) -> ParetoOutcome:
     """The whole way from the design to verified candidates."""
     clock = time.perf_counter()
     timings: dict[str, float] = {}
@@ -73,7 +73,7 @@ def solve(plan: ParetoPlan, runs: StudyRuns, say: Say) -> ParetoOutcome:
         clock = now
 
     design = designed(plan)
-    held = held_out(plan, design)
+    held = held_out_points(plan, design)
     say("design")
     made = runs.make(design, "design")
     kept = runs.make(held, "held out")
@@ -113,7 +113,7 @@ def _learnt(plan: ParetoPlan, runs: list[ParetoRun]) -> Surfaces:
         raise NoSurface(f"no run has an answer; the first: {reasons[0] if reasons else 'there are none'}")
     table = plan.study.surrogate
     try:
-        return learn(plan.space, U, columns, plan.units, kind=table.kind, degree=table.degree, seed=plan.seed)
+        return learn_surfaces(plan.space, U, columns, plan.units, kind=table.kind, degree=table.degree, seed=plan.seed)
     except ValueError as error:
         if "surrogate.degree" in str(error):
             raise study_error(
@@ -136,7 +136,7 @@ def _on_surfaces(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, say: Say
         region = answered(plan, runs.made)
         front = search(plan, surfaces, seed=plan.seed + len(rounds), start=start, margins=margins, region=region)
         count = plan.study.search.candidates
-        picked = np.vstack([front.U[chosen(front.F, count)], front.others[: count - 1]])
+        picked = np.vstack([front.U[representative_rows(front.F, count)], front.others[: count - 1]])
         made = runs.make(picked, "candidate")
         candidates = [_judged(plan, surfaces, u, run) for u, run in zip(picked, made, strict=True)]
         rounds.append(_round(plan, candidates))
@@ -166,7 +166,7 @@ def _explored(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, region: Fea
 
     It is better where the objective and all limits are two standard deviations better than predicted.
     """
-    best = [values_of(plan, r.y)[0] for r in runs.made if r.y is not None and not misses(plan, r.y)]
+    best = [objectives_of(plan, r.y)[0] for r in runs.made if r.y is not None and not limit_misses(plan, r.y)]
     start = _start(plan, runs.made)
     front = search(plan, surfaces, seed=plan.seed, start=start, margins={}, region=region, optimism=OPTIMISM)
     known = np.array([r.u for r in runs.made])
@@ -194,7 +194,7 @@ def _judged(plan: ParetoPlan, surfaces: Surfaces, u: np.ndarray, run: ParetoRun)
     gaps = {t: abs(predicted[t] - v) / sizes[t] for t, v in run.y.items()}
     worst = max(gaps, key=lambda t: gaps[t])
     verified = gaps[worst] <= plan.study.verify.tolerance
-    return ParetoCandidate(u, predicted, run, gaps[worst], worst, verified, misses(plan, run.y))
+    return ParetoCandidate(u, predicted, run, gaps[worst], worst, verified, limit_misses(plan, run.y))
 
 
 def _margins(
@@ -236,10 +236,10 @@ def _round(plan: ParetoPlan, candidates: list[ParetoCandidate]) -> dict[str, Any
 
 def _start(plan: ParetoPlan, made: list[ParetoRun]) -> np.ndarray:
     """The best runs so far, which the population begins with."""
-    good = [r for r in made if r.y is not None and not misses(plan, r.y)]
+    good = [r for r in made if r.y is not None and not limit_misses(plan, r.y)]
     if not good:
         return np.empty((0, plan.space.d))
-    F = np.array([values_of(plan, r.y) for r in good if r.y is not None])
+    F = np.array([objectives_of(plan, r.y) for r in good if r.y is not None])
     keep = nondominated(F)
     return np.array([r.u for r, k in zip(good, keep, strict=True) if k])[: plan.study.search.population // 2]
 
@@ -256,7 +256,7 @@ def _directly(plan: ParetoPlan, runs: StudyRuns) -> tuple[PredictedFront, list[P
         return [known[key] for key in keys]
 
     def objectives(U: np.ndarray) -> np.ndarray:
-        return np.array([[np.nan] * len(plan.objectives) if r.y is None else values_of(plan, r.y) for r in made(U)])
+        return np.array([[np.nan] * len(plan.objectives) if r.y is None else objectives_of(plan, r.y) for r in made(U)])
 
     def violations(U: np.ndarray) -> np.ndarray:
         rows = []
@@ -279,10 +279,10 @@ def _directly(plan: ParetoPlan, runs: StudyRuns) -> tuple[PredictedFront, list[P
         start=_start(plan, runs.made),
     )
     front = PredictedFront(found.X, found.F, found.feasible, found.hypervolume, found.evaluations, found.X[:0])
-    picked = [found.X[k] for k in chosen(found.F, table.candidates)]
+    picked = [found.X[k] for k in representative_rows(found.F, table.candidates)]
     candidates = []
     for u, run in zip(picked, made(np.array(picked)), strict=True):
-        out = {} if run.y is None else misses(plan, run.y)
+        out = {} if run.y is None else limit_misses(plan, run.y)
         candidates.append(ParetoCandidate(u, None, run, 0.0, None, run.y is not None, out))
     return front, candidates, [_round(plan, candidates)]
 
@@ -294,7 +294,7 @@ def _size(low: float, high: float) -> float:
 
 def _centre(plan: ParetoPlan, candidates: list[ParetoCandidate]) -> np.ndarray:
     """The point about which one parameter at a time is shown: the candidate with an answer nearest to the ideal."""
-    good = [(c.u, values_of(plan, c.run.y)) for c in candidates if c.run.y is not None]
+    good = [(c.u, objectives_of(plan, c.run.y)) for c in candidates if c.run.y is not None]
     if not good:
         return plan.space.snapped(np.full((1, plan.space.d), 0.5))[0]
     return good[knee(np.array([f for _, f in good]))][0]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from rso.doe import Space
-from rso.emulation import Scores, Surrogate, fit, multi_output, score
-from rso.emulation.common import powers
+from rso.emulation import Scores, Surrogate, fit_surrogate, multi_output, score
+from rso.emulation.common import monomial_exponents
 from rso.emulation.polynomial import HIGHEST
 
 ALL = ()  # the key of a surface that holds for every category
@@ -89,7 +89,7 @@ class Surfaces:
         return dict(zip(self.each, self._together.mean(self.space.features(U)).T, strict=True))
 
 
-def learn(
+def learn_surfaces(
     space: Space,
     U: np.ndarray,
     columns: Mapping[str, np.ndarray],
@@ -102,10 +102,10 @@ def learn(
 ) -> Surfaces:
     """Surfaces of quantities y (n,) by text over points U (n, d).
 
-    ``auto`` chooses by cross-validation as :func:`rso.emulation.fit` does; kriging sees each text of a category as a
-    column of 0 and 1, and is what ``auto`` takes where there are categories or fewer than five levels.  A polynomial is
-    fitted for each combination of categories apart.  Raises ValueError naming the quantity where there are too few
-    runs, and where a polynomial's degree needs more levels than a parameter has.
+    ``auto`` chooses by cross-validation as :func:`rso.emulation.fit_surrogate` does; kriging sees each text of a
+    category as a column of 0 and 1, and is what ``auto`` takes where there are categories or fewer than five levels.  A
+    polynomial is fitted for each combination of categories apart.  Raises ValueError naming the quantity where there
+    are too few runs, and where a polynomial's degree needs more levels than a parameter has.
     """
     apart = kind == "polynomial" and bool(space.categories)
     few = [
@@ -125,7 +125,7 @@ def learn(
                 X = space.features(U[rows], categories=not apart)
                 seen = None if held is None or apart else (space.features(held[0]), held[1][text])
                 names = space.feature_names() if not apart else None
-                models[key] = fit(
+                models[key] = fit_surrogate(
                     kind, X, y[rows], seed=seed, share=None, degree=degree, unit=units[text], names=names, held=seen,
                     trends=trends,
                 )  # fmt: skip
@@ -150,7 +150,7 @@ def _allowed(space: Space, degree: int | None, runs: int) -> int:
     if degree is not None:
         return degree
     d = space.d - len(space.categories)
-    return max([q for q in range(1, most + 1) if len(powers(d, q)) < runs], default=1)
+    return max([q for q in range(1, most + 1) if len(monomial_exponents(d, q)) < runs], default=1)
 
 
 def _whole(space: Space, models: Mapping[tuple[int, ...], Any], text: str) -> None:

@@ -17,9 +17,9 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from rso.core.distributions import normal_cdf, normal_pdf, normal_ppf
-from rso.doe import Box, sobol
-from rso.inference.intervals import profile, spread
-from rso.inference.least_squares import descend, fit_at
+from rso.doe import Box, sobol_sequence
+from rso.inference.intervals import profile_likelihood, standard_deviations
+from rso.inference.least_squares import fit_at, levenberg_marquardt
 from rso.inference.likelihood import SMALLEST, Data, Misfit, Model
 from rso.inference.sloppy_directions import UNIFORM, expected_sd, per_log
 
@@ -71,7 +71,7 @@ def on_valley(misfit: Misfit, start: np.ndarray, parameter: int, values: np.ndar
     """Points (k, d) with a parameter at given places (k,) of the unit cube and the others where the data want them."""
     X = np.repeat(start[None], len(values), axis=0)
     X[:, parameter] = values
-    return descend(misfit, X, np.arange(len(start)) != parameter)
+    return levenberg_marquardt(misfit, X, np.arange(len(start)) != parameter)
 
 
 def expected_information(
@@ -95,7 +95,7 @@ def expected_information(
     sds = [(expected_sd(box, x, F), expected_sd(box, x, base + F)) for F in rows]
     if not draws:
         return [ExpectedInformation(n, a, f) for n, (a, f) in zip(names, sds, strict=True)]
-    sharpest = min(float(spread(base + F + UNIFORM * np.eye(box.d))[weakest]) for F in rows)
+    sharpest = min(float(standard_deviations(base + F + UNIFORM * np.eye(box.d))[weakest]) for F in rows)
     X, log_q = _points(box, x, weakest, existing, base, sharpest, seed)
     rng = np.random.default_rng([seed, 21])
     one = {e.name: _chi2(e, x, X, draws, rng) for e in (*existing, *every.values())}
@@ -128,14 +128,14 @@ def _points(
         data.append(Data(e.name, "", np.arange(1.0, len(y) + 1), y, C))
     model = Model(box, lambda X: np.concatenate([e.model.predict(X) for e in existing], axis=1))
     misfit = Misfit(model, tuple(data))
-    valley = profile(misfit, fit_at(misfit, x), weakest)
+    valley = profile_likelihood(misfit, fit_at(misfit, x), weakest)
     others = np.arange(box.d) != weakest
     t, log_t = _along(float(x[weakest]), sharpest)
     X = np.repeat(np.stack([np.interp(t, valley.at, p) for p in valley.path.T], axis=1), ACROSS, axis=0)
     X[:, weakest], log_t = np.repeat(t, ACROSS), np.repeat(log_t, ACROSS)
     if not others.any():
         return X, log_t
-    z = sobol(int(others.sum()), ALONG * ACROSS, [seed, 22])
+    z = sobol_sequence(int(others.sum()), ALONG * ACROSS, [seed, 22])
     z = normal_ppf(np.clip(z, 1e-9, 1 - 1e-9))
     part = fisher[np.ix_(others, others)] + UNIFORM * np.eye(int(others.sum()))
     X[:, others] += WIDER * z @ np.linalg.inv(np.linalg.cholesky(part))

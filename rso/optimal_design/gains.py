@@ -84,7 +84,7 @@ def weakest(known: Sequence[Known]) -> str:
     return max(known, key=lambda k: k.sd_log).name
 
 
-def in_order(found: Sequence[Gain], focus: str) -> list[tuple[Gain, Worth]]:
+def ranked_gains(found: Sequence[Gain], focus: str) -> list[tuple[Gain, Worth]]:
     """Tests by what they are expected to show of a parameter, and by their price."""
     worth = {id(g): Worth(about_parameter([g.before[focus]], [g.after[focus]]), g.price) for g in found}
     return [(g, worth[id(g)]) for g in ranked(found, lambda g: worth[id(g)])]

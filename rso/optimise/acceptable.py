@@ -52,7 +52,7 @@ def approach(X: np.ndarray, goal: Goal, aim: float) -> np.ndarray:
         moving = np.flatnonzero((g**2).sum(axis=1) > 1e-24)
         if not len(moving):
             break
-        step = shortest(X[moving], g[moving], excess, goal.low, goal.high)
+        step = shortest_steps(X[moving], g[moving], excess, goal.low, goal.high)
         for damping in (1.0, 0.5, 0.25, 0.1):
             tries = np.clip(X[moving] + damping * step, goal.low, goal.high)
             after = excess(tries)
@@ -80,7 +80,7 @@ def grow(X: np.ndarray, goal: Goal, aim: float, rng: np.random.Generator) -> np.
     return np.vstack(found)
 
 
-def shortest(X: np.ndarray, g: np.ndarray, excess: Function, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def shortest_steps(X: np.ndarray, g: np.ndarray, excess: Function, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Shortest Gauss–Newton steps (n, d), at most 0.3 long, that do not press against the faces of the box."""
     n, d = X.shape
     J = np.zeros((n, g.shape[1], d))

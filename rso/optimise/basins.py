@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 
 Score = Callable[[np.ndarray], np.ndarray]
 LOOKED = 14  # log2 of the points looked at in four dimensions or more; fewer in fewer
@@ -28,7 +28,7 @@ def basins(score: Score, d: int, seed: int) -> np.ndarray:
     """
     if d > HIGHEST:
         return np.empty((0, d))
-    X = sobol(d, 2 ** min(LOOKED, 6 + 2 * d), seed)
+    X = sobol_sequence(d, 2 ** min(LOOKED, 6 + 2 * d), seed)
 
     def finite(points: np.ndarray) -> np.ndarray:
         parts = [np.asarray(score(points[k : k + BLOCK]), float) for k in range(0, len(points), BLOCK)]

@@ -11,10 +11,10 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import cdist, pdist, squareform
 
 from rso.core.units import spaced
-from rso.doe import Box, sobol
+from rso.doe import Box, sobol_sequence
 from rso.optimise.acceptable import Goal, approach, grow
 from rso.optimise.basins import basins
-from rso.optimise.nsga2 import Front, Function, bounds, inside
+from rso.optimise.nsga2 import Front, Function, bounds, into_box
 from rso.optimise.targets import Target
 
 Kind = Literal["valley", "islands", "front", "single"]
@@ -54,7 +54,7 @@ class Choice:
         return self.highest - self.lowest
 
 
-def choose(
+def choose_candidates(
     front: Front,
     residuals: Function,
     tolerance: np.ndarray,
@@ -83,9 +83,9 @@ def choose(
         raise ValueError(f"choose: needs count >= 1 and tolerances > 0, got {count} and {tolerance}")
     goal, pool = Goal(residuals, violations, tolerance, low, high), front.X
     if free.any():
-        narrow = basins(lambda U: goal.judge(inside(U, low, high, free))[1], int(free.sum()), seed)
-        U = np.vstack([sobol(int(free.sum()), SAMPLE, seed), narrow])
-        pool = np.vstack([pool, inside(U, low, high, free)])
+        narrow = basins(lambda U: goal.judge(into_box(U, low, high, free))[1], int(free.sum()), seed)
+        U = np.vstack([sobol_sequence(int(free.sum()), SAMPLE, seed), narrow])
+        pool = np.vstack([pool, into_box(U, low, high, free)])
     spread = approach(pool, goal, 0.95)
     if not len(spread):
         raise ValueError("choose: no residual is finite anywhere in the box")
@@ -114,7 +114,7 @@ def choose(
     return Choice(X, residuals(X), tolerance, kind, True, True, lowest, highest, _together(A, long), count)
 
 
-def story(choice: Choice, box: Box, targets: Sequence[Target]) -> str:
+def choice_sentences(choice: Choice, box: Box, targets: Sequence[Target]) -> str:
     """What was found, in one to four sentences with physical values and units."""
     if not choice.feasible:
         return "No point of the ranges respects every constraint; the candidate violates them least."

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 
-from rso.doe import Space, sobol
+from rso.doe import Space, sobol_sequence
 from rso.optimise.nsga2 import Front, Function, evaluated, hypervolumes, nsga2, pymoo_evaluation
 
 
@@ -32,7 +32,7 @@ def mixed_front(
             objectives, space.d, seed=seed, constraints=constraints, population=population, generations=generations,
             start=start,
         )  # fmt: skip
-    first = space.snapped(sobol(space.d, population, seed))
+    first = space.snapped(sobol_sequence(space.d, population, seed))
     if start is not None and len(start):
         first[: len(start)] = space.snapped(np.asarray(start, float)[:population])
     with warnings.catch_warnings():

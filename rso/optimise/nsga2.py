@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 from rso.optimise.basins import basins
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -62,15 +62,15 @@ def nsga2(
     if not free.any():
         F, G = evaluated(low[None], objectives, constraints)
         return Front(low[None], F, bool(G.max() <= 0), np.zeros(1), 1)
-    score = _one(objectives, constraints, inside(sobol(int(free.sum()), 256, seed), low, high, free))
-    narrow = basins(lambda U: score(inside(U, low, high, free)), int(free.sum()), seed)[: population // 4]
+    score = _one(objectives, constraints, into_box(sobol_sequence(int(free.sum()), 256, seed), low, high, free))
+    narrow = basins(lambda U: score(into_box(U, low, high, free)), int(free.sum()), seed)[: population // 4]
     first = _start(d, population, seed, start, low, high, free, narrow)
     algorithm, problem = _algorithm(int(free.sum()), population, generations, seed, first)
     static, evaluator = pymoo_evaluation()
     history = []
     while algorithm.has_next():
         asked = algorithm.ask()
-        F, G = evaluated(inside(asked.get("X"), low, high, free), objectives, constraints)
+        F, G = evaluated(into_box(asked.get("X"), low, high, free), objectives, constraints)
         # Known once the first points are computed.
         problem.n_obj, problem.n_ieq_constr = F.shape[1], G.shape[1]
         evaluator.eval(static(problem, F=F, G=G), asked)
@@ -78,7 +78,7 @@ def nsga2(
         kept = algorithm.opt
         history.append(kept.get("F")[kept.get("CV")[:, 0] <= 0])
     feasible = len(history[-1]) > 0
-    X, F = inside(algorithm.opt.get("X"), low, high, free), algorithm.opt.get("F")
+    X, F = into_box(algorithm.opt.get("X"), low, high, free), algorithm.opt.get("F")
     X, once = np.unique(X, axis=0, return_index=True)
     F = F[once]
     order = np.lexsort(F.T[::-1])
@@ -94,7 +94,7 @@ def bounds(d: int, low: np.ndarray | None, high: np.ndarray | None) -> tuple[np.
     return low, high, high > low
 
 
-def inside(U: np.ndarray, low: np.ndarray, high: np.ndarray, free: np.ndarray) -> np.ndarray:
+def into_box(U: np.ndarray, low: np.ndarray, high: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Points of the box from points (n, free) of its own unit cube; fixed parameters stay fixed."""
     X = np.tile(low, (len(U), 1))
     X[:, free] = np.clip(low[free] + U * (high - low)[free], low[free], high[free])
@@ -127,7 +127,7 @@ def _start(
     free: np.ndarray,
     narrow: np.ndarray,
 ) -> np.ndarray:
-    U = sobol(int(free.sum()), population, seed)
+    U = sobol_sequence(int(free.sum()), population, seed)
     U[len(U) - len(narrow) :] = narrow
     if start is not None:
         given = np.atleast_2d(np.asarray(start, float))

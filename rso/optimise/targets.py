@@ -115,7 +115,7 @@ def against(target: Target, output: str, value: float, error: float = 0.0) -> Ch
     return Checked("target", output, demand, value, value - target.value, tolerance, target.unit)
 
 
-def within(limits: Constraint, output: str, value: float) -> Checked:
+def excess_over_limits(limits: Constraint, output: str, value: float) -> Checked:
     """A recomputed value against limits; above `high` the miss is positive, below `low` negative."""
     miss = value - min(max(value, limits.low), limits.high)
     limit = limits.low if miss < 0 else limits.high
@@ -123,14 +123,14 @@ def within(limits: Constraint, output: str, value: float) -> Checked:
     return Checked("constraint", output, f"{limits}{limits.words}", value, miss, slack, limits.unit)
 
 
-def residuals(targets: Sequence[Target], outputs: np.ndarray) -> np.ndarray:
+def target_residuals(targets: Sequence[Target], outputs: np.ndarray) -> np.ndarray:
     """Signed differences y_j − value_j (n, m), in the units of the outputs (n, m)."""
     return _outputs(outputs, len(targets)) - np.array([t.value for t in targets])
 
 
 def objectives(targets: Sequence[Target], outputs: np.ndarray) -> np.ndarray:
     """|y_j − value_j| (n, m), to be minimised, in the units of the outputs (n, m)."""
-    return np.abs(residuals(targets, outputs))
+    return np.abs(target_residuals(targets, outputs))
 
 
 def violations(constraints: Sequence[Constraint], outputs: np.ndarray) -> np.ndarray:

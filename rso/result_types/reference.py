@@ -36,7 +36,7 @@ def page(file: str = "") -> list[str]:
     return lines if not file else lines[1:]
 
 
-def schema(file: str) -> dict[str, Any]:
+def result_schema(file: str) -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a result file; ValueError naming the files."""
     if file not in FILES:
         raise ValueError(f"there is no result file {file!r}; choose one of {', '.join(FILES)}")

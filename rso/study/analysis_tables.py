@@ -15,9 +15,9 @@ from rso.study.fields import (
     Name,
     Runs,
     Settings,
-    apart,
     expected,
     list_to_tuple,
+    listed_once,
     names_of_effects,
 )
 from rso.study.noise_table import NoiseTable
@@ -98,10 +98,10 @@ class NextExperiment(StudyFileTable):
     marks: Annotated[
         tuple[Annotated[tuple[float, float], BeforeValidator(list_to_tuple)], ...],
         BeforeValidator(list_to_tuple),
-        AfterValidator(apart),
+        AfterValidator(listed_once),
     ] = ()
     """Or surface points [x, y], mm, whose displacement uz is read."""
-    depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()
+    depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple), AfterValidator(listed_once)] = ()
     """At which the marks are read."""
     noise: NoiseTable = NoiseTable()
     """How well it is read."""

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
-from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
+from rso.core.units import CHANNELS, COLUMNS, UNITS, same, value_in_unit
 from rso.data import Hold, MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
-from rso.study.errors import Problem, choose, study_error
+from rso.study.errors import Problem, choices_text, study_error
 from rso.study.line_numbers import Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
@@ -83,7 +83,7 @@ def _radius(study: Study, name: str) -> float:
     indenter = study.settings_of(name).get("indenter")
     value = indenter.get("radius") if isinstance(indenter, Mapping) else None
     try:
-        return quantity(value, "mm")  # type: ignore[arg-type]
+        return value_in_unit(value, "mm")  # type: ignore[arg-type]
     except (TypeError, ValueError):
         return 0.0
 
@@ -203,10 +203,10 @@ def programme_of(asked: tuple[float, ...], speed: float, hold: Hold | None = Non
 def profile_case(study: Study, name: str, curve: MeasuredCurve) -> Case:
     """The same for a profile: its depths are asked for, and the displacements of its marks."""
     case = case_for(study, name, profile_depths(curve))
-    return dataclasses.replace(case, settings={**case.settings, "profile": marks(curve)})
+    return dataclasses.replace(case, settings={**case.settings, "profile": profile_places(curve)})
 
 
-def marks(curve: MeasuredCurve) -> list[list[float]]:
+def profile_places(curve: MeasuredCurve) -> list[list[float]]:
     """Different reference places [x, y] (mm) of a profile."""
     assert curve.position is not None
     return [list(map(float, p)) for p in np.unique(curve.position + 0.0, axis=0)]  # + 0.0: no negative zero
@@ -248,7 +248,7 @@ def stated_speed(study: Study, name: str) -> float | None:
     if value is None:
         return None
     try:
-        speed = quantity(value, "mm/s")
+        speed = value_in_unit(value, "mm/s")
         if not 0.0 < speed < float("inf"):
             raise ValueError("must be positive and finite")
     except (TypeError, ValueError) as error:
@@ -258,7 +258,7 @@ def stated_speed(study: Study, name: str) -> float | None:
     return speed
 
 
-def merge(
+def merge_cases(
     study: Study,
     backend: Backend,
     fitted: list[ExperimentTable],
@@ -408,7 +408,7 @@ def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
 
 def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
     return Problem(
-        place, f"the backend {backend.name!r} has no such channel; {choose(channel, backend.channels)}", channel
+        place, f"the backend {backend.name!r} has no such channel; {choices_text(channel, backend.channels)}", channel
     )
 
 

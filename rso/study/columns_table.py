@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, create_model, model_validator
 
 from rso.contract import finite
-from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, worth
+from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, unit_or_count_factor
 from rso.data import CONTACT, Column
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Compliance, Stiffness, expected, formed
@@ -109,7 +109,7 @@ FORCE = "; a force is subtracted with the stiffness or compliance of what it ben
 def _known(unit: str, base: str, more: str) -> None:
     """ValueError for text that is no unit of a kind, nor what one count is."""
     try:
-        worth(unit, base)
+        unit_or_count_factor(unit, base)
     except ValueError as error:
         choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is'
         raise ValueError(f"unit = {unit!r}: {error}; choose from {choices}{more}") from error

@@ -9,7 +9,7 @@ from typing import Any
 from rso.contract import Backend, Case, Programme, Segment, beyond_control
 from rso.data import CreepHold, MeasuredCurve, creep_curve, creep_of
 from rso.study.cases import speed_of
-from rso.study.holds import REACH, SOONEST, ranges, relaxation, relaxes
+from rso.study.holds import REACH, SOONEST, hold_ranges, relaxation_knobs, relaxes
 from rso.study.schema import Study
 
 SUFFIX = " creep"  # behind the name of an experiment: that of its hold at a force
@@ -29,14 +29,14 @@ class Creeps:
     curves: Mapping[str, MeasuredCurve] = dataclasses.field(default_factory=dict)
 
 
-def loading_of(name: str) -> str:
+def loading_experiment(name: str) -> str:
     """The experiment whose loading comes before a hold at a force, or the name itself of another."""
     return name.removesuffix(SUFFIX)
 
 
 def creep_case(study: Study, name: str, hold: CreepHold) -> Case:
     """The way to a held force and the moments of the hold, as the instrument went there."""
-    settings = {k: v for k, v in study.settings_of(loading_of(name)).items() if k != "unload"}
+    settings = {k: v for k, v in study.settings_of(loading_experiment(name)).items() if k != "unload"}
     there = Segment(hold.control, rate=hold.rate, to_N=hold.force)
     rest = Segment("force", hold_s=hold.moments[-1], asked_s=hold.moments)
     return Case(name, Programme(segments=(there, rest), asked_N=(hold.force,)), settings)
@@ -106,11 +106,11 @@ def said_of(
     refused = beyond_control(backend, creep_case(study, name, hold))
     if refused is not None:
         return [f"It is held at {span}. Only the loading is fitted: {refused}."]
-    pair = relaxation(backend)
+    pair = relaxation_knobs(backend)
     said = [f"It is held at {span}. Only the loading is fitted, by a model that does not creep."]
     if pair is None or not hold.grows:
         return said
-    opened = ranges(pair, hold)
+    opened = hold_ranges(pair, hold)
     lines = [
         f"  {p.name} = {{ low = {opened[p.name][0]:g}, high = {opened[p.name][1]:g}{log} }}"
         for p, log in zip(pair, ("", ', scale = "log"'), strict=True)

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from rso.contract import Parameter
 from rso.core.similarity import stress_exponent
-from rso.core.units import CHANNELS, factor, in_base, is_of, quantity
+from rso.core.units import CHANNELS, conversion_factor, in_base, is_of, value_in_unit
 from rso.evaluation.decks import READERS, DeckOutput, Failure
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Names, list_to_tuple
@@ -101,16 +101,16 @@ class OutputTable(StudyFileTable):
         scale, over_unit = 1.0, "1"
         if self.over is not None and self.at_unit is not None:
             over_unit = _base(self.at_unit)
-            scale = float(factor(self.at_unit, over_unit))
+            scale = float(conversion_factor(self.at_unit, over_unit))
         elif self.at_unit is not None:
-            scale = float(factor(self.at_unit, {"time": "s", "travel": "mm"}[at]))
+            scale = float(conversion_factor(self.at_unit, {"time": "s", "travel": "mm"}[at]))
         given = {k: getattr(self, k) for k in ("column", "item", "at_column")}
         return DeckOutput(
             channel,
             base,
             self.file,
             self.reader,
-            self.factor * (1.0 if self.unit is None else float(factor(self.unit, base))),
+            self.factor * (1.0 if self.unit is None else float(conversion_factor(self.unit, base))),
             pattern=self.pattern or "",
             set=self.set or "",
             at=at,
@@ -174,10 +174,10 @@ def deck_parameter(name: str, table: Any) -> tuple[Parameter, tuple[float, float
         if table.unit not in (base, "1") and any(not isinstance(v, str) for v in written):
             raise ValueError(f"unit = {table.unit!r}: bare numbers are in {base}; write them with their unit")
         unit = base
-    values = [quantity(v, unit) for v in written]
+    values = [value_in_unit(v, unit) for v in written]
     low, high = min(values), max(values)
     if table.bounds is not None:
-        first, last = (quantity(v, unit) for v in table.bounds)
+        first, last = (value_in_unit(v, unit) for v in table.bounds)
         if not first <= low <= high <= last:
             raise ValueError(f"bounds = {list(table.bounds)} do not hold {low:g} to {high:g} {unit}")
         return Parameter(name, table.description or name, unit, first, last, whole=table.whole), (low, high)

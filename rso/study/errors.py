@@ -40,7 +40,7 @@ class Problem:
 def study_error(file: Path, lines: Mapping[Place, int], problems: Iterable[Problem]) -> StudyError:
     """All problems of one file, in the order of its lines."""
     placed = sorted(((line_of(dict(lines), p.place), p) for p in problems), key=lambda pair: pair[0])
-    return StudyError([f"{file}:{line}: {in_words(p)}" for line, p in placed])
+    return StudyError([f"{file}:{line}: {problem_text(p)}" for line, p in placed])
 
 
 def _cut(message: str) -> str:
@@ -48,7 +48,7 @@ def _cut(message: str) -> str:
     return message if len(message) <= _LONGEST else message[:_LONGEST] + "…"
 
 
-def choose(name: str, choices: Iterable[str]) -> str:
+def choices_text(name: str, choices: Iterable[str]) -> str:
     """``did you mean 'mu'? choose from D1, mu``: the nearest names first, then all, or of many the nearest."""
     known = sorted(choices)
     if not known:
@@ -67,7 +67,7 @@ def schema_problems(model: type[BaseModel], error: ValidationError) -> list[Prob
     return [_problem(model, e) for e in error.errors(include_url=False)]
 
 
-def in_words(problem: Problem, above: Place = ()) -> str:
+def problem_text(problem: Problem, above: Place = ()) -> str:
     """A problem as key, value and message; `above` is where the table stands."""
     return f"{_dotted((*above, *problem.place))}{_shown(problem.value)}: {_cut(problem.message)}"
 
@@ -75,7 +75,7 @@ def in_words(problem: Problem, above: Place = ()) -> str:
 def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> Problem:
     place, kind, value = tuple(error["loc"]), error["type"], error["input"]
     if kind == "extra_forbidden":
-        return Problem(place, f"unknown key; {choose(str(place[-1]), _keys_at(model, place[:-1]))}", value)
+        return Problem(place, f"unknown key; {choices_text(str(place[-1]), _keys_at(model, place[:-1]))}", value)
     if kind == "missing":
         return Problem(place, "is missing and has no default")
     message = error["msg"].removeprefix("Value error, ")

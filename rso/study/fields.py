@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from rso.contract import finite
 from rso.core.printable import printable
-from rso.core.units import quantity
+from rso.core.units import value_in_unit
 
 
 def list_to_tuple(value: Any) -> Any:
@@ -34,21 +34,21 @@ def as_written(value: Any) -> Any:
     return value
 
 
-def plain(value: Any) -> Any:
+def json_settings(value: Any) -> Any:
     """Settings travel to the backend as JSON: no dates, no NaN, no infinity."""
     if isinstance(value, dict):
         for v in value.values():
-            plain(v)
+            json_settings(v)
     elif isinstance(value, list):
         for v in value:
-            plain(v)
+            json_settings(v)
     elif isinstance(value, datetime.date | datetime.time) or (type(value) in (int, float) and not finite(value)):
         text = f"{str(value)[:20]} cannot be handed to a backend"
         raise ValueError(f"{text}; allowed are text, finite numbers, booleans, tables")
     return value
 
 
-def apart(value: tuple[Any, ...]) -> tuple[Any, ...]:
+def listed_once(value: tuple[Any, ...]) -> tuple[Any, ...]:
     """What is read counts once: nothing is listed twice."""
     if twice := [v for k, v in enumerate(value) if v in value[:k]]:
         raise ValueError(f"{twice[0]!r} is listed twice; a reading counts once")
@@ -80,7 +80,7 @@ def names_of_effects(value: Any) -> Any:
 
 def quantity_in(unit: str) -> BeforeValidator:
     """A number with or without its unit, in `unit`."""
-    return BeforeValidator(lambda value: quantity(value, unit))
+    return BeforeValidator(lambda value: value_in_unit(value, unit))
 
 
 def formed(pattern: str, words: str) -> AfterValidator:
@@ -94,7 +94,7 @@ def formed(pattern: str, words: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def seen(value: str) -> str:
+def visible_line(value: str) -> str:
     """Text of one line in which every character is seen: it stands in titles and on terminals."""
     if printable(value) != value or "\n" in value:
         raise ValueError("holds characters that are not seen (line ends, controls, marks of direction): leave them out")
@@ -114,9 +114,9 @@ def number_in(
 
 
 Bound = Annotated[Any, AfterValidator(as_written), expected('number, or text with a unit such as "3.2 kPa"')]
-Settings = Annotated[dict[str, Any], AfterValidator(plain)]
+Settings = Annotated[dict[str, Any], AfterValidator(json_settings)]
 Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
-Channels = Annotated[Names, AfterValidator(apart)]
+Channels = Annotated[Names, AfterValidator(listed_once)]
 Files = Annotated[
     tuple[Annotated[str, Field(min_length=1)], ...],
     BeforeValidator(one_or_more),

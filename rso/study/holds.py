@@ -45,7 +45,7 @@ def relaxes(backend: Backend, values: Mapping[str, float], case: Case) -> bool:
     return any(p.unit == "s" and p.name in kept for p in backend.parameters)
 
 
-def relaxation(backend: Backend) -> tuple[Parameter, Parameter] | None:
+def relaxation_knobs(backend: Backend) -> tuple[Parameter, Parameter] | None:
     """The knobs that a first relaxation opens: a share that is absent at 0, and its time; None where there are none."""
     for share in backend.parameters:
         if share.group and share.neutral == 0.0 and share.unit == "1" and share.plausible and 0.0 < share.high <= 1.0:
@@ -55,7 +55,7 @@ def relaxation(backend: Backend) -> tuple[Parameter, Parameter] | None:
     return None
 
 
-def ranges(pair: tuple[Parameter, Parameter], hold: Hold | CreepHold) -> dict[str, tuple[float, float]]:
+def hold_ranges(pair: tuple[Parameter, Parameter], hold: Hold | CreepHold) -> dict[str, tuple[float, float]]:
     """Ranges of a share and a time that a hold can show: the plausible ones, times as far as it lasts."""
     share, time = pair
     assert share.plausible is not None and time.plausible is not None
@@ -116,10 +116,10 @@ def of_unused(backend: Backend, hold: Hold, inline: bool = False) -> list[str]:
         f"It holds for {span}, where Fz falls by {share}. Only the loading is fitted: moduli are those of its rate, "
         f"and at rest the same body is at least {share} softer."
     ]
-    pair = relaxation(backend)
+    pair = relaxation_knobs(backend)
     if pair is None:
         return [*said, f"The backend {backend.name!r} has no relaxation that would fit the hold."]
-    found = ranges(pair, hold)
+    found = hold_ranges(pair, hold)
     lines = [
         f"{p.name} = {{ low = {found[p.name][0]:g}, high = {found[p.name][1]:g}{log} }}"
         for p, log in zip(pair, ("", ', scale = "log"'), strict=True)

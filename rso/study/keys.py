@@ -8,7 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from rso.core.default_backend import PACKAGE
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 from rso.study.schema import Study
 
 Shape = Mapping[str, Any]  # a piece of a JSON schema
@@ -31,7 +31,7 @@ def reference(table: str = "") -> list[str]:
     inner = [name for name in names if name.endswith(f".{table}")]
     table = inner[0] if table not in names and len(inner) == 1 else table
     if table and table not in names:
-        raise ValueError(f"there is no table {table[:LONGEST]!r}; {choose(table[:LONGEST], names)}")
+        raise ValueError(f"there is no table {table[:LONGEST]!r}; {choices_text(table[:LONGEST], names)}")
     lines = [] if table else HEAD.splitlines()
     for name, heading, shape in parts:
         if not table or name == table or name.startswith(f"{table}."):
@@ -39,7 +39,7 @@ def reference(table: str = "") -> list[str]:
     return lines if not table else lines[1:]
 
 
-def schema() -> dict[str, Any]:
+def study_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a study file, for editors that complete and check TOML by one."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Study.model_json_schema()}
 

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from rso.core.default_backend import USE, command_line
-from rso.core.units import quantity
-from rso.data import read, recorded_speed
+from rso.core.units import value_in_unit
+from rso.data import read_measurement, recorded_speed
 from rso.study.cases import DEFAULT_SPEED
 from rso.study.columns_table import ColumnsTable
-from rso.study.errors import choose
+from rso.study.errors import choices_text
 from rso.study.laboratory_nominal import FILE, Nominal, read_nominal
 from rso.study.schema import Study
 
@@ -46,7 +46,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
         _refuse_unclear(f)
     for name in nominal.columns_of:
         if name not in (names := [f.name for f in files]):
-            raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choose(name, names)}")
+            raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choices_text(name, names)}")
     files.sort(key=_order([f.stem for f in files]))
     lines = [
         "[study]",
@@ -87,10 +87,10 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
     lines += [f"columns = {{ {', '.join(_columns(own))} }}"] if own is not None else []
     if profile:
         lines += ['kind = "profile"']
-    elif {"Fx", "Fy"} <= set(read(file, nominal.of_file(file.name).columns()).channels):
+    elif {"Fx", "Fy"} <= set(read_measurement(file, nominal.of_file(file.name).columns()).channels):
         lines += ['channels = ["Fz", "Fx", "Fy"]']
     cycle = _CYCLE.match(_bare(name))
-    settings = [f"point = {list(place(name) or (0.0, 0.0))}"]
+    settings = [f"point = {list(place_in_name(name) or (0.0, 0.0))}"]
     rate = float(cycle[1]) if cycle else nominal.rate
     if rate and not profile:
         settings += [f'speed = "{rate:g} mm/min"']
@@ -103,7 +103,7 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
     return lines + ([f"after = {json.dumps(before)}"] if before and not profile else [])
 
 
-def place(name: str) -> tuple[float, float] | None:
+def place_in_name(name: str) -> tuple[float, float] | None:
     """The point (mm) that the name of a file says, if it says one."""
     point = _POINT.match(_bare(name))
     return (float(point[1]), float(point[2])) if point else None
@@ -111,7 +111,7 @@ def place(name: str) -> tuple[float, float] | None:
 
 def may_be_a_place(name: str) -> bool:
     """Whether the name of a file seems to say a point and is not understood."""
-    return place(name) is None and _PLACE.search(_bare(name)) is not None
+    return place_in_name(name) is None and _PLACE.search(_bare(name)) is not None
 
 
 def unread(folder: Path) -> list[str]:
@@ -129,7 +129,7 @@ def files_of(study: Study) -> list[dict[str, Any]]:
     for e in study.experiments:
         m, settings = study.measurement(e.name), study.settings_of(e.name)
         force, recorded = m.kind == "force", recorded_speed(m)
-        stated = quantity(settings["speed"], "mm/s") if "speed" in settings else None
+        stated = value_in_unit(settings["speed"], "mm/s") if "speed" in settings else None
         speed = recorded or stated or DEFAULT_SPEED
         returns = any(np.any(r.segment == "unloading") for r in m.repeats)
         found.append(
@@ -147,7 +147,7 @@ def files_of(study: Study) -> list[dict[str, Any]]:
     return found
 
 
-def in_words(file: Mapping[str, Any]) -> str:
+def file_line(file: Mapping[str, Any]) -> str:
     """One line about a file of :func:`files_of`."""
     x, y = file["place_mm"]
     what = "surface marks while pressed" if file["kind"] == "profile" else "a cycle" if file["cycle"] else "force curve"

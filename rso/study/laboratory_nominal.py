@@ -20,7 +20,7 @@ from rso.contract import finite
 from rso.core import disk
 from rso.core.default_backend import command_line
 from rso.study.columns_table import ColumnsTable
-from rso.study.errors import choose, in_words, schema_problems
+from rso.study.errors import choices_text, problem_text, schema_problems
 
 FILE = "nominal.json"
 NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm", "correlation_mm")
@@ -99,7 +99,7 @@ def _nominal(data: Mapping[str, Any]) -> Nominal:
     noise = _table(data, "noise")
     for key in noise:  # another unit of what is known
         if key not in NOISE and key.split("_")[0] in {k.split("_")[0] for k in NOISE}:
-            raise ValueError(f"noise.{key} is unknown; {choose(key, NOISE)}")
+            raise ValueError(f"noise.{key} is unknown; {choices_text(key, NOISE)}")
     unused += _unknown("noise.", noise, NOISE)
     stated = {k: _number(f"noise.{k}", noise[k]) for k in NOISE if k in noise}
     rate = _number("rate_mm_per_min", data["rate_mm_per_min"], zero=False) if "rate_mm_per_min" in data else None
@@ -118,7 +118,7 @@ def _columns(place: tuple[str, ...], table: Any) -> ColumnsTable:
     try:
         return ColumnsTable.model_validate(table)
     except ValidationError as error:
-        raise ValueError(in_words(schema_problems(ColumnsTable, error)[0], place)) from error
+        raise ValueError(problem_text(schema_problems(ColumnsTable, error)[0], place)) from error
 
 
 def _part(name: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -149,7 +149,7 @@ def _support(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], tuple[str, ...
         return {"kind": kind}, _unused(beside)
     if unknown := set(table) - set(numbers):
         key = sorted(unknown)[0]
-        raise ValueError(f"support.{key} is unknown; {choose(key, numbers)}")
+        raise ValueError(f"support.{key} is unknown; {choices_text(key, numbers)}")
     usual = {k: v for k, (_, v) in numbers.items()}
     found = {k: _number(f"support.{k}", v) for k, v in {**usual, **beside, **table}.items()}
     assumed = [f"{k} = {v:g}" for k, v in usual.items() if k not in beside and k not in table]
@@ -188,7 +188,7 @@ def _unknown(table: str, given: Iterable[str], known: Sequence[str]) -> list[str
     unknown = [key for key in given if key not in known]
     for key in unknown:
         if difflib.get_close_matches(key, [k for k in known if k not in given], n=1, cutoff=_NEARLY):
-            raise ValueError(f"{table}{key} is unknown; {choose(key, known)}")
+            raise ValueError(f"{table}{key} is unknown; {choices_text(key, known)}")
     return [f"{table}{key}" for key in unknown]
 
 

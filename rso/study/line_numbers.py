@@ -12,7 +12,7 @@ _STRING = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:[^"\\\n]|\\
 _SCALAR = re.compile(r"[^,\]}\n#]*")
 
 
-def lines_of(text: str) -> dict[Place, int]:
+def toml_lines(text: str) -> dict[Place, int]:
     """Line (from 1) of every table, key and array element of `text`, which must be valid TOML.
 
     Tables of an array are counted from 0: the second ``[[experiments]]`` is ("experiments", 1).

@@ -10,31 +10,31 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from rso.data import Measurement, Noise, combine, fingerprint, read, value_at
+from rso.data import Measurement, Noise, combine, fingerprint, read_measurement, value_at
 from rso.evaluation.joint import ROUTE
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.confusable_text import look_alikes
 from rso.study.deck_table import deck_parameter
-from rso.study.errors import Problem, choose, schema_problems, study_error
-from rso.study.line_numbers import Place, lines_of
+from rso.study.errors import Problem, choices_text, schema_problems, study_error
+from rso.study.line_numbers import Place, toml_lines
 from rso.study.schema import DoeTable, ExperimentTable, Study, StudySource
 from rso.study.search_table import ConstraintTable, TargetTable
-from rso.study.settings_files import located
-from rso.study.toml_text import tables_of, text_of
+from rso.study.settings_files import with_absolute_paths
+from rso.study.toml_text import study_source, tables_of
 
 T = TypeVar("T", bound=StudyFileTable)
 
 
-def load(path: str | Path) -> Study:
+def load_study(path: str | Path) -> Study:
     """Read and check a study file, or the study.toml inside a folder; StudyError with all that is wrong.
 
     Data files are read too.  What needs the backend (names, units and hard bounds of the parameters) is
     checked by :func:`rso.study.resolve.resolve`.
     """
-    file, text = text_of(path)
+    file, text = study_source(path)
     raw = _with_files(tables_of(file, text), file.parent)
-    lines = lines_of(text)
+    lines = toml_lines(text)
     problems: list[Problem] = []
     study = None
     try:
@@ -58,7 +58,7 @@ def _with_files(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
 
     def here(table: Any) -> Any:
         settings = table.get("settings") if isinstance(table, dict) else None
-        return {**table, "settings": located(settings, folder)} if isinstance(settings, dict) else table
+        return {**table, "settings": with_absolute_paths(settings, folder)} if isinstance(settings, dict) else table
 
     found = {**raw, "backend": here(raw["backend"])} if "backend" in raw else dict(raw)
     if isinstance(raw.get("backends"), dict):
@@ -115,7 +115,9 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             yield Problem((*place, "name"), "this name is taken by an earlier experiment", e.name)
         for other in e.after:
             if other not in known or (other == e.name and count[other] == 1):
-                yield Problem((*place, "after"), f"no other experiment; {choose(other, set(names) - {e.name})}", other)
+                yield Problem(
+                    (*place, "after"), f"no other experiment; {choices_text(other, set(names) - {e.name})}", other
+                )
         circle = _circle(e.name, after) if e.name in round_about else ()
         taken = any(count[k] > 1 for k in circle or ())  # of two with one name nobody knows which is meant
         if circle and not taken and frozenset(circle) not in circles:  # one mistake, wherever it is entered
@@ -127,7 +129,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             continue
         files = [folder / f for f in e.data]
         try:
-            measurement = read(files, columns.columns(), e.preload)
+            measurement = read_measurement(files, columns.columns(), e.preload)
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
@@ -137,7 +139,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
         measurements.setdefault(e.name, measurement)
         for channel in e.compared:
             if channel not in measurement.channels:
-                message = f"{e.files} has no such channel; {choose(channel, measurement.channels)}"
+                message = f"{e.files} has no such channel; {choices_text(channel, measurement.channels)}"
                 yield Problem((*place, "channels"), message, channel)
     yield from _check_once(raw, experiments, folder, measurements)
 
@@ -226,7 +228,9 @@ def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> 
     for n, constraint in _valid(ConstraintTable, _tables(raw, "search", "constraints")):
         if constraint.experiment not in names:
             where = ("search", "constraints", n, "experiment")
-            yield Problem(where, f"unknown experiment; {choose(constraint.experiment, names)}", constraint.experiment)
+            yield Problem(
+                where, f"unknown experiment; {choices_text(constraint.experiment, names)}", constraint.experiment
+            )
     titles = [v.get("name") for v in variants if isinstance(v, dict)]
     for n, title in enumerate(titles):
         if isinstance(title, str) and title in ("main", *titles[:n]):
@@ -239,7 +243,7 @@ def _check_target(
 ) -> Iterator[Problem]:
     name = target.experiment
     if name not in names:
-        yield Problem((*place, "experiment"), f"unknown experiment; {choose(name, names)}", name)
+        yield Problem((*place, "experiment"), f"unknown experiment; {choices_text(name, names)}", name)
         return
     if roles.get(name) == "validate":
         yield Problem((*place, "experiment"), 'is for validation (role = "validate") and cannot be a target', name)
@@ -251,7 +255,7 @@ def _check_target(
         yield Problem((*place, "experiment"), "is a profile; targets are points of a force curve", name)
         return
     if target.channel not in measurement.channels:
-        message = f"not measured in {name!r}; {choose(target.channel, measurement.channels)}"
+        message = f"not measured in {name!r}; {choices_text(target.channel, measurement.channels)}"
         yield Problem((*place, "channel"), message, target.channel)
         return
     if target.since:  # a moment of a hold, which the plan knows
@@ -266,7 +270,7 @@ def _check_ranges(variant: dict[str, Any], place: Place, parameters: Any) -> Ite
     ranges = variant.get("ranges")
     if isinstance(ranges, dict) and isinstance(parameters, dict):
         for name in ranges.keys() - parameters.keys():
-            yield Problem((*place, name), f"no parameter of this study; {choose(name, parameters)}")
+            yield Problem((*place, name), f"no parameter of this study; {choices_text(name, parameters)}")
 
 
 def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
@@ -278,7 +282,7 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
             yield Problem(("parameters",), "nothing to identify: at least one parameter needs low and high")
         for n, name in enumerate(_tables(raw, "identify", "require")):
             if isinstance(name, str) and name not in free:
-                yield Problem(("identify", "require", n), f"not searched for; {choose(name, free)}", name)
+                yield Problem(("identify", "require", n), f"not searched for; {choices_text(name, free)}", name)
     for _, doe in _valid(DoeTable, [raw.get("doe", {})]):
         if doe.file is not None and not (folder / doe.file).is_file():
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
@@ -288,7 +292,7 @@ def _check_backends(study: Study) -> Iterator[Problem]:
     """Experiments name backends that there are, and every further one has an experiment."""
     for n, e in enumerate(study.experiments):
         if e.backend is not None and e.backend not in study.backends:
-            yield Problem(("experiments", n, "backend"), choose(e.backend, study.backends), e.backend)
+            yield Problem(("experiments", n, "backend"), choices_text(e.backend, study.backends), e.backend)
         if ROUTE in e.settings:
             place = ("experiments", n, "settings", ROUTE)
             yield Problem(

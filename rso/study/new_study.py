@@ -17,12 +17,12 @@ from pydantic import ValidationError
 from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.units import COLUMN_NAMES
-from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, pulls_off, read, recorded_speed, sheet_of
-from rso.data.files.lines import text_of
+from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, pulls_off, read_measurement, recorded_speed, sheet_of
+from rso.data.files.lines import file_text
 from rso.study.columns_table import ColumnsTable
-from rso.study.errors import choose
-from rso.study.laboratory_folder import inline, may_be_a_place, place
-from rso.study.settings_files import seen_from
+from rso.study.errors import choices_text
+from rso.study.laboratory_folder import inline, may_be_a_place, place_in_name
+from rso.study.settings_files import paths_seen_from
 
 GUESS = "# <-"  # behind what nobody has stated
 TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
@@ -54,7 +54,9 @@ class _Experiment:
     by_name: bool
 
 
-def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], validated: Sequence[str] = ()) -> str:
+def study_text(
+    file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], validated: Sequence[str] = ()
+) -> str:
     """The text of a study to be written at `file`, from data files given as paths from where one stands.
 
     ValueError where a study is at `file` already, and for data that are not there, given twice or not understood.
@@ -82,7 +84,7 @@ def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], va
         f"use = {inline(USE)}",
         "",
         "[backend.settings]",
-        *(_line(key, replace(line, value=seen_from(line.value, folder))) for key, line in settings.items()),
+        *(_line(key, replace(line, value=paths_seen_from(line.value, folder))) for key, line in settings.items()),
         "",
         "[parameters]",
         *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()),
@@ -95,7 +97,7 @@ def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], va
     return "\n".join(lines).rstrip() + "\n"
 
 
-def alone(test: NewTest, fitted: Sequence[str]) -> str:
+def note_on_single_tests(test: NewTest, fitted: Sequence[str]) -> str:
     """What is to be said of several files that are fitted as tests of their own at one point; else nothing."""
     found = [] if test.repeats else _experiments(test, fitted, ())
     same = {e.point: [o.files[0] for o in found if o.point == e.point] for e in found}
@@ -131,7 +133,7 @@ def _point(test: NewTest, role: str, files: Sequence[str]) -> tuple[tuple[float,
     said = set()
     for f in files:
         path, sheet = sheet_of(Path(f))
-        where = place(sheet) or place(path.stem)
+        where = place_in_name(sheet) or place_in_name(path.stem)
         if where is None and test.point is None and (may_be_a_place(sheet) or may_be_a_place(path.stem)):
             raise ValueError(f"{f}: its name does not say where it was pressed as point_20_0 does; give --point X Y")
         said.add(where)
@@ -146,7 +148,7 @@ def _point(test: NewTest, role: str, files: Sequence[str]) -> tuple[tuple[float,
 def _header(file: str) -> str:
     """The row that looks like a header, the last words above the first numbers, in a sentence; empty without one."""
     try:
-        rows = [re.split(r"[;\t]|, *", line.strip()) for line in text_of(Path(file))[0].splitlines()]
+        rows = [re.split(r"[;\t]|, *", line.strip()) for line in file_text(Path(file))[0].splitlines()]
     except ValueError:
         return ""
     number = re.compile(r"[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?")
@@ -161,14 +163,14 @@ def _header(file: str) -> str:
 
 def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Measurement:
     if unknown := next((name for name in columns if name not in COLUMN_NAMES), None):
-        raise ValueError(f"--column {unknown}: there is no column {unknown!r}; {choose(unknown, COLUMN_NAMES)}")
+        raise ValueError(f"--column {unknown}: there is no column {unknown!r}; {choices_text(unknown, COLUMN_NAMES)}")
     try:
         known = ColumnsTable(**columns).columns() if columns else {}
     except ValidationError as error:
         each = [(".".join(map(str, e["loc"])), e["msg"].removeprefix("Value error, ")) for e in error.errors()]
         raise ValueError("; ".join(f"--column {place}: {message}" for place, message in each)) from error
     try:
-        return read(files if len(files) > 1 else files[0], known)
+        return read_measurement(files if len(files) > 1 else files[0], known)
     except Unsaid as error:
         words = "\n".join(f"  --column {shlex.join(_words(name, c))}" for name, c in error.columns.items())
         raise ValueError(f"{error.message}:\n{words}") from error

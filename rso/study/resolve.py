@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from rso.contract import Parameter
-from rso.core.units import quantity
+from rso.core.units import value_in_unit
 from rso.doe import Box, Space, space
-from rso.study.errors import Problem, choose, study_error
+from rso.study.errors import Problem, choices_text, study_error
 from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
 from rso.study.search_table import TargetTable
@@ -85,7 +85,7 @@ def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
     for name, table in study.parameters.items():
         place: Place = ("parameters", name)
         if name not in known:
-            problems.append(Problem(place, f"the backend has no such parameter; {choose(name, known)}"))
+            problems.append(Problem(place, f"the backend has no such parameter; {choices_text(name, known)}"))
         elif table.value is not None:
             value = _number(table.value, known[name], (*place, "value"), problems)
             if value is not None:
@@ -116,7 +116,7 @@ def _start(study: Study, axes: Mapping[str, Axis], problems: list[Problem]) -> d
     for name, written in study.search.start.items():
         place: Place = ("search", "start", name)
         if name not in study.parameters:
-            problems.append(Problem(place, f"no parameter of this study; {choose(name, study.parameters)}"))
+            problems.append(Problem(place, f"no parameter of this study; {choices_text(name, study.parameters)}"))
         elif name in axes:
             a = axes[name]
             value = _number(written, a.parameter, place, problems)
@@ -138,10 +138,10 @@ def _number(written: Any, parameter: Parameter, place: Place, problems: list[Pro
     if parameter.choices:
         if written in parameter.choices:
             return float(parameter.choices.index(written))
-        problems.append(Problem(place, choose(str(written), parameter.choices), written))
+        problems.append(Problem(place, choices_text(str(written), parameter.choices), written))
         return None
     try:
-        return parameter.check(quantity(written, parameter.unit))
+        return parameter.check(value_in_unit(written, parameter.unit))
     except ValueError as error:
         problems.append(Problem(place, str(error), written))
         return None
@@ -190,7 +190,7 @@ def _category(parameter: Parameter, table: ParameterTable, place: Place, problem
         return None
     unknown = [(n, v) for n, v in enumerate(table.choices) if v not in parameter.choices]
     for n, v in unknown:
-        problems.append(Problem((*place, "choices", n), choose(v, parameter.choices), v))
+        problems.append(Problem((*place, "choices", n), choices_text(v, parameter.choices), v))
     if unknown:
         return None
     at = sorted(parameter.choices.index(v) for v in table.choices)

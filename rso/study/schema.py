@@ -44,13 +44,13 @@ from rso.study.fields import (
     formed,
     list_to_tuple,
     power_of_two,
-    seen,
+    visible_line,
 )
 from rso.study.line_numbers import Place
 from rso.study.noise_table import NoiseTable
 from rso.study.objectives_table import ObjectivesTable
 from rso.study.search_table import SearchTable
-from rso.study.settings_files import named, written
+from rso.study.settings_files import named_files, with_relative_paths
 
 if TYPE_CHECKING:
     DesignKind = str
@@ -61,7 +61,7 @@ else:
 class StudyTable(StudyFileTable):
     """[study]: the study as a whole."""
 
-    title: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(seen)]
+    title: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(visible_line)]
     """What the report is called."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]
     """Root of all random numbers: the same seed gives the same answer, whatever the number of jobs."""
@@ -136,7 +136,7 @@ class ParameterTable(StudyFileTable):
     bounds: Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)] | None = None
     """Of such a parameter: limits of the program itself. By default its range, or any positive value where its unit
     holds a stress."""
-    description: Annotated[str, Field(min_length=1, max_length=80), AfterValidator(seen)] | None = None
+    description: Annotated[str, Field(min_length=1, max_length=80), AfterValidator(visible_line)] | None = None
     """Of such a parameter: what it means, in a few words."""
 
     @model_validator(mode="after")
@@ -191,7 +191,7 @@ class ExperimentTable(StudyFileTable):
     preload: Force | None = None
     """Where its travel was set to 0 at a small force, that force, as "10 mN". Contact is found before it, by the shape
     of Fz, or in its approach; Fz may have been set to 0 there, too."""
-    mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
+    mounting: Annotated[str, Field(min_length=1), AfterValidator(visible_line)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
     """Experiments that the specimen had been through before: a softening depends on them."""
@@ -366,7 +366,7 @@ class StudySource:
 
 
 class Study(StudyFileTable):
-    """A whole study file; made by :func:`rso.study.loader.load`."""
+    """A whole study file; made by :func:`rso.study.loader.load_study`."""
 
     study: StudyTable
     backend: BackendTable
@@ -406,7 +406,7 @@ class Study(StudyFileTable):
         names += [*(self.backend.template or ()), *self.backend.files]
         settings = [b.settings for b in (self.backend, *self.backends.values())]
         settings += [e.settings for e in self.experiments]
-        found = (self.folder / f for each in settings for f in named(each))
+        found = (self.folder / f for each in settings for f in named_files(each))
         return [*(self.folder / name for name in names), *(f for f in dict.fromkeys(found) if f.is_file())]
 
     def deck(self) -> Deck | None:
@@ -461,4 +461,4 @@ class Study(StudyFileTable):
 
     def written(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Settings as results keep them: with paths of files relative to the study file."""
-        return written(settings, self.folder)
+        return with_relative_paths(settings, self.folder)

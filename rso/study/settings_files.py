@@ -10,7 +10,7 @@ from typing import Any
 KEY = "file"  # of a table of settings, at any depth
 
 
-def located(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def with_absolute_paths(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The settings with absolute paths of files that exist in or from the study's folder; others stay as written."""
 
     def found(name: str) -> str:
@@ -20,7 +20,7 @@ def located(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return _changed(settings, found)
 
 
-def written(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def with_relative_paths(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """The settings with paths relative to the study's folder where they lie in it: results are read elsewhere, too."""
     root = folder.absolute()
 
@@ -31,7 +31,7 @@ def written(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     return _changed(settings, short)
 
 
-def seen_from(settings: Any, folder: Path) -> Any:
+def paths_seen_from(settings: Any, folder: Path) -> Any:
     """The settings with the paths of their files as a study in a folder finds them; their own on another drive."""
 
     def there(name: str) -> str:
@@ -43,7 +43,7 @@ def seen_from(settings: Any, folder: Path) -> Any:
     return _changed(settings, there)
 
 
-def named(settings: Mapping[str, Any]) -> list[str]:
+def named_files(settings: Mapping[str, Any]) -> list[str]:
     """Every file that the settings name."""
     return list(_names(settings))
 

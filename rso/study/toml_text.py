@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from rso.study.confusable_text import too_deep
-from rso.study.errors import StudyError, choose
+from rso.study.errors import StudyError, choices_text
 
 MAX_BYTES = 1_000_000
 MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length
 DEEPEST = 64  # tables and arrays within one another
 
 
-def text_of(path: str | Path) -> tuple[Path, str]:
+def study_source(path: str | Path) -> tuple[Path, str]:
     """The study file and its text."""
     file = Path(path)
     try:
@@ -24,7 +24,7 @@ def text_of(path: str | Path) -> tuple[Path, str]:
         if not file.exists():
             near = [f.name for f in file.parent.glob("*.toml")] if file.parent.is_dir() else []
             cure = (
-                choose(file.name, near)
+                choices_text(file.name, near)
                 if near
                 else ("write one with: rso new CURVE.csv …; or try a worked one: rso example")
             )

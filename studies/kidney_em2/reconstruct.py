@@ -24,7 +24,7 @@ from scipy.special import ndtr
 from simulated import Support, Table
 from trilateration import Curve, Lists, crossings, residuals, rms
 
-from rso.norms import TrilaterationFit, TrilaterationProblem, fit
+from rso.norms import TrilaterationFit, TrilaterationProblem, fit_trilateration
 
 HERE = Path(__file__).parent
 STORE = HERE / "results" / "reconstruction"
@@ -36,7 +36,7 @@ SEED = trilateration.SEED
 
 def gaussian(p: TrilaterationProblem, seed: int = SEED, n: int = 2000) -> tuple[TrilaterationFit, Curve]:
     """Most probable curve and draws of its Gaussian approximation."""
-    found = fit(p, seed)
+    found = fit_trilateration(p, seed)
     x = found.draws(n, seed)
     return found, Curve(p.shape.u, p.shape(p.split(x)[0]), x, found.log_evidence)
 
@@ -145,7 +145,7 @@ def controls(fits: dict[str, tuple[TrilaterationProblem, TrilaterationFit, Curve
             x = np.concatenate([z[97 * k], nuisances, curve.x[97 * k, -scales.shape[1] :]])
             made = trilateration.made_up(right, x, rng)
             mine, again = gaussian(TrilaterationProblem(right.shape, right.known, right.nuisances, made), SEED + k)
-            other = fit(TrilaterationProblem(wrong.shape, wrong.known, wrong.nuisances, made), SEED + k)
+            other = fit_trilateration(TrilaterationProblem(wrong.shape, wrong.known, wrong.nuisances, made), SEED + k)
             gain.append(mine.log_evidence - other.log_evidence)
             y = right.shape(z[97 * k])[0]
             inside.append(np.abs(again.mean - y)[:-1] < 1.645 * again.sd[:-1])

@@ -13,10 +13,10 @@ from rso.norms import (
     TrilaterationFit,
     TrilaterationProblem,
     TrilaterationShape,
-    fit,
-    log_evidence,
-    sample,
+    fit_trilateration,
+    sample_trilateration,
     shared_votes,
+    trilateration_log_evidence,
 )
 
 HERE = Path(__file__).parent
@@ -116,9 +116,9 @@ class Curve:
 
 def reconstruct(p: TrilaterationProblem, seed: int = SEED, steps: int = 1000) -> tuple[TrilaterationFit, Curve]:
     """Most probable curve and draws of the posterior."""
-    found = fit(p, seed)
-    x = sample(p, found, seed, walkers=2 * p.size + 16, steps=steps, burn=steps // 2)
-    return found, Curve(p.shape.u, p.shape(p.split(x)[0]), x, log_evidence(p, x, found.log_posterior))
+    found = fit_trilateration(p, seed)
+    x = sample_trilateration(p, found, seed, walkers=2 * p.size + 16, steps=steps, burn=steps // 2)
+    return found, Curve(p.shape.u, p.shape(p.split(x)[0]), x, trilateration_log_evidence(p, x, found.log_posterior))
 
 
 def length(curve: Curve) -> float:

@@ -15,7 +15,7 @@ from rso.discrepancy.evidence.attribution import Evidence, comparisons
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import run_all
 from rso.evaluation.store import RunStore
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 FOLDER = Path(__file__).parent
 STATEMENTS = {  # force N, depth mm, gain
@@ -27,9 +27,9 @@ STATEMENTS = {  # force N, depth mm, gain
 
 def main() -> None:
     """Print verdict, p and leading causes of each statement."""
-    asked = ask(load(FOLDER / "study.toml"))
+    asked = ask(load_study(FOLDER / "study.toml"))
     with RunStore(FOLDER / "results") as store, ThreadPoolExecutor(1) as one:
-        library = discrepancy.build(
+        library = discrepancy.build_library(
             asked.base, asked.plan, asked.effects, lambda tasks: run_all(asked.base.backend, tasks, store, one)
         )
     print(f"{'statement':26} {'verdict':10} {'p':>6} {'misfit':>7}  leading causes (probability given a gap)")

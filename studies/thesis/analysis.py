@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from rso.core.curves import Metrics, Resampling, metrics
-from rso.data import read
+from rso.data import read_measurement
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
 from studies.thesis.simulations import FAMILY, MU, PRINTED
@@ -79,7 +79,7 @@ def family(outcomes: Mapping[str, Outcome], label: str) -> Family:
 
 def measured() -> tuple[np.ndarray, np.ndarray]:
     """Depth (mm) and force (N) of the middle point, as reconstructed in studies/kidney_em2."""
-    (r,) = read(KIDNEY / "measured" / "middle_point.csv").repeats
+    (r,) = read_measurement(KIDNEY / "measured" / "middle_point.csv").repeats
     return r.depth, r.channels["Fz"]
 
 

@@ -36,26 +36,26 @@ class Bench:
     model: AssembledModel
 
     def system(self) -> System:
-        """The system that `indentation.solve` builds."""
+        """The system that `indentation.simulate_indentation` builds."""
         return assembly.system(self.settings, self.knobs, self.placement, self.model)
 
     def load(self, travel: float) -> Load:
         """Indenter at a travel (mm), no multipliers."""
-        return assembly.load(self.system(), self.placement, travel)
+        return assembly.load_at(self.system(), self.placement, travel)
 
     def travel(self, asked: Sequence[float], control: Control) -> list[LoadPoint]:
         """Equilibria at the asked travels of an elastic body with other numerical settings."""
         system = self.system()
 
         def start(s: float) -> Load:
-            return assembly.load(system, self.placement, s)
+            return assembly.load_at(system, self.placement, s)
 
-        return load_steps.travel(system, start, list(asked), control, Counters())
+        return load_steps.follow_travel(system, start, list(asked), control, Counters())
 
     def solve(self, asked: Sequence[float] | Programme, gradients: Sequence[str] = (), **settings: Any) -> Result:
         """The whole run to asked travels (mm, 1 mm/s) or through a programme, with other fields of the settings."""
         programme = asked if isinstance(asked, Programme) else Programme.ramp(tuple(asked), 1.0)
-        return indentation.solve(
+        return indentation.simulate_indentation(
             replace(self.settings, **settings),
             self.knobs,
             self.placement,
@@ -73,7 +73,7 @@ def bench(mesh: Mapping[str, Any], knobs: Mapping[str, float] = VALUES, settings
     """An experiment on the mesh: `table` is that of a case, unless `settings` were read already."""
     settings = experiment.read_settings({"mesh": dict(mesh), **table}) if settings is None else settings
     values = BACKEND.knobs(knobs, settings)
-    placement = assembly.place(settings, values)
+    placement = assembly.placement_of(settings, values)
     return Bench(settings, values, placement, assembly.model_for(settings, values, placement, None))
 
 

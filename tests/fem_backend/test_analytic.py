@@ -97,8 +97,8 @@ def test_fibres_pull_only():
 
 
 def test_relaxation_and_softening_at_their_ends():
-    np.testing.assert_allclose(closed_forms.relaxation([0.0, 1e9], (0.2, 0.3), (1.0, 50.0)), [1.0, 0.5], rtol=1e-15)
-    np.testing.assert_allclose(closed_forms.relaxation(2.0, (0.2,), (4.0,)), 0.8 + 0.2 * np.exp(-0.5), rtol=1e-15)
+    np.testing.assert_allclose(closed_forms.relaxed_share([0.0, 1e9], (0.2, 0.3), (1.0, 50.0)), [1.0, 0.5], rtol=1e-15)
+    np.testing.assert_allclose(closed_forms.relaxed_share(2.0, (0.2,), (4.0,)), 0.8 + 0.2 * np.exp(-0.5), rtol=1e-15)
     assert np.all(closed_forms.softening([1.0, 2.0], [1.0, 1.0], 0.5, 0.1, 0.2) == 1.0)
     # erf(1) = 0.842700792949715 (Abramowitz & Stegun 1964, table 7.1)
     np.testing.assert_allclose(closed_forms.softening(0.7, 1.0, 0.5, 0.1, 0.2), 1 - 0.5 * 0.842700792949715, rtol=1e-14)

@@ -63,7 +63,7 @@ def test_starts_are_of_second_order_in_the_ratio(tmp_path):
         assert closed_forms.poisson_ratio(1.0, 2.0 / D1) == pytest.approx(own - away, abs=1e-12)
         run = BACKEND.solve({"mu": 1.0, "D1": D1}, CASE)
         for tangent in errors:
-            offer = warm_starts.guess(str(path), run.model, own - away if tangent else own)
+            offer = warm_starts.anchor_guess(str(path), run.model, own - away if tangent else own)
             true = [[stage.equilibrium.evaluation.u for stage in p.stages] for p in run.result.points]
             off = np.array([offer(p.travel) for p in run.result.points]) - np.array(true)
             errors[tangent].append(np.abs(off).max((0, 2, 3)))
@@ -78,10 +78,10 @@ def test_an_anchor_says_nothing_where_it_knows_nothing(tmp_path):
     case, path = placed({"mu": 0.01, "D1": 12.0}, CASE, tmp_path)
     settings = experiment.read_settings({"mesh": {**SMALL, "n": 7}})
     knobs = Knobs(mu=0.01, D1=12.0)
-    other = modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)
-    assert warm_starts.guess(str(path), other, 0.4)(1.5) is None
+    other = modelling.model_for(settings, knobs, modelling.placement_of(settings, knobs), None)
+    assert warm_starts.anchor_guess(str(path), other, 0.4)(1.5) is None
     own = BACKEND.solve({"mu": 0.01, "D1": 12.0}, case).model
-    offer = warm_starts.guess(str(path), own, 0.4)
+    offer = warm_starts.anchor_guess(str(path), own, 0.4)
     assert offer(1.0) is None and len(offer(1.5)) == 2
     deep = dataclasses.replace(CASE, programme=Programme.ramp((1.0, 30.0)))
     made = BACKEND.make(BACKEND.recipes({"mu": 0.01, "D1": 12.0}, deep)["anchor"])

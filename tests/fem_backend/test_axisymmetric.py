@@ -18,7 +18,7 @@ from fem_backend.laws.neo_hooke import NeoHooke
 from fem_backend.materials import response
 from fem_backend.meshing.meridian import triangulated
 from fem_backend.solver import direct, mixed_newton, newton
-from fem_backend.solver.load_steps import Control, travel
+from fem_backend.solver.load_steps import Control, follow_travel
 from fem_backend.solver.newton import Counters, Load, System
 
 MU = 0.01
@@ -58,7 +58,7 @@ def test_homogeneous_strain_is_exact_on_any_mesh() -> None:
     body, mesh = cylinder()
     D1, a, c = 2.0 / (30.0 * MU), 1.2, 0.6  # stretches across and along
     u = body.nodes * (np.array([a, 1.0, c]) - 1.0)
-    force = response.answer(body, Material(NeoHooke(MU, D1)), u, None, 0.0, None).force
+    force = response.material_response(body, Material(NeoHooke(MU, D1)), u, None, 0.0, None).force
     J, I1 = a * a * c, 2 * a * a + c * c
     P = MU * J ** (-2 / 3) * (c - I1 / (3 * c)) + 2.0 / D1 * (J - 1.0) * J / c
     top = mesh.points[:, 1] == 1.0
@@ -78,14 +78,14 @@ def test_force_is_the_slope_of_the_energy_and_the_tangent_that_of_the_force(rati
     u, d = bumpy(body), bumpy(body, 1.0, 2)
 
     def at(t: float) -> response.Answer:
-        return response.answer(body, material, u + t * d, None, 0.0, None)
+        return response.material_response(body, material, u + t * d, None, 0.0, None)
 
     h = 1e-5
     force = newton.reduced(body, at(0.0).force)
     slope = (at(h).energy - at(-h).energy) / (2 * h)
     assert slope == pytest.approx(float(force @ newton.reduced(body, d)), rel=1e-6)
     change = newton.reduced(body, at(h).force - at(-h).force) / (2 * h)
-    K = full_matrix(body, response.tangent(body, material, at(0.0).H, None, 0.0, None))
+    K = full_matrix(body, response.material_tangent(body, material, at(0.0).H, None, 0.0, None))
     assert np.linalg.norm(K @ newton.reduced(body, d) - change) < 1e-6 * np.linalg.norm(change)
 
 
@@ -94,7 +94,9 @@ def test_a_rigid_motion_along_the_axis_changes_nothing() -> None:
     body, _ = cylinder()
     material = Material(NeoHooke(MU, 0.02))
     u = 0.6 * bumpy(body)
-    here, there = (response.answer(body, material, u + v, None, 0.0, None) for v in (0.0, np.array([0.0, 0.0, 7.0])))
+    here, there = (
+        response.material_response(body, material, u + v, None, 0.0, None) for v in (0.0, np.array([0.0, 0.0, 7.0]))
+    )
     assert there.energy == pytest.approx(here.energy, rel=1e-11)
     assert np.abs(there.force - here.force).max() < 1e-10 * np.abs(here.force).max()
     assert abs(here.force[:, 2].sum()) < 1e-12 * np.abs(here.force).max()  # no net force along the axis
@@ -111,7 +113,7 @@ def test_what_a_step_carries_is_the_stress_to_first_order() -> None:
 
     start, errors = linear(u), []
     for h in (1e-3, 5e-4):
-        end, carried = linear(u + h * d), response.carried(body, start, h * d)
+        end, carried = linear(u + h * d), response.stresses_after_step(body, start, h * d)
         errors.append([np.abs(carried.S - end.state.S).max(), np.abs(carried.p - end.volume.p).max()])
     assert np.all(np.array(errors[0]) / np.array(errors[1]) > 3.5)  # 4 for second order, 2 if a term were missing
 
@@ -125,8 +127,8 @@ def test_displacements_converge_with_third_order() -> None:
         r = body.nodes[:, 0]
         exact = np.column_stack([A * r + B / r, 0 * r, -2.0 * A * body.nodes[:, 2]])
         u = np.where(body.free.reshape(-1, 3) < 0, exact, 0.0)
-        state = response.answer(body, material, u, None, 0.0, None)
-        K = full_matrix(body, response.tangent(body, material, state.H, None, 0.0, None))
+        state = response.material_response(body, material, u, None, 0.0, None)
+        K = full_matrix(body, response.material_tangent(body, material, state.H, None, 0.0, None))
         u = u + newton.full(body, spsolve(K.tocsc(), -newton.reduced(body, state.force)))
         errors.append(np.sqrt(((u - exact)[: -len(body.cells)] ** 2).mean()))  # but for middles of cells
     assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 2.7)
@@ -141,11 +143,11 @@ def squeezed(ratio: float, wide: int = 5, high: int = 1) -> float:
     material = Material(NeoHooke(MU, 2.0 / (ratio * MU)))
     u = np.zeros_like(body.nodes)
     u[mesh.points[:, 1] == h, 2] = -strain * h
-    state = response.answer(body, material, u, None, 0.0, None)
+    state = response.material_response(body, material, u, None, 0.0, None)
     H0 = np.zeros_like(state.H)
-    K = full_matrix(body, response.tangent(body, material, H0, None, 0.0, None))
+    K = full_matrix(body, response.material_tangent(body, material, H0, None, 0.0, None))
     u = u + newton.full(body, spsolve(K.tocsc(), -newton.reduced(body, state.force)))
-    force = -response.answer(body, material, u, None, 0.0, None).force[mesh.points[:, 1] == h, 2].sum()
+    force = -response.material_response(body, material, u, None, 0.0, None).force[mesh.points[:, 1] == h, 2].sum()
     return float(force / (np.pi * a**2 * strain * MU))
 
 
@@ -197,14 +199,14 @@ def test_contact_per_area_now_has_a_potential() -> None:
 
     def at(t: float, s: float = 0.0) -> tractions.ContactState:
         touch = Touch(load.centre + s * load.direction, load.direction, load.multiplier)
-        return tractions.evaluate(pair, body.nodes + u + t * d, touch)
+        return tractions.evaluate_contact(pair, body.nodes + u + t * d, touch)
 
     state = at(0.0)
     assert (state.pressure > 0.0).sum() > 20
     slope = (at(h).energy - at(-h).energy) / (2 * h)
     assert slope == pytest.approx(float((state.residual * d).sum()), rel=1e-6)
     data = np.zeros(len(body.pattern.indices))
-    moving = tractions.tangent(pair, body.nodes + u, load, state, data)
+    moving = tractions.contact_tangent(pair, body.nodes + u, load, state, data)
     change = newton.reduced(body, at(h).residual - at(-h).residual) / (2 * h)
     assert np.linalg.norm(full_matrix(body, data) @ newton.reduced(body, d) - change) < 1e-5 * np.linalg.norm(change)
     way = (at(0.0, h).residual - at(0.0, -h).residual) / (2 * h)
@@ -217,8 +219,8 @@ def test_contact_per_area_now_has_a_potential() -> None:
 def test_the_way_there_does_not_show(ratio: float) -> None:
     """Force at one depth, alone or after others, by mixed or plain Newton: 1e-6 is what residuals of 1e-8 leave."""
     system, start = pressed(ratio=ratio)
-    alone = travel(system, start, [0.5], Control().scaled(1.0), Counters())[-1]
-    after = travel(system, start, [0.1, 0.23, 0.41, 0.5], Control().scaled(1.0), Counters())[-1]
+    alone = follow_travel(system, start, [0.5], Control().scaled(1.0), Counters())[-1]
+    after = follow_travel(system, start, [0.1, 0.23, 0.41, 0.5], Control().scaled(1.0), Counters())[-1]
     assert after.force[2] == pytest.approx(alone.force[2], rel=1e-6)
     last = alone.stages[-1]
     u = last.equilibrium.evaluation.u + bumpy(system.body, 1e-6)

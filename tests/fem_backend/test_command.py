@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fem_backend.__main__
-from fem_backend.__main__ import main, schema
+from fem_backend.__main__ import main, request_schema
 from fem_backend.backend import BACKEND
 from rso.contract import CAUSES, Case, Programme, Response
 
@@ -90,7 +90,7 @@ def test_a_run_loads_nothing_that_draws():
 def test_schema(capsys):
     assert main(["--schema"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told == json.loads(json.dumps(schema()))
+    assert told == json.loads(json.dumps(request_schema()))
     assert (told["name"], told["numerics"]) == (BACKEND.name, BACKEND.numerics)
     assert {p["name"]: p["unit"] for p in told["parameters"]} == {p.name: p.unit for p in BACKEND.parameters}
     assert told["channels"] == dict(BACKEND.channels)
@@ -100,7 +100,7 @@ def test_schema(capsys):
 
 def test_schema_describes_the_response(tmp_path):
     _, answer = ask(tmp_path, REQUEST)
-    told = schema()["response"]
+    told = request_schema()["response"]
     assert set(told["channels"]) <= set(answer["channels"]) == set(BACKEND.channels)
     assert {"status", "channels", "units", "error"} <= set(answer) & set(told)
 
@@ -221,7 +221,7 @@ def test_response_that_cannot_be_written_is_exit_code_2(tmp_path):
 
 @pytest.mark.parametrize("where", ["response", "--vtu", "--pictures"])
 def test_an_answer_without_a_place_is_refused_before_it_is_solved(tmp_path, capsys, monkeypatch, where):
-    monkeypatch.setattr("fem_backend.__main__.answer", lambda *_: pytest.fail("solved for nothing"))
+    monkeypatch.setattr("fem_backend.__main__.response_to", lambda *_: pytest.fail("solved for nothing"))
     (tmp_path / "request.json").write_text(json.dumps(REQUEST))
     (tmp_path / "file").write_text("no folder")
     target = tmp_path / ("missing" if where == "response" else ".") / "out.json"
@@ -232,7 +232,7 @@ def test_an_answer_without_a_place_is_refused_before_it_is_solved(tmp_path, caps
 
 
 def test_a_folder_in_the_place_of_the_response_is_refused_before_it_is_solved(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("fem_backend.__main__.answer", lambda *_: pytest.fail("solved for nothing"))
+    monkeypatch.setattr("fem_backend.__main__.response_to", lambda *_: pytest.fail("solved for nothing"))
     (tmp_path / "request.json").write_text(json.dumps(REQUEST))
     assert main([str(tmp_path / "request.json"), str(tmp_path)]) == 2
     assert f"{tmp_path}: a folder; the response needs the name of a file" in capsys.readouterr().err
@@ -290,8 +290,8 @@ def test_who_reads_the_schema_may_stop():
 
 def test_compiling_solves_what_it_compiles_for(monkeypatch):
     """A body of revolution and one in space, both with an answer; a meridian has fewer unknowns."""
-    solve, solved = fem_backend.__main__.answer, []
-    monkeypatch.setattr("fem_backend.__main__.answer", lambda request: solved.append(solve(request)))
+    solve, solved = fem_backend.__main__.response_to, []
+    monkeypatch.setattr("fem_backend.__main__.response_to", lambda request: solved.append(solve(request)))
     assert main(["--compile"]) == 0
     assert [response["status"] for response in solved] == ["done", "done"]
     assert solved[0]["info"]["dofs"] < solved[1]["info"]["dofs"]

@@ -24,7 +24,7 @@ SINGLE = 1e-4  # round-off of single precision, 6e-8, times a condition of some 
 
 
 def stiffness(body: tetrahedra.Body) -> np.ndarray:
-    state = stress.evaluate(NeoHooke(0.01, 5.8), np.zeros((*body.w.shape, 3, 3)), tangent=True)
+    state = stress.evaluate_stress(NeoHooke(0.01, 5.8), np.zeros((*body.w.shape, 3, 3)), tangent=True)
     return tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
 
 
@@ -199,10 +199,10 @@ def test_bowls_and_long_contacts_are_not_condensed():
     for settings in ({"support": {"kind": "bowl", "clearance": 1.0}}, {"point": [2.5, 2.5]}):
         read = experiment.read_settings({"mesh": {"level": "coarse"}, **settings})
         knobs = BACKEND.knobs(VALUES, read)
-        placement = modelling.place(read, knobs)
+        placement = modelling.placement_of(read, knobs)
         model = modelling.model_for(read, knobs, placement, None)
         system = modelling.system(read, knobs, placement, model)
-        start, end = (modelling.load(system, placement, s) for s in (0.0, 6.0))
+        start, end = (modelling.load_at(system, placement, s) for s in (0.0, 6.0))
         assert modelling.condensing(system, model, start, end).condense is None
 
 

@@ -41,13 +41,13 @@ class Case:
     x: np.ndarray
 
     def evaluate(self, x: np.ndarray | None = None, **load: object) -> ContactState:
-        return tractions.evaluate(self.pair, self.x if x is None else x, replace(self.touch, **load))
+        return tractions.evaluate_contact(self.pair, self.x if x is None else x, replace(self.touch, **load))
 
     def matrix(self, geometric: bool = True) -> tuple[sparse.csr_matrix, np.ndarray]:
         """∂R/∂x over all dofs in the order of `free`, and ∂R/∂s."""
         pattern = self.body.pattern
         data = np.zeros(len(pattern.indices))
-        moving = tractions.tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
+        moving = tractions.contact_tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
         return sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=(pattern.size,) * 2), moving
 
 
@@ -261,7 +261,7 @@ def test_upper_pattern_gets_the_upper_triangle():
     place = pattern.find(free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)])
     pair = replace(case.pair, surface=replace(case.pair.surface, place=place))
     data = np.zeros(len(pattern.indices))
-    tractions.tangent(pair, case.x, case.touch, case.evaluate(), data)
+    tractions.contact_tangent(pair, case.x, case.touch, case.evaluate(), data)
     np.testing.assert_array_equal(data, upper.data)
 
 
@@ -403,7 +403,7 @@ def sliding(amplitude: float, friction: float, count: int = 400) -> tuple[np.nda
     force = []
     for way in s:
         touch = Touch(centre + way * along, DOWN, nothing, before=before)
-        at = tractions.evaluate(pair, body.nodes, touch)
+        at = tractions.evaluate_contact(pair, body.nodes, touch)
         before = tractions.contact_history(pair, body.nodes, touch, at)
         force.append(at.force @ along)
     return s, np.array(force), float((surface.weights * at.pressure).sum()), depth
@@ -446,7 +446,7 @@ def pulled(height: float, adhesion: Adhesion | None, R: float = 1e7, cells: int 
     surface = top(body, quadratic)
     nothing = np.zeros(surface.weights.shape)
     pair = Pair(surface, Sphere(R), nothing + 3.0, 0.0, adhesion)
-    return tractions.evaluate(pair, body.nodes, Touch(np.array([0.0, 0.0, R + height]), DOWN, nothing))
+    return tractions.evaluate_contact(pair, body.nodes, Touch(np.array([0.0, 0.0, R + height]), DOWN, nothing))
 
 
 def test_work_of_separation():

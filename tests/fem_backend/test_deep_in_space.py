@@ -57,14 +57,14 @@ def test_force_and_tangent_are_derivatives_of_the_energy(K_over_mu):
     scale = rng.uniform(0.5, 2.0, body.w.shape)
 
     def at(x):
-        return response.answer(body, material, x, None, 0.0, scale)
+        return response.material_response(body, material, x, None, 0.0, scale)
 
     e = 1e-5
     assert (at(u + e * v).energy - at(u - e * v).energy) / (2 * e) == pytest.approx((at(u).force * v).sum(), rel=1e-6)
     free = body.free.reshape(-1, 3)
     order = np.empty(body.pattern.size, int)
     order[free.ravel()] = np.arange(free.size)
-    K = matrix(body, response.tangent(body, material, at(u).H, None, 0.0, scale))
+    K = matrix(body, response.material_tangent(body, material, at(u).H, None, 0.0, scale))
     slope = ((at(u + e * v).force - at(u - e * v).force) / (2 * e)).ravel()[order]
     assert K @ v.ravel()[order] == pytest.approx(slope, abs=1e-6 * np.abs(slope).max())
     stress = response.state(body, material, at(u).H, None, 0.0, scale)
@@ -76,7 +76,7 @@ def test_a_mean_of_what_is_everywhere_the_same_changes_nothing():
     material = Material(NeoHooke(0.01, 0.4))
     H = np.array([[0.2, 0.1, 0.0], [0.0, -0.3, 0.05], [0.1, 0.0, 0.15]])
     mean, plain = cube(True), cube(False)
-    a, b = (response.answer(body, material, body.nodes @ H.T, None, 0.0, None) for body in (mean, plain))
+    a, b = (response.material_response(body, material, body.nodes @ H.T, None, 0.0, None) for body in (mean, plain))
     assert a.energy == pytest.approx(b.energy, rel=1e-12) and a.force == pytest.approx(b.force, abs=1e-14)
 
 
@@ -92,7 +92,7 @@ def test_bending_does_not_lock_where_volume_is_hardly_changed():
     x = rng.normal(size=mean.nodes.size)
     x -= np.linalg.lstsq(J, J @ x, rcond=None)[0]
     u = 1e-4 * x.reshape(-1, 3)
-    a, b = (response.answer(body, material, u, None, 0.0, None).energy for body in (mean, plain))
+    a, b = (response.material_response(body, material, u, None, 0.0, None).energy for body in (mean, plain))
     assert a < 1e-3 * b
 
 
@@ -183,15 +183,15 @@ def test_a_rezoned_mesh_has_the_same_force_and_better_elements():
     """Set 1, ungathered, 5 mm deep: the force jumps by less than 0.3 %, nothing turns over, a mark stays."""
     settings = experiment.read_settings({"mesh": {"level": "coarse"}, "derivatives": False, "profile": [[4.0, 1.0]]})
     knobs = BACKEND.knobs(SOFT, settings)
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     model = assembly.model_for(settings, knobs, placement, None)
-    before = indentation.solve(settings, knobs, placement, model, [Instant(5.0, 5.0, True)])
+    before = indentation.simulate_indentation(settings, knobs, placement, model, [Instant(5.0, 5.0, True)])
     state = before.points[0].evaluation.u
     made = rezoning.rezoned(placement.specimen, model.mesh, state, placement.contact, 9.0)
     assert made.after > made.before > 0.0
     now = MeshTet2(np.ascontiguousarray(made.mesh.doflocs + made.u.T), made.mesh.t)
     assert min(meshing.scaled_jacobian(m).min() for m in (made.mesh, now)) > 0.0
-    new = assembly.rezoned(settings, knobs, placement, made.mesh)
+    new = assembly.rezoned_model(settings, knobs, placement, made.mesh)
     assert np.abs(new.body.nodes - model.body.nodes).max() > 0.2
     assert new.body.w.sum() == pytest.approx(model.body.w.sum(), rel=1e-3)
     counters = Counters()
@@ -210,7 +210,7 @@ def test_a_state_of_the_first_order_is_carried_over_exactly():
     mesh = assembly.model_for(
         settings := experiment.read_settings({"mesh": {"level": "coarse"}}),
         knobs := BACKEND.knobs(SOFT, settings),
-        placement := assembly.place(settings, knobs),
+        placement := assembly.placement_of(settings, knobs),
         None,
     ).mesh
     H = np.diag([0.3, 0.2, -0.4])

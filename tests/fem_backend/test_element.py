@@ -20,18 +20,18 @@ def discretised(cells=2, corners=0.2, middles=0.0) -> tuple[tetrahedra.Body, np.
 
 
 def forces(body: tetrahedra.Body, u: np.ndarray, law=LAW) -> np.ndarray:
-    state = stress.evaluate(law, tetrahedra.displacement_gradients(body, u), tangent=False)
+    state = stress.evaluate_stress(law, tetrahedra.displacement_gradients(body, u), tangent=False)
     return tetrahedra.internal_force(body, state.F, state.S)
 
 
 def energy(body: tetrahedra.Body, u: np.ndarray, law=LAW) -> float:
-    state = stress.evaluate(law, tetrahedra.displacement_gradients(body, u), tangent=False)
+    state = stress.evaluate_stress(law, tetrahedra.displacement_gradients(body, u), tangent=False)
     return float((body.w * state.energy).sum())
 
 
 def matrix(body: tetrahedra.Body, u: np.ndarray, law=LAW) -> sparse.csr_matrix:
     """The whole symmetric tangent over free dofs."""
-    state = stress.evaluate(law, tetrahedra.displacement_gradients(body, u), tangent=True)
+    state = stress.evaluate_stress(law, tetrahedra.displacement_gradients(body, u), tangent=True)
     data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
     upper = sparse.csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(body.pattern.size,) * 2)
     return upper + sparse.triu(upper, 1).T
@@ -156,7 +156,7 @@ def test_volume_converges_to_that_of_the_quarter_ellipsoid():
     n = np.array([6, 8, 10, 12])
     error = []
     for k in n:
-        mesh = meshing.quadratic(body, meshing.make(meshing.mapped_recipe(body, int(k), 0.0)))
+        mesh = meshing.with_mid_edge_nodes(body, meshing.make_mesh(meshing.mapped_recipe(body, int(k), 0.0)))
         w = tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool)).w
         assert w.min() > 0
         error.append(abs(w.sum() / (np.pi / 3 * 60 * 35 * 35) - 1))

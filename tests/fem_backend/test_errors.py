@@ -10,7 +10,7 @@ import pytest
 
 from fem_backend import closed_forms
 from fem_backend.accuracy import error_estimate
-from fem_backend.accuracy.calibration import UNKNOWN, calibration, known, uncalibrated
+from fem_backend.accuracy.calibration import UNKNOWN, calibrated_pairs, calibration, uncalibrated
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
 from fem_backend.meshing import LEVELS
@@ -59,13 +59,13 @@ def knobs(**values):
 
 
 def stated(found=None, at=None, **values):
-    return error_estimate.stated(at or settings(), knobs(**values), found or result())
+    return error_estimate.stated_errors(at or settings(), knobs(**values), found or result())
 
 
 def test_every_channel_of_a_run_has_an_error(make_bench):
     bench = make_bench({"friction": 0.2}, profile=PROFILE)
     found = bench.solve([0.5, 1.0])
-    error = error_estimate.stated(bench.settings, bench.knobs, found)
+    error = error_estimate.stated_errors(bench.settings, bench.knobs, found)
     assert set(error) == set(found.channels)
     for name, values in error.items():
         assert values.shape == (2,) and np.isfinite(values).all() and (values >= 0).all(), name
@@ -111,7 +111,9 @@ def test_what_the_penalty_lets_creep_is_a_share_of_what_friction_takes_on_every_
 
     def crept(force=(0.02, 0.0, 1.0), level="coarse", scale=1.0, friction=0.4, **more):
         at = settings(level, scale, point=[20.0 * scale, 0.0], **more)
-        return error_estimate.creeping(at, knobs(friction=friction), result(force, scale, scale**2))["Fx"] / scale**2
+        return (
+            error_estimate.friction_creep(at, knobs(friction=friction), result(force, scale, scale**2))["Fx"] / scale**2
+        )
 
     usual, normal = crept(), np.array([20.0 / 60.0**2, 0.0, 8.0**0.5 / 3.0 / 35.0])  # of the ellipsoid at (20, 0)
     np.testing.assert_allclose(crept(level="reference"), usual, rtol=1e-12)
@@ -139,7 +141,7 @@ def test_where_a_surface_sticks_creep_and_steps_take_from_each_other(monkeypatch
     nothing = {n: np.zeros(3) for n in ("Fx", "Fy")}
     left = {}
     for creep, stick in ((1, 1), (1, 0), (0, 1)):
-        monkeypatch.setattr(error_estimate, "creeping", lambda *_, on=creep: much if on else nothing)
+        monkeypatch.setattr(error_estimate, "friction_creep", lambda *_, on=creep: much if on else nothing)
         monkeypatch.setattr(error_estimate, "sticking", lambda *_, on=stick: much if on else nothing)
         left[creep, stick] = stated(aside, slope, friction=0.4)["Fx"]
     np.testing.assert_allclose(left[1, 1], 2 * error_estimate.CANCELS * 0.1, rtol=1e-3)
@@ -189,7 +191,7 @@ def bowl(clearance=1.0, **more):
 
 def in_bowl(at=None, **values):
     at = at or bowl()
-    return error_estimate.stated(at, BACKEND.knobs({**VALUES, **values}, at), result())
+    return error_estimate.stated_errors(at, BACKEND.knobs({**VALUES, **values}, at), result())
 
 
 def test_a_bowl_adds_what_the_body_sinks_to_what_moves_with_it_and_to_nothing_else():
@@ -219,7 +221,9 @@ def test_where_the_travel_vanishes_the_wall_takes_no_more_than_the_force():
     """On the way back to contact a force of 1 µN stated 1e9 times itself; travels beyond 3/2 of a wall's error keep."""
     found = result()
     gone = replace(found, channels=found.channels | {"travel": np.array([0.5, 1e-3, 0.0])})
-    held, lying = (error_estimate.stated(at, BACKEND.knobs(VALUES, at), gone)["Fz"] for at in (settings(), bowl()))
+    held, lying = (
+        error_estimate.stated_errors(at, BACKEND.knobs(VALUES, at), gone)["Fz"] for at in (settings(), bowl())
+    )
     assert (lying - held <= found.Fz * (1.0 + 1e-9)).all()  # round-off
     np.testing.assert_allclose((lying - held)[1:], found.Fz[1:], rtol=1e-9)
     np.testing.assert_allclose((lying - held)[0], 1.5e-3 / 0.5 * found.Fz[0], rtol=1e-9)
@@ -304,7 +308,7 @@ def test_elements_longer_than_asked_for_below_the_ball_state_more(edge):
 def test_a_tilt_counts_by_where_the_ball_touches():
     """The fine elements are there: those at the asked point, which the ball has left, do not lie below it."""
     at, tilted = settings(), knobs(tilt_y=20.0)
-    x, y = assembly.fine_at(at, tilted, assembly.place(at, tilted))
+    x, y = assembly.fine_at(at, tilted, assembly.placement_of(at, tilted))
     assert -16.0 < x < -10.0 and y == 0.0  # the side that comes up
     triangle = np.array([[-0.5, -0.3, 0.0], [0.5, -0.3, 0.0], [0.0, 0.75**0.5 - 0.3, 0.0]])
     nodes = np.concatenate([0.5 * at.h0 * triangle + np.array([x, y, 34.0]), 5.0 * triangle + at.specimen.top])
@@ -385,7 +389,7 @@ def answered(values, monkeypatch):
         "skin", Programme.ramp((0.25, 0.5, 1.0, 2.0, 4.0), 0.5), {"mesh": {"level": "coarse"}, "derivatives": False}
     )
     with monkeypatch.context() as patch:
-        patch.setattr("fem_backend.backend.stated", states := Mock(wraps=error_estimate.stated))
+        patch.setattr("fem_backend.backend.stated_errors", states := Mock(wraps=error_estimate.stated_errors))
         return BACKEND(values, case), states.call_args.args
 
 
@@ -398,7 +402,7 @@ def test_what_is_missed_of_a_skin_is_stated(ratio, thickness, monkeypatch):
     off = np.abs(r.channels["Fz"] - fine)
     assert (off < r.error["Fz"]).all() and (r.error["Fz"] < 0.15 * fine).all()
     monkeypatch.setattr(error_estimate, "contrast", lambda knobs: 0.0)
-    assert (off > error_estimate.stated(*run)["Fz"]).any()
+    assert (off > error_estimate.stated_errors(*run)["Fz"]).any()
 
 
 def test_the_lowest_point_below_a_stiff_skin_is_off_by_what_is_stated(monkeypatch):
@@ -408,15 +412,15 @@ def test_the_lowest_point_below_a_stiff_skin_is_off_by_what_is_stated(monkeypatc
     off = np.abs(r.channels["uz_max"] - fine)
     assert (off < r.error["uz_max"]).all()
     monkeypatch.setattr(error_estimate, "calibration", lambda s: replace(calibration(s), uneven=0.0))
-    assert (off > error_estimate.stated(*run)["uz_max"]).any()
+    assert (off > error_estimate.stated_errors(*run)["uz_max"]).any()
 
 
 def test_a_skin_of_the_core_is_none_and_one_far_thinner_or_thicker_than_elements_has_no_edge():
     for name, error in stated(skin_ratio=1.0, skin_thickness=0.5).items():
         np.testing.assert_array_equal(error, stated()[name])
     at = settings()
-    assert error_estimate.lumped(at, knobs(skin_ratio=0.2, skin_thickness=1e-9)) == pytest.approx(1.0)
-    assert error_estimate.lumped(at, knobs(skin_ratio=0.2, skin_thickness=2.0 * at.h0)) == 1.0
+    assert error_estimate.mixed_cell_factor(at, knobs(skin_ratio=0.2, skin_thickness=1e-9)) == pytest.approx(1.0)
+    assert error_estimate.mixed_cell_factor(at, knobs(skin_ratio=0.2, skin_thickness=2.0 * at.h0)) == 1.0
     assert (
         error_estimate.layered(at, knobs(skin_ratio=0.2, skin_thickness=1.0)) == 1.0
     )  # a softer one is missed by no more
@@ -440,13 +444,13 @@ def test_no_contact_is_no_force_and_no_error_of_it():
 def test_a_contact_smaller_than_an_element_states_what_it_misses(graded):
     """Beside Hertz, who is right there: the force of 2 µm is nothing on this mesh, and that is no exact answer."""
     found = graded.solve([0.002, 0.01, 0.05])
-    error = error_estimate.stated(graded.settings, graded.knobs, found)["Fz"]
+    error = error_estimate.stated_errors(graded.settings, graded.knobs, found)["Fz"]
     K = 2.0 / VALUES["D1"]
     E, nu = closed_forms.youngs_modulus(VALUES["mu"], K), closed_forms.poisson_ratio(VALUES["mu"], K)
     hertz = closed_forms.hertz_force(found.travel, error_estimate.effective_radius(graded.settings), E, nu)
     assert found.Fz[0] == 0.0
     assert np.all(error > np.abs(found.Fz - hertz)) and np.all(error < 10.0 * hertz)
-    assert not error_estimate.stated(graded.settings, graded.knobs, found)["Fx"].any()
+    assert not error_estimate.stated_errors(graded.settings, graded.knobs, found)["Fx"].any()
 
 
 @pytest.mark.verification
@@ -477,7 +481,7 @@ def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
     assert np.all(off < left) and np.all(left[:2] < 5.0 * off[:2])
     finer = error_estimate.run_terms(bench.settings, bench.knobs, dense)["Fz"][np.isclose(dense.travel, 2.0)]
     assert finer[0] < 0.4 * left[1]
-    assert not error_estimate.relaxing(graded.settings, graded.knobs, found).any()
+    assert not error_estimate.relaxation_step_error(graded.settings, graded.knobs, found).any()
 
 
 def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
@@ -494,7 +498,7 @@ def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
     _, dense = run((*np.round(np.arange(1, 60) / 20, 10), 3.0))
     same = [int(np.argmin(np.abs(dense.channels["time"] - t))) for t in found.channels["time"]]
     missed = {n: np.abs(found.channels[n] - dense.channels[n][same]) for n in ("uz_max", "contact_radius")}
-    terms = (error_estimate.stated, error_estimate.run_terms, error_estimate.recovering)
+    terms = (error_estimate.stated_errors, error_estimate.run_terms, error_estimate.recovering)
     stated_, left, back = (of(bench.settings, bench.knobs, found) for of in terms)
     assert all(np.all(off <= stated_[name]) for name, off in missed.items())
     off, there = missed["uz_max"], found.travel == np.maximum.accumulate(found.travel)
@@ -537,14 +541,14 @@ def test_what_friction_takes_of_a_lateral_force_errs_as_the_pressures_do(monkeyp
     """
     fine = 0.0238  # N
     case = Case("slope", Programme.ramp((4.0,)), {"point": [20.0, 0.0], "mesh": {"level": "coarse"}})
-    states = Mock(wraps=error_estimate.stated)
-    monkeypatch.setattr("fem_backend.backend.stated", states)
+    states = Mock(wraps=error_estimate.stated_errors)
+    monkeypatch.setattr("fem_backend.backend.stated_errors", states)
     found = BACKEND({"mu": 0.01306, "D1": 4.25, "friction": 0.4}, case)
     off = abs(found.channels["Fx"][-1] - fine)
     assert off < found.error["Fx"][-1] < 4.0 * off
     run = states.call_args.args
     monkeypatch.setattr(error_estimate, "taken", lambda *run: {n: np.zeros(1) for n in ("Fx", "Fy")})
-    assert error_estimate.stated(*run)["Fx"][-1] < off
+    assert error_estimate.stated_errors(*run)["Fx"][-1] < off
 
 
 @pytest.mark.parametrize(("more", "left"), [({"prony_g": 0.4, "prony_tau": 1.0}, 1e-2), ({"friction": 0.3}, 1e-3)])
@@ -562,7 +566,7 @@ def test_what_round_off_leaves_out_of_balance_is_stated(more, left, monkeypatch)
         }
     )
     values = BACKEND.knobs({"mu": 0.01, "D1": 0.2, **more}, at)
-    place = assembly.place(at, values)
+    place = assembly.placement_of(at, values)
     model = assembly.model_for(at, values, place, None)
 
     asked, tight = ((0.5,) if values.friction else (0.5, 1.0)), load_steps.equilibrate
@@ -576,7 +580,7 @@ def test_what_round_off_leaves_out_of_balance_is_stated(more, left, monkeypatch)
         monkeypatch.setattr(load_steps, "equilibrate", stuck)
         monkeypatch.setattr(mixed_newton, "TIGHT", left)
         monkeypatch.setattr(mixed_newton, "BEFORE", left)
-        return indentation.solve(at, values, place, model, [Instant(s, s, True) for s in asked])
+        return indentation.simulate_indentation(at, values, place, model, [Instant(s, s, True) for s in asked])
 
     exact, rough = run(1e-9), run(left)
     true = np.abs(rough.Fz / exact.Fz - 1.0)
@@ -636,7 +640,7 @@ def deep_error(D1, level, travel, force):
         "contact_radius": np.array([2.9]),
     }
     found = replace(one, channels=channels, contact_error=np.zeros(1), residual=np.zeros(1))
-    return float(error_estimate.stated(settings(level), knobs(D1=D1), found)["Fz"][0]) / force
+    return float(error_estimate.stated_errors(settings(level), knobs(D1=D1), found)["Fz"][0]) / force
 
 
 def test_deep_forces_err_by_no_more_than_is_stated():
@@ -674,9 +678,9 @@ def test_what_a_mesh_misses_is_foretold_from_the_contact_radius():
 def test_a_pair_that_nobody_fitted_states_more_and_says_so(monkeypatch):
     """The same run as if its indenter had another name: every stated error is UNKNOWN times as large."""
     at, other = settings(), replace(settings())
-    own = error_estimate.stated(at, knobs(), result())
-    assert uncalibrated(at) is None and ("ellipsoid", "sphere") in known()
+    own = error_estimate.stated_errors(at, knobs(), result())
+    assert uncalibrated(at) is None and ("ellipsoid", "sphere") in calibrated_pairs()
     monkeypatch.setattr(type(other.indenter), "name", "cone")
-    more = error_estimate.stated(other, knobs(), result())
+    more = error_estimate.stated_errors(other, knobs(), result())
     assert all(np.array_equal(more[name], UNKNOWN * v) for name, v in own.items())
     assert "'cone'" in uncalibrated(other) and f"{UNKNOWN:g} times" in uncalibrated(other)

@@ -244,7 +244,7 @@ def test_similar_specimens_share_one_mesh():
 
 def test_a_mesh_of_a_similar_body_is_that_of_the_specimen(monkeypatch):
     """Forces of a specimen of half the size are a fourth at half the depth; the mesh is one for both."""
-    monkeypatch.setattr(meshing, "cached", lambda recipe: meshing.mapped_quarter(meshing.nominal(recipe), 6, 0.3))
+    monkeypatch.setattr(meshing, "cached", lambda recipe: meshing.mapped_quarter(meshing.nominal_body(recipe), 6, 0.3))
     force = []
     for k in (1.0, 0.5):
         table = {"specimen": {"semi_axes": [30.0 * k, 24.0 * k, 21.0 * k]}, "indenter": {"radius": 3.0 * k}}
@@ -366,7 +366,7 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    for c in calibration.known().values():
+    for c in calibration.calibrated_pairs().values():
         assert set(c.level) == {*meshing.LEVELS, LIMIT}
         assert {name for name, level in c.level.items() if level.extrapolated != 1.0} == {LIMIT}
 

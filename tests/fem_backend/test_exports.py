@@ -111,13 +111,13 @@ def own(law, stretch):
 @pytest.mark.parametrize("program", ["abaqus", "ansys", "febio"])
 def test_the_energy_of_a_card_is_that_of_the_law(name, program):
     law = LAWS[name]
-    c = mc.constants(Material(law))
+    c = mc.card_constants(Material(law))
     lines = {"abaqus": mc.abaqus, "ansys": mc.ansys, "febio": mc.febio_card}[program](c)
     read = {"abaqus": by_abaqus, "ansys": by_ansys, "febio": by_febio}[program]
     for stretch in STRETCHES:
         assert read(lines, stretch) == pytest.approx(own(law, stretch), rel=1e-10)
     if name == "neo-Hooke":  # a small wrong constant would be seen
-        other = mc.constants(Material(NeoHooke(0.012, 9.01)))
+        other = mc.card_constants(Material(NeoHooke(0.012, 9.01)))
         off = {"abaqus": mc.abaqus, "ansys": mc.ansys, "febio": mc.febio_card}[program](other)
         assert abs(read(off, (0.9, 0.9, 0.9)) / own(law, (0.9, 0.9, 0.9)) - 1) > 1e-4
 
@@ -125,7 +125,7 @@ def test_the_energy_of_a_card_is_that_of_the_law(name, program):
 def test_sofa_has_another_energy_that_agrees_for_small_strains():
     """SOFA's W = mu/2 (I1 − 3) − mu ln J + lambda/2 ln² J: its second derivatives at rest are those of the law."""
     law = LAWS["neo-Hooke"]
-    lines = mc.sofa(mc.constants(Material(law)))
+    lines = mc.sofa(mc.card_constants(Material(law)))
     mu, lam = map(float, re.search(r'ParameterSet="(\S+) (\S+)"', lines[-1]).groups())
 
     def theirs(stretch):
@@ -141,7 +141,7 @@ def test_sofa_has_another_energy_that_agrees_for_small_strains():
 
 def test_relaxation_is_written_from_the_instantaneous_moduli_or_said_to_be_missing():
     stuff = Material(LAWS["neo-Hooke"], prony=Prony((0.3, 0.1), (0.5, 10.0)))
-    c = mc.constants(stuff)
+    c = mc.card_constants(stuff)
     lines = mc.abaqus(c)
     assert "MODULI=INSTANTANEOUS" in lines[1] and lines[-2:] == ["0.3, 0, 0.5", "0.1, 0, 10"]
     assert mc.ansys(c)[-2:] == ["TB,PRONY,MAT_ID,1,2,SHEAR", "TBDATA,1,0.3,0.5,0.1,10"]
@@ -151,7 +151,7 @@ def test_relaxation_is_written_from_the_instantaneous_moduli_or_said_to_be_missi
 
 
 def test_small_strains_are_e_and_nu():
-    c = mc.constants(Material(LinearElastic(0.012, 9.0)))
+    c = mc.card_constants(Material(LinearElastic(0.012, 9.0)))
     E, nu = numbers(mc.abaqus(c)[2:])
     assert E / (2 * (1 + nu)) == pytest.approx(0.012, rel=1e-10) and E / (3 * (1 - 2 * nu)) == pytest.approx(2 / 9.0)
 

@@ -154,14 +154,14 @@ def test_what_a_path_reached_comes_with_the_failure(values, brittle):
 @pytest.fixture
 def brittle(monkeypatch):
     """Elements that turn over beyond some displacement, whatever the step."""
-    true = newton.evaluate
+    true = newton.evaluate_system
 
     def evaluate(system, u, load):
         if u[:, 2].min() < -0.6:
             raise newton.stress.Inverted("element 7 is inside out")
         return true(system, u, load)
 
-    monkeypatch.setattr(newton, "evaluate", evaluate)
+    monkeypatch.setattr(newton, "evaluate_system", evaluate)
 
 
 def test_inversion_is_said_where_no_step_is_small_enough(small, brittle):
@@ -173,7 +173,7 @@ def test_inversion_is_said_where_no_step_is_small_enough(small, brittle):
 
 def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch):
     """Whatever the steps the answer is that of the run that does not fail; a second failure is one."""
-    true, tried = load_steps.travel, []
+    true, tried = load_steps.follow_travel, []
 
     def travel(system, start, asked, control, *rest):
         tried.append(control.first)
@@ -182,7 +182,7 @@ def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch
         return true(system, start, asked, control, *rest)
 
     fails = {1}
-    monkeypatch.setattr(load_steps, "travel", travel)
+    monkeypatch.setattr(load_steps, "follow_travel", travel)
     other = small.solve([0.5, 1.0])
     assert len(tried) == 2 and tried[1] < tried[0]
     tried.clear()
@@ -190,7 +190,7 @@ def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch
     with pytest.raises(Stopped):
         small.solve([0.5, 1.0])
     assert len(tried) == 2
-    monkeypatch.setattr(load_steps, "travel", true)
+    monkeypatch.setattr(load_steps, "follow_travel", true)
     np.testing.assert_allclose(other.Fz, small.solve([0.5, 1.0]).Fz, rtol=1e-8)
 
 
@@ -273,7 +273,9 @@ def test_a_law_that_softens_over_the_stretches_reached_is_no_material(values, la
 )
 def test_a_law_that_cannot_reach_the_depth_is_refused_before_anything_is_meshed(values, material, monkeypatch):
     """By a strain that Hertz's contact reaches; what can be reached is not refused, and a skin forbids to foretell."""
-    monkeypatch.setattr("fem_backend.simulation.assembly.build", lambda *a, **k: pytest.fail("something was built"))
+    monkeypatch.setattr(
+        "fem_backend.simulation.assembly.build_model", lambda *a, **k: pytest.fail("something was built")
+    )
     at = {"mesh": SMALL, "material": material}
     case = Case("c", Programme.ramp((1.0, 2.0), 1.0), at)
     failure = failed(values, (1.0, 2.0), material=material)

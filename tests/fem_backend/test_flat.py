@@ -11,7 +11,7 @@ from skfem import MeshTet
 
 from fem_backend.backend import BACKEND
 from fem_backend.kinematics import tetrahedra
-from fem_backend.meshing import BadMesh, grids, make, volumes
+from fem_backend.meshing import BadMesh, grids, make_mesh, volumes
 from fem_backend.meshing.placing import scaled_jacobian
 from fem_backend.simulation import assembly, experiment
 from fem_backend.specimens.block import Cuboid
@@ -48,7 +48,7 @@ def solve(specimen: dict, values: dict | None = None, depth: float = 0.5, **tabl
 def mesh_of(specimen, point=(0.0, 0.0), planes=QUARTER, level="coarse"):
     """Its quadratic mesh for a ball of 3 mm."""
     recipe = specimen.meshing(3.0, "tetwild", level, 0, 0.0).recipe
-    return specimen.quadratic(make(recipe), recipe, point, planes)
+    return specimen.quadratic(make_mesh(recipe), recipe, point, planes)
 
 
 def volume(mesh) -> float:
@@ -142,7 +142,7 @@ def test_a_rounded_edge_takes_away_what_it_should():
 def test_the_same_elements_at_every_place_and_size():
     """The answer is smooth in the place and in errors of sizes: elements keep their corners, nodes move a little."""
     recipe = Cuboid(20.0, 16.0, 5.0).meshing(3.0, "tetwild", "coarse", 0, 0.0).recipe
-    quarter = make(recipe)
+    quarter = make_mesh(recipe)
     first = Cuboid(20.0, 16.0, 5.0).quadratic(quarter, recipe, (2.0, 1.0), WHOLE)
     other = Cuboid(20.01, 16.0, 5.0).quadratic(quarter, recipe, (2.01, 1.0), WHOLE)
     assert (first.t == other.t).all()
@@ -176,7 +176,7 @@ def test_recipes_are_cut_from_their_words():
     recipe = Slab(6.0, (), 24.0).meshing(3.0, "tetwild", "coarse", 0, 0.0).recipe
     words = json.loads(recipe)
     assert words["mesher"] == grids.NAME and words["z"] == [0.0, 6.0] and words["x"][-1] == 4 * 6.0 + 4 * 3.0
-    a, b = make(recipe), make(recipe)
+    a, b = make_mesh(recipe), make_mesh(recipe)
     assert a.to_bytes() == b.to_bytes()
 
 
@@ -305,7 +305,7 @@ def test_a_block_without_size_is_refused_by_its_knob():
 def test_a_block_is_never_taken_for_a_body_of_revolution():
     settings = experiment.read_settings({**ON, "specimen": {**BLOCK, "size": [20.0, 20.0, 6.0]}})
     knobs = BACKEND.knobs({"mu": 0.01, "D1": 10.0}, settings)
-    assert not assembly.place(settings, knobs).meridian
+    assert not assembly.placement_of(settings, knobs).meridian
 
 
 def test_distances_of_a_block_are_those_of_its_surface():

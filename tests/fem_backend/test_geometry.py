@@ -225,7 +225,7 @@ def test_the_place_of_first_contact_lies_on_the_body_and_on_the_ball(axes):
             "point": [0.35 * axes[0], 0.1 * axes[1]],
         }
     )
-    placement = assembly.place(settings, Knobs(mu=0.01, D1=5.8))
+    placement = assembly.placement_of(settings, Knobs(mu=0.01, D1=5.8))
     x, body = placement.contact, placement.specimen
     np.testing.assert_allclose(((x / body.semi_axes) ** 2).sum(), 1.0, rtol=1e-12)
     normal = x / body.semi_axes**2

@@ -27,7 +27,7 @@ def column(law, weight: float, n: int, sign: float = -1.0) -> tuple[tetrahedra.B
     held[:, 0] = held[:, 1] = True  # no sideways motion: uniaxial strain
     held[:, 2] = X[:, 2] == 0.0
     body = tetrahedra.discretise(mesh, held)
-    dead = weight * assembly.lumped(body, np.ones_like(body.w))[:, None] * np.array([0.0, 0.0, sign])
+    dead = weight * assembly.nodal_weight(body, np.ones_like(body.w))[:, None] * np.array([0.0, 0.0, sign])
     system = System(body, Material(law(MU, D1)), None, (), direct.solver(body.pattern, "superlu"), None, dead)
     u = np.zeros_like(X)
     for share in (0.25, 0.5, 0.75, 1.0):

@@ -15,12 +15,12 @@ from fem_backend.contact import tractions
 from fem_backend.indenters import INDENTERS, meridian
 from fem_backend.indenters.cone import Cone, equivalent_half_angle
 from fem_backend.indenters.flat import Flat
-from fem_backend.indenters.meridian import UPRIGHT, Meridian, outline
+from fem_backend.indenters.meridian import UPRIGHT, Meridian, meridian_outline
 from fem_backend.indenters.plate import Plate
 from fem_backend.indenters.profile import MeasuredProfile
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import experiment
-from fem_backend.simulation.knobs import known
+from fem_backend.simulation.knobs import knobs_class
 from fem_backend.specimens import SPECIMENS
 from rso.contract import Case, Programme, run_key
 
@@ -274,7 +274,7 @@ def test_forces_on_a_half_space():
     assert np.all(Cone(60.0, 0.1).force(d, 0.0, E, nu) > sharp)  # a blunt tip meets more
     a, R = np.array([0.05, 0.7, 2.0]), 3.0
     log = np.log((R + a) / (R - a))
-    ball = outline([(UPRIGHT, R), (UPRIGHT, math.inf)])
+    ball = meridian_outline([(UPRIGHT, R), (UPRIGHT, math.inf)])
     found = meridian.half_space_force(ball, 0.5 * a * log, 0.0, E, nu, 2.9)
     np.testing.assert_allclose(found, star * (0.5 * (a**2 + R**2) * log - a * R), rtol=3e-4)
     assert np.all(np.abs(found / (star * a**3)) > 0.4)  # not zero over zero
@@ -437,7 +437,7 @@ def test_the_canonical_table_is_read_again(name):
 
 
 def knobs(**values: float):
-    return replace(known()(mu=0.01, D1=5.0), **values)
+    return replace(knobs_class()(mu=0.01, D1=5.0), **values)
 
 
 def test_knobs_change_what_they_name():
@@ -525,18 +525,18 @@ def glue(seed: int = 0):
 def test_glue_has_a_potential():
     """Residual, tangent and the rate along the way are derivatives of the energy, and forces balance."""
     pair, x, touch = glue()
-    at, e = tractions.evaluate(pair, x, touch), 1e-6
+    at, e = tractions.evaluate_contact(pair, x, touch), 1e-6
     data = np.zeros(27 * 27)
-    rate = tractions.tangent(pair, x, touch, at, data)
+    rate = tractions.contact_tangent(pair, x, touch, at, data)
     K = data.reshape(27, 27)
     for k in range(27):
         step = np.zeros(27)
         step[k] = e
-        high, low = (tractions.evaluate(pair, x + s * step.reshape(9, 3), touch) for s in (1.0, -1.0))
+        high, low = (tractions.evaluate_contact(pair, x + s * step.reshape(9, 3), touch) for s in (1.0, -1.0))
         assert (high.energy - low.energy) / (2 * e) == pytest.approx(at.residual.ravel()[k], abs=1e-6)
         np.testing.assert_allclose((high.residual - low.residual).ravel() / (2 * e), K[:, k], atol=1e-5)
     further = [replace(touch, centre=touch.centre + s * e * DOWN) for s in (1.0, -1.0)]
-    high, low = (tractions.evaluate(pair, x, t).residual for t in further)
+    high, low = (tractions.evaluate_contact(pair, x, t).residual for t in further)
     np.testing.assert_allclose((high - low) / (2 * e), rate, atol=1e-5)
     np.testing.assert_allclose(at.residual.sum(0), at.force, atol=1e-12)
     assert np.abs(K - K.T).max() < 1e-9 and np.linalg.eigvalsh(K).min() > -1e-9
@@ -545,13 +545,13 @@ def test_glue_has_a_potential():
 def test_glue_pulls_and_contact_does_not():
     pair, x, touch = glue()
     up = replace(touch, centre=np.array([0.1, 0.0, 0.5]))
-    pulled = tractions.evaluate(pair, x, up)
+    pulled = tractions.evaluate_contact(pair, x, up)
     assert (
         pulled.force[2] < 0.0
         and pulled.force[0] < 0.0
         and np.all(pulled.pressure[~np.isfinite(pair.held[..., 0])] == 0)
     )
-    assert np.all(tractions.evaluate(replace(pair, held=None), x, up).force == 0.0)
+    assert np.all(tractions.evaluate_contact(replace(pair, held=None), x, up).force == 0.0)
 
 
 # ----------------------------------------------------------------------------------------------------------- runs

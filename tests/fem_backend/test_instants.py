@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND, passages
-from fem_backend.simulation.schedule import steps
+from fem_backend.simulation.schedule import instants_with_steps
 from fem_backend.solver.load_steps import Instant
 from rso.contract import Case, Programme, run_key
 
@@ -71,9 +71,11 @@ def test_an_asked_travel_that_is_hardly_any_is_not_lost(travel, tiny):
 def test_a_rest_has_steps_that_grow_with_its_time():
     """Of a body that relaxes, a ninth and a third of the time since it began; other bodies rest in one step."""
     at = [Instant(1.0, 1.0, True), Instant(10.0, 1.0, True), Instant(19.0, 1.0, True), Instant(20.0, 0.9, True)]
-    np.testing.assert_allclose([i.time for i in steps(at, 1.0, True)], [1.0, 2.0, 4.0, 10.0, 19.0, 20.0], rtol=1e-12)
-    assert [i.time for i in steps(at, 1.0)] == [1.0, 10.0, 19.0, 20.0]
-    long = steps([Instant(1.0, 1.0, True), Instant(1.5, 1.0, True), Instant(91.0, 1.0, True)], 1.0, True)
+    np.testing.assert_allclose(
+        [i.time for i in instants_with_steps(at, 1.0, True)], [1.0, 2.0, 4.0, 10.0, 19.0, 20.0], rtol=1e-12
+    )
+    assert [i.time for i in instants_with_steps(at, 1.0)] == [1.0, 10.0, 19.0, 20.0]
+    long = instants_with_steps([Instant(1.0, 1.0, True), Instant(1.5, 1.0, True), Instant(91.0, 1.0, True)], 1.0, True)
     np.testing.assert_allclose([i.time - 1.0 for i in long], [0.0, 0.5 / 9, 0.5 / 3, 0.5, 10.0, 30.0, 90.0], rtol=1e-9)
     assert all(i.travel == 1.0 for i in long) and [i.asked for i in long[1:4]] == [False, False, True]
 

@@ -33,7 +33,7 @@ def loose():
     """A free cube on springs a billionth as stiff: pattern, data, dense matrix, rigid motions, all (…, f) free."""
     mesh = MeshTet2.from_mesh(MeshTet().refined(2))
     body = tetrahedra.discretise(mesh, np.zeros(mesh.doflocs.T.shape, bool))
-    state = stress.evaluate(NeoHooke(1.0, 0.02), np.zeros((*body.w.shape, 3, 3)), tangent=True)
+    state = stress.evaluate_stress(NeoHooke(1.0, 0.02), np.zeros((*body.w.shape, 3, 3)), tangent=True)
     data, pattern = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C), body.pattern
     data[pattern.diagonal] += 1e-9
     upper = sparse.csr_matrix((data, pattern.indices, pattern.indptr))
@@ -88,7 +88,7 @@ def test_single_precision_alone_is_lost(loose, name):
 
 def counted(monkeypatch):
     made = []
-    plain = krylov.raw
+    plain = krylov.raw_factors
 
     def raw(*given):
         factor, release = plain(*given)
@@ -100,7 +100,7 @@ def counted(monkeypatch):
 
         return count, release
 
-    monkeypatch.setattr(krylov, "raw", raw)
+    monkeypatch.setattr(krylov, "raw_factors", raw)
     return made
 
 
@@ -173,7 +173,7 @@ def test_equilibrium_is_that_of_factors_in_double(make_bench):
 def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
     """Where a path is not found tightly between asked travels, the state before it counts, 1e-2 of the force off."""
     b = make_bench({"prony_g": 0.2}, **{**BOWL, "point": [8.0, 0.0]})
-    control, find = replace(Control(), path=0.1), load_steps.find
+    control, find = replace(Control(), path=0.1), load_steps.find_equilibrium
     tight = b.solve([0.2], control=control)
 
     def lazy(system, u, load, tolerance, *more, **given):
@@ -181,7 +181,7 @@ def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
             raise NotConverged("contact", "no equilibrium", ())
         return find(system, u, load, tolerance, *more, **given)
 
-    monkeypatch.setattr(load_steps, "find", lazy)
+    monkeypatch.setattr(load_steps, "find_equilibrium", lazy)
     loose = b.solve([0.2], control=control)
     assert (tight.counters.loose, loose.counters.loose) == (0, 1)
     np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
@@ -189,7 +189,7 @@ def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
 
 def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, monkeypatch):
     """Where a body turns so easily that no tight equilibrium is found, 1e-2 of the force may be out of balance."""
-    b, find = make_bench({"bowl_friction": 0.0}, **{**BOWL, "point": [8.0, 0.0]}), load_steps.find
+    b, find = make_bench({"bowl_friction": 0.0}, **{**BOWL, "point": [8.0, 0.0]}), load_steps.find_equilibrium
     tight = b.solve([0.2])
 
     fails: list[float] = []
@@ -200,7 +200,7 @@ def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, mo
             raise NotConverged("contact", "no equilibrium", ())
         return find(system, u, load, tolerance, *more, **given)
 
-    monkeypatch.setattr(load_steps, "find", lazy)
+    monkeypatch.setattr(load_steps, "find_equilibrium", lazy)
     for most in (2, 1):  # either stage, or the first alone: what the second starts from
         fails.clear()
         loose = b.solve([0.2], control=replace(Control(), seating=Control().loose))

@@ -17,7 +17,7 @@ def name(request):
 
 
 def stiffness(body: tetrahedra.Body) -> np.ndarray:
-    state = stress.evaluate(NeoHooke(0.01, 5.8), np.zeros((*body.w.shape, 3, 3)), tangent=True)
+    state = stress.evaluate_stress(NeoHooke(0.01, 5.8), np.zeros((*body.w.shape, 3, 3)), tangent=True)
     return tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
 
 

@@ -15,7 +15,7 @@ from fem_backend.contact.rings import ring_patch
 from fem_backend.contact.tractions import contact_surface
 from fem_backend.kinematics import axisymmetric
 from fem_backend.materials import meridian_zones
-from fem_backend.meshing import BadMesh, graded, triangulated
+from fem_backend.meshing import BadMesh, graded_coordinates, triangulated
 from fem_backend.simulation import assembly
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.solver.load_steps import Stopped
@@ -84,7 +84,7 @@ def test_what_is_of_revolution_is_found_not_assumed():
     settings = read_settings({"specimen": SLAB, "support": {"kind": "bonded"}})
 
     def meridian(**values):
-        return assembly.place(settings, BACKEND.knobs({**BALL, **values}, settings)).meridian
+        return assembly.placement_of(settings, BACKEND.knobs({**BALL, **values}, settings)).meridian
 
     assert meridian() and meridian(friction=0.3) and meridian(offset_x=1.0)
     assert not meridian(tilt_x=1.0) and not meridian(fibre=0.01)
@@ -183,7 +183,7 @@ def test_weight_is_carried_by_the_support():
 
 
 def test_grids_hit_their_places_and_sizes():
-    x = graded(lambda r: 0.1 + 0.3 * r, (0.0, 1.0, 5.0))
+    x = graded_coordinates(lambda r: 0.1 + 0.3 * r, (0.0, 1.0, 5.0))
     assert x[0] == 0.0 and x[-1] == 5.0 and 1.0 in x
     steps, middle = np.diff(x), 0.5 * (x[1:] + x[:-1])
     assert np.all(steps <= 1.02 * (0.1 + 0.3 * middle)) and np.all(steps >= 0.6 * (0.1 + 0.3 * middle))

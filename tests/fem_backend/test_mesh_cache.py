@@ -16,8 +16,8 @@ OTHER = recipes.mapped_recipe(EllipsoidShape(6.0, 4.0, 5.0), 8, 0.3)
 def kept(tmp_path, monkeypatch):
     """The file in which the mesh of RECIPE is kept, how often a mesh was made, and the mesh."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    made, make = [], recipes.make
-    monkeypatch.setattr(recipes, "make", lambda recipe: made.append(recipe) or make(recipe))
+    made, make = [], recipes.make_mesh
+    monkeypatch.setattr(recipes, "make_mesh", lambda recipe: made.append(recipe) or make(recipe))
     mesh = recipes.cached(RECIPE)
     (file,) = (tmp_path / "rso-meshes").iterdir()
     recipes.cached(OTHER)
@@ -52,7 +52,7 @@ def test_what_is_not_that_mesh_is_made_again_and_replaced(kept, spoil):
         case "other body":
             file.write_bytes(other.read_bytes())
         case "bare":
-            file.write_bytes(recipes.make(OTHER).to_bytes())
+            file.write_bytes(recipes.make_mesh(OTHER).to_bytes())
             made.clear()
         case "group":
             file.chmod(0o666)
@@ -67,7 +67,7 @@ def test_what_is_not_that_mesh_is_made_again_and_replaced(kept, spoil):
     assert same(recipes.cached(RECIPE), mesh) and made == [RECIPE]
     if spoil != "folder open":  # there nothing is kept
         assert same(recipes.cached(RECIPE), mesh) and made == [RECIPE]
-        assert not file.is_symlink() and same(recipes.cached(OTHER), recipes.make(OTHER))
+        assert not file.is_symlink() and same(recipes.cached(OTHER), recipes.make_mesh(OTHER))
 
 
 def test_without_a_home_a_mesh_is_made_and_used(monkeypatch, tmp_path):

@@ -77,7 +77,7 @@ def quadratic_skin(mesh: MeshTet2) -> np.ndarray:
 
 
 def check_quadratic(body: EllipsoidShape, mesh: Mesh) -> None:
-    quadratic = meshing.quadratic(body, mesh)
+    quadratic = meshing.with_mid_edge_nodes(body, mesh)
     X = quadratic.doflocs.T
     facets = quadratic_skin(quadratic)
     np.testing.assert_allclose(np.linalg.norm(X[facets] / body.semi_axes, axis=1), 1.0, atol=1e-12)
@@ -117,11 +117,11 @@ print(hashlib.sha256(meshing.make(sys.argv[1]).to_bytes()).hexdigest())
 
 def test_mapped_mesh_has_the_same_bits_in_a_fresh_process():
     recipe = meshing.mapped_recipe(BODY, 7, 0.4)
-    here = hashlib.sha256(meshing.make(recipe).to_bytes()).hexdigest()
+    here = hashlib.sha256(meshing.make_mesh(recipe).to_bytes()).hexdigest()
     env = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}  # a zip file may hold the time of day
     done = subprocess.run([sys.executable, "-c", FRESH, recipe], cwd=ROOT, env=env, capture_output=True, text=True)
     assert done.stdout.strip() == here, done.stderr
-    other = meshing.make(meshing.mapped_recipe(BODY, 7, 0.41)).to_bytes()  # negative control
+    other = meshing.make_mesh(meshing.mapped_recipe(BODY, 7, 0.41)).to_bytes()  # negative control
     assert hashlib.sha256(other).hexdigest() != here
 
 
@@ -193,7 +193,7 @@ def tetwild(tmp_path_factory):
     recipe = meshing.tetwild_recipe(BODY, Sizing(0.8, 2.5, 0.45, 40.0))
     os.chdir(folder)
     try:
-        mesh = meshing.make(recipe)
+        mesh = meshing.make_mesh(recipe)
     finally:
         os.chdir(before)
     return mesh, sorted(p.name for p in folder.iterdir())
@@ -222,7 +222,7 @@ def test_tetwild_volume(tetwild):
     """Quadratic elements hold the volume to 1e-3, straight ones (as made) are up to 8 % short."""
     from fem_backend.kinematics import tetrahedra
 
-    quadratic = meshing.quadratic(BODY, tetwild[0])
+    quadratic = meshing.with_mid_edge_nodes(BODY, tetwild[0])
     w = tetrahedra.discretise(quadratic, np.zeros((quadratic.doflocs.shape[1], 3), bool)).w
     np.testing.assert_allclose(w.sum(), np.pi / 3 * 60 * 35 * 35, rtol=2e-3)
 
@@ -268,7 +268,7 @@ def test_of_meshes_that_fail_off_the_top_the_best_is_taken(shapes, chosen, monke
 
     answers = iter(shapes)
     monkeypatch.setattr(tetwild, "_extension", lambda: Mesher)
-    monkeypatch.setattr(tetwild, "soundness", lambda mesh, body: next(answers))
+    monkeypatch.setattr(tetwild, "placed_quality", lambda mesh, body: next(answers))
     mesh = tetwild.tetwild_quarter(BODY, Sizing(0.8, 2.5, 0.45, 40.0))
     assert len(made) == len(shapes)
     expected = tetwild.finish(BODY, good.vertices, np.roll(good.tets, chosen + 1, axis=0), 1e-3)
@@ -283,7 +283,7 @@ def test_soundness_is_that_of_the_worst_place():
         meshing.scaled_jacobian(meshing.assemble(mesh, BODY, BODY, point, planes, True)).min()
         for point, planes in (((0.0, 0.0), (True, True)), ((21.0, 0.0), (False, True)), ((0.0, 12.25), (True, False)))
     ]
-    assert tetwild.soundness(mesh, BODY) == min(shape) < shape[0]
+    assert tetwild.placed_quality(mesh, BODY) == min(shape) < shape[0]
 
 
 def test_large_rings_of_a_body_on_its_end_have_three_chords():
@@ -298,4 +298,4 @@ def test_mesher_that_dies_is_a_bad_mesh():
     """The child's last line is in the message; the parent lives."""
     recipe = json.dumps({"mesher": "tetwild", "semi_axes": [1.0, 2.0], "sizing": {}})
     with pytest.raises(BadMesh, match="ended with code 1: TypeError"):
-        meshing.make(recipe)
+        meshing.make_mesh(recipe)

@@ -21,7 +21,7 @@ def case(level: str, **settings: object) -> Case:
 def test_a_field_is_carried_from_mesh_to_mesh():
     """A quadratic field at the nodes of the standard mesh from those of the coarse one: off by the cells' curvature."""
     coarse, standard = (model(level) for level in ("coarse", "standard"))
-    cells, N = two_grid.located(coarse, standard.body.nodes)
+    cells, N = two_grid.located_in_coarse(coarse, standard.body.nodes)
     np.testing.assert_allclose(N.sum(1), 1.0, rtol=1e-12)
 
     def field(X: np.ndarray) -> np.ndarray:
@@ -37,7 +37,7 @@ def test_a_field_is_carried_from_mesh_to_mesh():
 def model(level: str) -> modelling.AssembledModel:
     settings = experiment.read_settings({"mesh": {"level": level}})
     knobs = BACKEND.knobs(VALUES, settings)
-    return modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)
+    return modelling.model_for(settings, knobs, modelling.placement_of(settings, knobs), None)
 
 
 def test_the_answer_does_not_show_where_it_started(monkeypatch):
@@ -74,9 +74,11 @@ def test_when_it_is_done(level, extra, settings, worth):
 def extrapolated(level: str, values: dict[str, float]) -> indentation.Result:
     read = experiment.read_settings({"mesh": {"level": level}})
     knobs = BACKEND.knobs(values, read)
-    place = modelling.place(read, knobs)
+    place = modelling.placement_of(read, knobs)
     built = modelling.model_for(read, knobs, place, None)
-    return two_grid.limit(read, knobs, place, built, [Instant(s, s, True) for s in (0.4, 0.8)], None, ("mu", "D1"))
+    return two_grid.extrapolated_result(
+        read, knobs, place, built, [Instant(s, s, True) for s in (0.4, 0.8)], None, ("mu", "D1")
+    )
 
 
 def test_forces_are_extrapolated_and_nothing_else_is():
@@ -106,7 +108,7 @@ def test_extrapolated_forces_keep_similarity():
 def test_the_level_limit_is_that_of_the_two_nested_meshes():
     limit, reference = (experiment.read_settings({"mesh": {"level": level}}) for level in ("limit", "reference"))
     assert limit.recipe == reference.recipe and dict(limit.mesh) != dict(reference.mesh)  # one mesh, another key
-    eight = meshing.refined(limit.specimen, meshing.template_mesh("coarse"), 2)
+    eight = meshing.subdivided(limit.specimen, meshing.template_mesh("coarse"), 2)
     assert len(meshing.template_mesh("reference").tets) == len(eight.tets)
     with pytest.raises(ValueError, match="shipped"):
         experiment.read_settings({"mesh": {"level": "limit"}, "specimen": {"semi_axes": [30.0, 30.0, 30.0]}})

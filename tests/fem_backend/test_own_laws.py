@@ -87,10 +87,13 @@ def test_a_stack_of_one_law_is_the_plain_body():
     own, plain = (read_settings({**settings, "specimen": body}) for body in (stack, SLAB))
     values = {**SOFT, "C20": 3e-3, "layer_C20": 3e-3, "layer2_C20": 3e-3}
     knobs = BACKEND.knobs(values, own)
-    placed = assembly.place(own, knobs)
+    placed = assembly.placement_of(own, knobs)
     model = assembly.model_for(own, knobs, placed, None)
     instants = [Instant(s, s, True) for s in (1.0, 2.0)]
-    one, two = (indentation.solve(s, knobs, assembly.place(s, knobs), model, instants) for s in (own, plain))
+    one, two = (
+        indentation.simulate_indentation(s, knobs, assembly.placement_of(s, knobs), model, instants)
+        for s in (own, plain)
+    )
     assert one.system is not None and len(set(one.system.material.of)) == 3
     assert one.Fz == pytest.approx(two.Fz, rel=1e-9)
 

@@ -8,7 +8,7 @@ from fem_backend import meshing
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.kinematics import tetrahedra
 from fem_backend.meshing import BadMesh, Mesh
-from fem_backend.meshing.placing import moved, translated
+from fem_backend.meshing.placing import moved_on_surface, translated
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.simulation.knobs import Knobs
@@ -92,7 +92,7 @@ def test_models_of_one_point_share_their_nodes_to_the_bit(point, planes):
 
 def test_at_the_top_of_the_nominal_body_nothing_moves():
     placed = meshing.assemble(QUARTER, NOMINAL, NOMINAL)
-    direct = meshing.quadratic(NOMINAL, QUARTER)
+    direct = meshing.with_mid_edge_nodes(NOMINAL, QUARTER)
     np.testing.assert_array_equal(placed.t, direct.t)
     np.testing.assert_allclose(placed.doflocs, direct.doflocs, rtol=0, atol=60 * 5e-16)
 
@@ -139,7 +139,7 @@ def test_elements_stay_upright_on_flat_and_on_long_bodies(axes, share):
     """What stands on the top stands on the surface at the point; surface, rim and planes are those of the other map."""
     body, (p, q), h = EllipsoidShape(*axes), share, 1e-6
     pole = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0 - h]])
-    down = np.diff(moved(pole, p, q, body), axis=0)[0] * body.semi_axes
+    down = np.diff(moved_on_surface(pole, p, q, body), axis=0)[0] * body.semi_axes
     normal = np.array([p, q, np.sqrt(1 - p**2 - q**2)]) / body.semi_axes
     assert -down @ normal / np.linalg.norm(down) / np.linalg.norm(normal) > 1 - 1e-9
     if p != 0.0:  # negative control; the long body is round across
@@ -147,11 +147,11 @@ def test_elements_stay_upright_on_flat_and_on_long_bodies(axes, share):
         assert -leaning @ normal / np.linalg.norm(leaning) / np.linalg.norm(normal) < 0.99
     X = np.random.default_rng(1).normal(size=(20, 3))
     X /= np.linalg.norm(X, axis=1, keepdims=True)
-    np.testing.assert_allclose(moved(X, p, q, body), translated(X, p, q), atol=1e-13)
+    np.testing.assert_allclose(moved_on_surface(X, p, q, body), translated(X, p, q), atol=1e-13)
     X[:, 2] = 0.0
-    assert (moved(0.5 * X, p, q, body)[:, 2] == 0.0).all()
+    assert (moved_on_surface(0.5 * X, p, q, body)[:, 2] == 0.0).all()
     X[:, 1] = 0.0
-    assert q != 0.0 or (moved(0.5 * X, p, q, body)[:, 1] == 0.0).all()
+    assert q != 0.0 or (moved_on_surface(0.5 * X, p, q, body)[:, 1] == 0.0).all()
 
 
 def test_meshes_made_for_other_specimens_are_placed_upright(monkeypatch):
@@ -161,7 +161,7 @@ def test_meshes_made_for_other_specimens_are_placed_upright(monkeypatch):
     monkeypatch.setattr(meshing, "cached", lambda recipe: quarter)
     settings = read_settings({"specimen": {"semi_axes": flat.semi_axes.tolist()}, "point": point})
     knobs = Knobs(mu=0.01, D1=5.8)
-    model = modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)
+    model = modelling.model_for(settings, knobs, modelling.placement_of(settings, knobs), None)
     nodes = [meshing.assemble(quarter, flat, flat, point, (False, True), up).doflocs.T for up in (True, False)]
     np.testing.assert_array_equal(model.mesh.doflocs.T, nodes[0])
     assert np.abs(nodes[0] - nodes[1]).max() > 1.0  # negative control

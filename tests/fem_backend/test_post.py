@@ -26,7 +26,7 @@ LAW = NeoHooke(mu=0.01, D1=5.8)
 
 
 def discretised(ellipsoid, n, slip):
-    mesh = meshing.quadratic(ellipsoid, meshing.mapped_quarter(ellipsoid, n, slip))
+    mesh = meshing.with_mid_edge_nodes(ellipsoid, meshing.mapped_quarter(ellipsoid, n, slip))
     body = tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool))
     facets = quadratic_facets(mesh, mesh.boundary_facets())
     flat = (body.nodes[facets, 0] == 0).all(1) | (body.nodes[facets, 1] == 0).all(1)
@@ -57,7 +57,7 @@ def test_fields_of_a_homogeneous_deformation(specimen):
     stretch = np.array([1.3, 1.1, 0.6])
     R, V = rotation(1), rotation(2)
     F = R @ V @ np.diag(stretch) @ V.T
-    found = post.fields(body, body.nodes @ (F - np.eye(3)).T, LAW)
+    found = post.stress_fields(body, body.nodes @ (F - np.eye(3)).T, LAW)
     J, b = stretch.prod(), F @ F.T
     dev = b - np.trace(b) / 3.0 * np.eye(3)
     sigma = LAW.mu * J ** (-5 / 3) * dev + 2.0 / LAW.D1 * (J - 1.0) * np.eye(3)  # Bonet & Wood 2008, eq. 6.55, 6.59
@@ -70,16 +70,17 @@ def test_fields_of_a_homogeneous_deformation(specimen):
     np.testing.assert_allclose(found.stretches, np.broadcast_to([1.3, 1.1, 0.6], (*shape, 3)), rtol=1e-9)
     smooth = post.nodal(body, found)
     np.testing.assert_allclose(smooth.von_mises, np.full(len(body.nodes), vm), rtol=1e-9)
-    half = post.fields(body, body.nodes @ (F - np.eye(3)).T, LAW, scale=np.full(shape, 0.5))
+    half = post.stress_fields(body, body.nodes @ (F - np.eye(3)).T, LAW, scale=np.full(shape, 0.5))
     np.testing.assert_allclose(half.cauchy, 0.5 * found.cauchy, rtol=1e-14)
 
 
 def test_a_state_of_the_step_is_used_as_it_is(specimen):
     body, _ = specimen
     u = 0.01 * body.nodes
-    state = stress.evaluate(LAW, tetrahedra.displacement_gradients(body, u), False)
+    state = stress.evaluate_stress(LAW, tetrahedra.displacement_gradients(body, u), False)
     np.testing.assert_array_equal(
-        post.fields(body, u, LAW, np.full(body.w.shape, 3.0), state).cauchy, post.fields(body, u, LAW).cauchy
+        post.stress_fields(body, u, LAW, np.full(body.w.shape, 3.0), state).cauchy,
+        post.stress_fields(body, u, LAW).cauchy,
     )
 
 
@@ -87,7 +88,7 @@ def test_small_strain_is_linear(specimen):
     body, _ = specimen
     law = LinearElastic(mu=0.01, D1=5.8)
     H = np.array([[0.02, 0.01, 0.0], [0.03, -0.01, 0.0], [0.0, 0.0, 0.005]])
-    one, two = (post.fields(body, k * body.nodes @ H.T, law) for k in (1.0, 2.0))
+    one, two = (post.stress_fields(body, k * body.nodes @ H.T, law) for k in (1.0, 2.0))
     np.testing.assert_allclose(two.cauchy, 2.0 * one.cauchy, atol=1e-14)
     np.testing.assert_allclose(two.stretches - 1.0, 2.0 * (one.stretches - 1.0), atol=1e-13)
     np.testing.assert_allclose(one.J, 1.015, rtol=1e-12)
@@ -97,7 +98,7 @@ def test_small_strain_is_linear(specimen):
 def test_inverted_cells_are_reported(specimen):
     body, _ = specimen
     with pytest.raises(stress.Inverted):
-        post.fields(body, -1.5 * body.nodes, LAW)
+        post.stress_fields(body, -1.5 * body.nodes, LAW)
 
 
 def test_smoothing_is_exact_for_linear_fields(specimen):
@@ -319,7 +320,7 @@ def test_vtu_round_trip(specimen, tmp_path):
     turned = body.cells.copy()
     turned[::2] = turned[::2][:, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]  # every other cell from its other side
     u = 0.01 * body.nodes
-    at = post.nodal(body, post.fields(body, u, LAW))
+    at = post.nodal(body, post.stress_fields(body, u, LAW))
     path = tmp_path / "step.vtu"
     post.write_vtu(
         path,

@@ -107,8 +107,8 @@ def test_path_of_an_elastic_law_ends_at_the_elastic_answer(graded):
     """The two drivers on one problem: `follow` (as for friction) and `travel`."""
     elastic = graded.solve([1.0, 2.0])
     at = initial_state.initial_state(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
-    steps = schedule.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
-    points = history_steps.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
+    steps = schedule.instants_with_steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
+    points = history_steps.follow_history(at.system, at.start, steps, Control(), elastic.counters, at.seated)
     F = [outputs.whole(graded.placement, p.force)[2] for p in points]
     np.testing.assert_allclose(F, elastic.Fz[[0, 1, 0]], rtol=1e-6)
 

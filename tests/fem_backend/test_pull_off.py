@@ -131,8 +131,8 @@ def test_a_smooth_step_is_no_jump_and_a_drop_is_one():
     here = JumpRecord(pull=1.0, length=1.0, least=1e-3)
     f, k = (lambda s: -(s**0.5), lambda s: -0.5 / s**0.5)
     a, b = along((0.04, f(0.04), k(0.04)), (0.03, f(0.03), k(0.03)))
-    assert not jumps.unexplained(here, a, b)
-    assert jumps.unexplained(here, a, replace(b, force=b.force + 0.2))
+    assert not jumps.is_unexplained(here, a, b)
+    assert jumps.is_unexplained(here, a, replace(b, force=b.force + 0.2))
 
 
 def test_the_fold_is_foreseen_by_the_trend():
@@ -141,7 +141,7 @@ def test_the_fold_is_foreseen_by_the_trend():
     last = None
     for _ in range(12):
         now = OnBranch(s, -(s**0.5), -0.5 / s**0.5, 0.0, True).after(last)
-        step = jumps.longest(here, last, now) if last is not None and last.trend else 0.2 * s
+        step = jumps.longest_step(here, last, now) if last is not None and last.trend else 0.2 * s
         assert step < s
         last, s = now, s - step
     assert s < 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem_backend.accuracy import two_grid
-from fem_backend.accuracy.error_estimate import stated
+from fem_backend.accuracy.error_estimate import stated_errors
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
 from fem_backend.contact.self_contact import met_itself
@@ -155,13 +155,13 @@ def ready(remesh, knobs):
     )
     settings = replace(settings, fineness=3.0)
     values = BACKEND.knobs(knobs, settings)
-    placement = assembly.place(settings, values)
+    placement = assembly.placement_of(settings, values)
     return settings, values, placement, assembly.model_for(settings, values, placement, None)
 
 
 def run(remesh, depths, knobs, gradients=(), programme=None):
     way = programme or [Instant(d, d, True) for d in depths]
-    return indentation.solve(*ready(remesh, knobs), way, None, gradients)
+    return indentation.simulate_indentation(*ready(remesh, knobs), way, None, gradients)
 
 
 @pytest.fixture(scope="module")
@@ -221,7 +221,7 @@ def test_a_traction_between_points_of_contact_is_that_of_its_neighbours():
     at = initial_state(*ready("when_needed", {**SOFT, "friction": 0.5}), Counters())
     other = replace(at, model=assembly.model_for(replace(at.settings, fineness=2.0), at.knobs, at.placement, None))
     other = replace(other, system=assembly.system(at.settings, at.knobs, at.placement, other.model))
-    here = history_steps.begin(at.system, at.start, at.settings.control, Counters(), at.seated)[0]
+    here = history_steps.begin_path(at.system, at.start, at.settings.control, Counters(), at.seated)[0]
     r = tractions.contact_points(at.system.pressing.surface, at.model.body.nodes)[..., :1]
     before = replace(here.before[0], traction=np.concatenate([2.0 + r, 0.0 * r, 1.0 - 0.5 * r], axis=-1))
     here = replace(here, before=(before, *here.before[1:]), pressures=[r[..., 0], *here.pressures[1:]])
@@ -236,10 +236,10 @@ def test_a_force_leads_over_a_new_mesh(monkeypatch):
     """A body that creeps, pressed by a force that rests: it is met, travels are those of one mesh within 2 %."""
     knobs = {**SOFT, "prony_g": 0.4, "prony_tau": 0.5}
     drive = Drive((Leg(True, 0.2, to_N=0.6), Leg(True, lasts=0.5, asked=(0.5,))), (), (0.3, 0.6), 10.0, "the end")
-    old, _ = controlled.solve(*ready("never", knobs), drive)
+    old, _ = controlled.simulate_programme(*ready("never", knobs), drive)
     monkeypatch.setattr(rezoning, "LONGER", 1.3)
     monkeypatch.setattr(rezoning, "FINER", 0.7)
-    new, _ = controlled.solve(*ready("when_needed", knobs), drive)
+    new, _ = controlled.simulate_programme(*ready("when_needed", knobs), drive)
     assert new.legs and new.points[0].leg == 0 and new.points[-1].leg == len(new.legs)
     np.testing.assert_allclose(new.Fz, [0.3, 0.6, 0.6], rtol=1e-6)
     np.testing.assert_allclose(new.travel, old.travel, rtol=0.02)
@@ -250,10 +250,10 @@ def test_an_outworn_mesh_that_is_kept_is_said_and_states_more(renewed):
     experiment = ready("never", SOFT)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rezoning, "LONGER", 1.7)
-        kept = two_grid.checked(*experiment, [Instant(d, d, True) for d in DEPTHS])
+        kept = two_grid.checked_on_coarse_mesh(*experiment, [Instant(d, d, True) for d in DEPTHS])
     began = kept.notes["outworn_mm"]
     assert began == kept.outworn[-1] and 4.5 < began < 6.0 and "outworn_mm" not in renewed[0].notes
-    mine, other = (stated(*experiment[:2], r)["Fz"] for r in (kept, replace(kept, outworn=None)))
+    mine, other = (stated_errors(*experiment[:2], r)["Fz"] for r in (kept, replace(kept, outworn=None)))
     grown = (DEPTHS[1] / began) ** 6
     assert mine[0] == other[0]
     assert 0.9 * grown < mine[1] / other[1] < grown  # contact and steps leave the same
@@ -263,10 +263,10 @@ def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(rene
     """The mesh is made anew after other steps, so at other travels."""
     monkeypatch.setattr(rezoning, "LONGER", 1.7)
     experiment = ready("when_needed", SOFT)
-    alone = two_grid.checked(*experiment, [Instant(6.0, 6.0, True)])
+    alone = two_grid.checked_on_coarse_mesh(*experiment, [Instant(6.0, 6.0, True)])
     among = run("when_needed", (1.0, 4.3, 5.2, 6.0), SOFT)
     assert alone.legs and among.legs and alone.legs != among.legs
-    error = stated(*experiment[:2], alone)
+    error = stated_errors(*experiment[:2], alone)
     for name in ("Fz", "uz(5,0)"):
         assert abs(among.channels[name][-1] - alone.channels[name][-1]) <= 2.0 * error[name][-1]  # each has its own
 

@@ -25,7 +25,7 @@ def lying(request):
     """A body in a bowl on springs of 0.1 μR, the ball 0.3 mm deep: bench, load, equilibrium by Newton in double."""
     settings = experiment.read_settings({**SETTINGS, "point": request.param})
     knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0}, settings)
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     counters = Counters()
     at = initial_state.initial_state(
         settings, knobs, placement, assembly.model_for(settings, knobs, placement, None), counters
@@ -55,7 +55,7 @@ def test_a_rigid_step_changes_no_length_and_a_plain_one_does(lying):
     step = np.cross([0.0, angle, 0.0], body.nodes + u) + np.array([0.3, 0.0, -0.2])
     step[body.free.reshape(-1, 3) < 0] = 0.0
     before = lengths(body.nodes + u, pairs)
-    rigid = lengths(body.nodes + rigid_motions.moved(rigid_motions.motion(body), u, step), pairs) / before - 1.0
+    rigid = lengths(body.nodes + rigid_motions.moved_rigidly(rigid_motions.motion(body), u, step), pairs) / before - 1.0
     plain = lengths(body.nodes + u + step, pairs) / before - 1.0
     assert np.abs(rigid).max() < 1e-12  # round-off
     assert np.abs(plain).max() > 0.3 * angle**2  # θ²/2 across the axis
@@ -69,7 +69,7 @@ def test_a_small_step_is_the_plain_one_to_second_order(lying):
     )
     step[body.free.reshape(-1, 3) < 0] = 0.0
     how = rigid_motions.motion(body)
-    errors = [np.abs(rigid_motions.moved(how, u, h * step) - u - h * step).max() for h in (1e-1, 1e-2, 1e-3)]
+    errors = [np.abs(rigid_motions.moved_rigidly(how, u, h * step) - u - h * step).max() for h in (1e-1, 1e-2, 1e-3)]
     assert errors[0] / errors[1] == pytest.approx(100.0, rel=0.1)
     assert errors[1] / errors[2] == pytest.approx(100.0, rel=0.1)
 
@@ -82,7 +82,7 @@ def test_planes_of_symmetry_stay(lying):
     step[held] = 0.0
     how = rigid_motions.motion(body)
     assert how.allowed.tolist() == ([True, False, True, False, True, False] if held.any() else [True] * 6)
-    assert not rigid_motions.moved(how, found.evaluation.u, step)[held].any()
+    assert not rigid_motions.moved_rigidly(how, found.evaluation.u, step)[held].any()
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.01, -0.02])
@@ -107,7 +107,7 @@ def test_the_time_of_a_run_ends_it(lying):
 @pytest.fixture
 def restless(monkeypatch):
     """Equilibria are found, but none tighter than 3e-5: the tolerances that were asked for."""
-    asked, find = [], load_steps.find
+    asked, find = [], load_steps.find_equilibrium
 
     def seek(system, u, load, tolerance, counters, *more):
         asked.append(tolerance)
@@ -115,7 +115,7 @@ def restless(monkeypatch):
             raise NotConverged("contact", "no equilibrium after 120 factorisations", (1.0,))
         return find(system, u, load, tolerance, counters, *more)
 
-    monkeypatch.setattr(load_steps, "find", seek)
+    monkeypatch.setattr(load_steps, "find_equilibrium", seek)
     monkeypatch.setattr(
         load_steps, "SEATING", ()
     )  # on softer springs than those of the fixture this body rolls far away
@@ -128,7 +128,7 @@ def test_a_body_that_finds_no_tight_rest_is_seated_less_tightly_and_says_so(lyin
     u = load_steps.seat(at.system, load, found.evaluation.u, control, counters)
     assert restless == [control.seating, 10.0 * control.seating]
     assert counters.loose == 1
-    here = newton.evaluate(at.system, u, load)
+    here = newton.evaluate_system(at.system, u, load)
     left = np.linalg.norm(newton.reduced(at.model.body, here.residual)) / here.scale
     assert left <= 10.0 * control.seating
 
@@ -145,7 +145,7 @@ def test_a_body_that_rolls_over_when_seated_tightly_stays_as_it_lay(monkeypatch)
     """Where the tight search ends with a body that the ball would miss, the loose one counts."""
     settings = experiment.read_settings({**SETTINGS, "point": [10.0, 0.0]})
     knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0, "weight": 1e-5}, settings)
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     seats, lag = [], initial_state._lag
 
     def seat(system, load, u, control, counters):

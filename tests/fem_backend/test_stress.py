@@ -128,7 +128,7 @@ def stress_of_C(law, C: np.ndarray) -> np.ndarray:
 @every_law
 def test_stress_is_the_derivative_of_the_energy(law):
     H = gradients()
-    at = stress.evaluate(law, H, tangent=True)
+    at = stress.evaluate_stress(law, H, tangent=True)
     for q in range(H.shape[1]):
         F = H[0, q] + np.eye(3)
         np.testing.assert_allclose(at.F[0, q], F, rtol=1e-15)
@@ -140,7 +140,7 @@ def test_stress_is_the_derivative_of_the_energy(law):
 @every_law
 def test_tangent_is_the_derivative_of_the_stress(law):
     H, h = gradients(), 1e-5
-    at = stress.evaluate(law, H, tangent=True)
+    at = stress.evaluate_stress(law, H, tangent=True)
     for q in range(H.shape[1]):
         F = H[0, q] + np.eye(3)
         C = F.T @ F
@@ -160,17 +160,17 @@ def test_rotation_of_the_body_changes_nothing(law):
     Q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     Q *= np.linalg.det(Q)
     turned = np.einsum("ij,mqjk->mqik", Q, H + np.eye(3)) - np.eye(3)
-    a, b = stress.evaluate(law, H, True), stress.evaluate(law, turned, True)
+    a, b = stress.evaluate_stress(law, H, True), stress.evaluate_stress(law, turned, True)
     for one, other in ((a.S, b.S), (a.C, b.C), (a.energy, b.energy)):  # round-off relative to the size of K
         np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
     mirrored = np.einsum("ij,mqjk->mqik", Q * [1, 1, 1.1], H + np.eye(3)) - np.eye(3)  # negative control: no rotation
-    assert np.abs(stress.evaluate(law, mirrored, True).S - a.S).max() > 1e-3 * np.abs(a.S).max()
+    assert np.abs(stress.evaluate_stress(law, mirrored, True).S - a.S).max() > 1e-3 * np.abs(a.S).max()
 
 
 @pytest.mark.parametrize("law", [*SHAPED.values(), LinearElastic(0.01, 5.8)], ids=[*SHAPED, "linear_elastic"])
 def test_at_rest(law):
     """No stress, no energy, and the small-strain moduli λ + 2μ, λ, μ."""
-    at = stress.evaluate(law, np.zeros((2, 3, 3, 3)), tangent=True)
+    at = stress.evaluate_stress(law, np.zeros((2, 3, 3, 3)), tangent=True)
     assert np.abs(at.S).max() < 1e-17 and np.abs(at.energy).max() < 1e-17
     mu, lam = law.shear_modulus, law.bulk_modulus - 2 / 3 * law.shear_modulus
     D = np.diag([2 * mu] * 3 + [mu] * 3)
@@ -183,14 +183,17 @@ def test_small_strains_become_linear_elasticity(law):
     """|S − σ_linear| = O(ε²): slope 2 over three decades."""
     linear = LinearElastic(law.shear_modulus, 2.0 / law.bulk_modulus)
     H, t = gradients(3), np.array([1e-2, 1e-3, 1e-4])
-    error = [np.abs(stress.evaluate(law, e * H, False).S - stress.evaluate(linear, e * H, False).S).max() for e in t]
+    error = [
+        np.abs(stress.evaluate_stress(law, e * H, False).S - stress.evaluate_stress(linear, e * H, False).S).max()
+        for e in t
+    ]
     np.testing.assert_allclose(np.diff(np.log10(error)), -2.0, atol=0.1)
 
 
 def test_linear_elastic_stress_and_energy():
     """σ = 2μ dev ε + K tr ε I from the tensor definition; only the symmetric part of ∇u counts."""
     law, H = LinearElastic(0.02, 3.0), gradients()
-    at = stress.evaluate(law, H, tangent=True)
+    at = stress.evaluate_stress(law, H, tangent=True)
     strain = 0.5 * (H + np.swapaxes(H, -1, -2))
     trace = np.einsum("mqii->mq", strain)[..., None, None] * np.eye(3)
     sigma = 2 * 0.02 * (strain - trace / 3) + 2 / 3.0 * trace
@@ -207,7 +210,7 @@ def test_uniaxial_stretch_of_a_nearly_incompressible_body(stretch):
 
     def at(side: float) -> np.ndarray:
         H = np.diag([stretch - 1.0, side - 1.0, side - 1.0])[None, None]
-        return stress.evaluate(law, H, tangent=False).S[0, 0]
+        return stress.evaluate_stress(law, H, tangent=False).S[0, 0]
 
     side = brentq(lambda s: at(s)[1], 0.99 / np.sqrt(stretch), 1.01 / np.sqrt(stretch), xtol=1e-15, rtol=1e-14)
     nominal = stretch * at(side)[0]
@@ -219,10 +222,10 @@ def test_inverted_points_are_refused_and_counted():
     H[0, 1] = np.diag([-2.0, 0.0, 0.0])
     H[1, 2] = np.diag([-1.0, 0.0, 0.0])  # flat: J = 0
     with pytest.raises(stress.Inverted, match="2 quadrature points"):
-        stress.evaluate(NeoHooke(0.01, 5.8), H, tangent=True)
+        stress.evaluate_stress(NeoHooke(0.01, 5.8), H, tangent=True)
     H[0, 0] = np.nan
     with pytest.raises(stress.Inverted, match="3 quadrature points"):
-        stress.evaluate(NeoHooke(0.01, 5.8), H, tangent=True)
+        stress.evaluate_stress(NeoHooke(0.01, 5.8), H, tangent=True)
 
 
 def test_energies_that_overflow_are_refused():
@@ -230,7 +233,7 @@ def test_energies_that_overflow_are_refused():
     H = np.zeros((1, 2, 3, 3))
     H[0, 1] = np.diag([2.0, -0.4, -0.4])
     with pytest.raises(stress.Inverted, match="1 quadrature points have no finite energy"):
-        stress.evaluate(law, H, tangent=True)
+        stress.evaluate_stress(law, H, tangent=True)
 
 
 # ------------------------------------------------------------------------------------ principal directions
@@ -279,7 +282,7 @@ def test_equal_and_nearly_equal_stretches(base, gap):
     """No loss of digits however near two or three stretches are: an even Ogden law is one of the invariants."""
     H = with_eigenvalues(np.array(base) * (1 + gap * np.array([1.0, -0.3, 0.6])))
     ogden = Ogden(0.01, 5.8, (4.0, 6.0, -2.0), (0.4, 0.3, 0.3))
-    one, other = (stress.evaluate(law, H, tangent=True) for law in (ogden, PowerSums()))
+    one, other = (stress.evaluate_stress(law, H, tangent=True) for law in (ogden, PowerSums()))
     # round-off of terms of the size K = 0.34 MPa times the conditioning of J^(-2/3), a few units in the 15th digit
     np.testing.assert_allclose(one.S, other.S, rtol=0, atol=5e-15)
     np.testing.assert_allclose(one.C, other.C, rtol=0, atol=2e-14)
@@ -292,7 +295,7 @@ def test_a_small_exponent_is_hencky(alpha):
     stretch = np.array([0.7, 1.05, 1.3])
     H = with_eigenvalues(stretch)
     law = Ogden(0.01, 1e9, (alpha,), (1.0,))
-    at, e = stress.evaluate(law, H, True), np.log(stretch) - np.log(stretch).mean()
+    at, e = stress.evaluate_stress(law, H, True), np.log(stretch) - np.log(stretch).mean()
     size, N = np.linalg.eigh((H[0, 0] + np.eye(3)).T @ (H[0, 0] + np.eye(3)))
     S = N @ np.diag(2 * 0.01 * e / size) @ N.T
     np.testing.assert_allclose(at.energy, 0.01 * (e**2).sum(), rtol=0.1 * alpha + 1e-8)  # 1/D₁ = 1e-9 MPa is left
@@ -301,14 +304,16 @@ def test_a_small_exponent_is_hencky(alpha):
     F, dF = H[0, 0] + np.eye(3), dH[0, 0]
     rate = 0.5 * (dF.T @ F + F.T @ dF)
     dE = np.array([rate[i, j] * (1 if i == j else 2) for i, j in PAIRS])
-    difference = (stress.evaluate(law, H + h * dH, False).S - stress.evaluate(law, H - h * dH, False).S)[0, 0] / (2 * h)
+    difference = (stress.evaluate_stress(law, H + h * dH, False).S - stress.evaluate_stress(law, H - h * dH, False).S)[
+        0, 0
+    ] / (2 * h)
     np.testing.assert_allclose(at.C[0, 0] @ dE, difference, rtol=0, atol=1e-10)  # h² and round-off/h, of 0.01
 
 
 def test_energies_of_small_strains_keep_their_digits():
     """W → μ ε:ε of the deviator at strains of 1e-7, where 3 − 3 has no digit left."""
     e = 1e-7 * np.array([1.0, 0.2, -1.2])
-    at = stress.evaluate(Ogden(0.01, 1e9, (3.0, -2.0), (0.5, 0.5)), np.diag(np.expm1(e))[None, None], False)
+    at = stress.evaluate_stress(Ogden(0.01, 1e9, (3.0, -2.0), (0.5, 0.5)), np.diag(np.expm1(e))[None, None], False)
     np.testing.assert_allclose(at.energy, 0.01 * (e**2).sum(), rtol=1e-6)  # rounding of F, and ε itself
 
 
@@ -331,7 +336,7 @@ def test_energies_of_small_strains_keep_their_digits():
 def test_a_law_at_neutral_is_the_simpler_law(law, limit):
     """To round-off of terms of the size K = 0.34 MPa."""
     H = gradients(60, 0.2)
-    one, other = stress.evaluate(law, H, True), stress.evaluate(limit, H, True)
+    one, other = stress.evaluate_stress(law, H, True), stress.evaluate_stress(limit, H, True)
     np.testing.assert_allclose(one.S, other.S, rtol=0, atol=3e-15)
     np.testing.assert_allclose(one.C, other.C, rtol=0, atol=2e-14)
     np.testing.assert_allclose(one.energy, other.energy, rtol=1e-12, atol=1e-16)
@@ -364,7 +369,7 @@ def test_homogeneous_tests(law, closed, test):
     x = np.array([0.5, 0.8, 0.99, 1.0, 1.3, 2.0, 2.6])
     stretch = {"uniaxial": [x, x**-0.5, x**-0.5], "planar": [x, x**0, 1 / x], "equibiaxial": [x, x, x**-2]}[test]
     H = np.stack(stretch, -1)[None, :, :, None] * np.eye(3) - np.eye(3)
-    S = stress.evaluate(law, H, tangent=False).S[0]
+    S = stress.evaluate_stress(law, H, tangent=False).S[0]
     P = (S[:, 0] * x**2 - S[:, 2] * stretch[2] ** 2) / x
     np.testing.assert_allclose(P, closed(test, x), rtol=1e-12, atol=1e-15)  # round-off of J = 1 times K
 
@@ -375,7 +380,7 @@ def test_homogeneous_tests(law, closed, test):
 @every_law
 def test_scale_multiplies_every_modulus(law):
     H, scale = gradients(), np.array([[1.0, 2.0, 0.25, 8.0]])
-    plain, scaled = stress.evaluate(law, H, True), stress.evaluate(law, H, True, scale=scale)
+    plain, scaled = stress.evaluate_stress(law, H, True), stress.evaluate_stress(law, H, True, scale=scale)
     for one, other in ((plain.S, scaled.S), (plain.C, scaled.C), (plain.energy, scaled.energy)):
         # powers of two: not a bit changes
         np.testing.assert_array_equal(one * scale.reshape(scale.shape + (1,) * (one.ndim - 2)), other)

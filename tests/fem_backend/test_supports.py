@@ -15,10 +15,10 @@ from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
 from fem_backend.solver import newton
 from fem_backend.supports.walls import Plane, Wall
-from rso.cli.checking import check
+from rso.cli.checking import check_lines
 from rso.contract import Case, Programme, SimulationFailed, run_key
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 SLAB = {"shape": "slab", "thickness": 6.0}
 PUCK = {"shape": "cylinder", "radius": 10.0, "height": 5.0}
@@ -281,12 +281,12 @@ def test_tangent_of_a_contact_that_holds_on(friction):
     x, d, size = body.nodes + point.evaluation.u, np.zeros_like(body.nodes), 1e-10
     d[:, [0, 2]] = np.random.default_rng(2).standard_normal((len(d), 2))
     d = newton.full(body, newton.reduced(body, d))
-    state = tractions.evaluate(pair, x, load)
+    state = tractions.evaluate_contact(pair, x, load)
     assert (state.pressure < 0.0).any() and (state.pressure > 0.0).any()
     assert friction == 0.0 or 0.2 < state.slipping.mean() < 0.9
     data = np.zeros(len(body.pattern.indices))
-    tractions.tangent(pair, x, load, state, data)
-    high, low = (tractions.evaluate(pair, x + s * size * d, load).residual for s in (1.0, -1.0))
+    tractions.contact_tangent(pair, x, load, state, data)
+    high, low = (tractions.evaluate_contact(pair, x + s * size * d, load).residual for s in (1.0, -1.0))
     slope = newton.reduced(body, (high - low) / (2.0 * size))
     K = csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(body.pattern.size,) * 2)
     assert np.linalg.norm(K @ newton.reduced(body, d) - slope) < 1e-6 * np.linalg.norm(slope)
@@ -383,8 +383,8 @@ def test_a_study_may_open_the_friction(tmp_path):
     rows = "\n".join(f"{d:.4f},{0.12 * d**1.5:.6f}" for d in depth)
     (tmp_path / "middle.csv").write_text(f"depth_mm,Fz_N\n{rows}\n")
     (tmp_path / "study.toml").write_text(STUDY.format(friction=0.2))
-    said = "\n".join(check(load(tmp_path / "study.toml"), tmp_path / "results", False))
+    said = "\n".join(check_lines(load_study(tmp_path / "study.toml"), tmp_path / "results", False))
     assert "plate_friction: 0 to 1" in said and 'support.kind = "plate"' in said
     (tmp_path / "study.toml").write_text(STUDY.format(friction=-0.2))
     with pytest.raises(StudyError, match=r"support\.friction = -0\.2: must be >= 0"):
-        check(load(tmp_path / "study.toml"), tmp_path / "results", False)
+        check_lines(load_study(tmp_path / "study.toml"), tmp_path / "results", False)

@@ -19,10 +19,10 @@ from fem_backend.indenters.cone import Cone
 from fem_backend.indenters.flat import Flat
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.meshing import recipes, scans
-from fem_backend.meshing.closed_surface import closed, volume
+from fem_backend.meshing.closed_surface import closed, enclosed_volume
 from fem_backend.meshing.mesh import Mesh, volumes
 from fem_backend.meshing.nearest_facets import FacetTree
-from fem_backend.meshing.remeshed import remeshed
+from fem_backend.meshing.remeshed import remeshed_surface
 from fem_backend.meshing.smooth_surface import SmoothSurface, vertex_normals
 from fem_backend.meshing.surface_files import read_surface
 from fem_backend.simulation import experiment
@@ -81,7 +81,7 @@ def test_polygons_are_cut_into_fans(tmp_path):
     text = "\n".join([f"v {a} {b} {c}" for a, b, c in cube] + [f"f {' '.join(str(k - 9) for k in s)}" for s in sides])
     (tmp_path / "cube.obj").write_text(text)
     body = closed(*read_surface(tmp_path / "cube.obj"))
-    assert len(body.facets) == 12 and volume(body.vertices, body.facets) == pytest.approx(1.0)
+    assert len(body.facets) == 12 and enclosed_volume(body.vertices, body.facets) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
@@ -480,7 +480,7 @@ def test_a_surface_is_made_anew_with_edges_as_asked():
     def sizes(x):
         return np.minimum(1.0 + 0.5 * np.linalg.norm(x - top, axis=-1), 15.0)
 
-    x, f = remeshed(surface, sizes, top)
+    x, f = remeshed_surface(surface, sizes, top)
     body = closed(x, f)
     assert body.repairs == () and np.abs(EXACT.depth(x)).max() < 3e-3
     assert np.linalg.norm(x - top, axis=1).min() < 2e-3
@@ -507,9 +507,9 @@ def test_elements_follow_the_rim_of_the_held_region(kidney, held):
     """After the vertices and the mid-edge nodes have moved no edge of the surface crosses the rim, or few."""
     body, mesh = scans.scan(kidney, 1.0), ball_mesh()
     before = crossing(mesh.vertices, mesh.tets, held)
-    made = scans.finished(body, held, mesh.vertices, mesh.tets, np.array([0.0, 0.0, 35.0]))
+    made = scans.finished_mesh(body, held, mesh.vertices, mesh.tets, np.array([0.0, 0.0, 35.0]))
     assert before > 20 and crossing(made.vertices, made.tets, held) <= 0.2 * before
-    curved = scans.quadratic(body.smooth, held, made)
+    curved = scans.quadratic_on_scan(body.smooth, held, made)
     assert meshing.scaled_jacobian(curved).min() > meshing.placing.WORST
     nodes = curved.doflocs.T
     on = np.abs(scans.held_level(held, nodes)) < 1e-6
@@ -530,7 +530,7 @@ def test_fine_elements_follow_a_misaligned_indenter(kidney):
     body, mesh = scans.scan(kidney, 1.0), ball_mesh()
     held, top = {"below": -10.0}, np.array([0.0, 0.0, 35.0])
     to = np.append([4.0, -3.0], EXACT.above(4.0, -3.0)[0][2])
-    moved = scans.carried(body.smooth, held, mesh, top, to)
+    moved = scans.carried_mesh(body.smooth, held, mesh, top, to)
     at = int(np.argmin(np.linalg.norm(mesh.vertices - top, axis=1)))
     np.testing.assert_allclose(moved.vertices[at], to, atol=3e-3)
     still = mesh.vertices[:, 2] <= -10.0
@@ -539,7 +539,7 @@ def test_fine_elements_follow_a_misaligned_indenter(kidney):
     skin = np.abs(EXACT.depth(mesh.vertices)) < 1e-6
     assert np.abs(EXACT.depth(moved.vertices[skin])).max() < 3e-3 and volumes(moved).min() > 0.0
     with pytest.raises(meshing.BadMesh, match="from the place that they were made for"):
-        scans.carried(body.smooth, held, mesh, top, EXACT.above(30.0, 0.0)[0])
+        scans.carried_mesh(body.smooth, held, mesh, top, EXACT.above(30.0, 0.0)[0])
 
 
 def test_marks_are_found_on_the_upper_side_wherever_the_frame_is(kidney):
@@ -556,11 +556,11 @@ def test_marks_are_found_on_the_upper_side_wherever_the_frame_is(kidney):
 
 def test_a_mesh_of_another_body_is_refused(kidney):
     body, mesh = scans.scan(kidney, 1.0), ball_mesh()
-    whole = scans.quadratic(body.smooth, {"below": 0.0}, mesh)
-    assert scans.soundness(body, whole) > meshing.placing.WORST
-    part = scans.quadratic(body.smooth, {"below": 0.0}, Mesh(mesh.vertices, mesh.tets[mesh.tets.max(1) > 100]))
+    whole = scans.quadratic_on_scan(body.smooth, {"below": 0.0}, mesh)
+    assert scans.scan_quality(body, whole) > meshing.placing.WORST
+    part = scans.quadratic_on_scan(body.smooth, {"below": 0.0}, Mesh(mesh.vertices, mesh.tets[mesh.tets.max(1) > 100]))
     with pytest.raises(meshing.BadMesh, match=r"a volume of .* does the surface meet itself"):
-        scans.soundness(body, part)
+        scans.scan_quality(body, part)
 
 
 # --------------------------------------------------------------------------------------------------------------- runs

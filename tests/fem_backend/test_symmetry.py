@@ -92,10 +92,10 @@ def test_body_turned_by_ninety_degrees_gives_turned_forces(make_bench, knobs):
         turned = {"tilt_y": turned.pop("tilt_x")}
     axes = one.settings.specimen.semi_axes[[1, 0, 2]]
     two = make_bench(turned, point=[-point[1], point[0]], specimen={"semi_axes": axes.tolist()}, **table)
-    quarter = meshing.make(one.settings.recipe)
+    quarter = meshing.make_mesh(one.settings.recipe)
     mesh = meshing.Mesh(quarter.vertices[:, [1, 0, 2]], quarter.tets[:, [0, 2, 1, 3]])
     fine = replace(two.settings, point=assembly.fine_at(two.settings, two.knobs, two.placement))
-    built = assembly.build(fine, mesh, Ellipsoid(*axes), two.placement.planes, not knobs.get("friction"))
+    built = assembly.build_model(fine, mesh, Ellipsoid(*axes), two.placement.planes, not knobs.get("friction"))
     a, b = force(one.solve([1.0])), force(replace(two, model=built).solve([1.0]))
     np.testing.assert_allclose(b, [-a[1], a[0], a[2]], rtol=0, atol=1e-7 * np.abs(a).max())
     assert np.all(np.abs(a[:2]) > 1e-3 * np.abs(a).max())  # off the top there is something to turn

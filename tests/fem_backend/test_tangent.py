@@ -80,10 +80,10 @@ def state(dimple, b) -> tuple[System, np.ndarray, Load]:
     for pair, touch in zip(system.pairs, b.load(2.0).touches, strict=True):
         x = b.model.body.nodes + 0.99 * u
         before.append(
-            tractions.contact_history(pair, x, touch, tractions.evaluate(replace(pair, friction=0.0), x, touch))
+            tractions.contact_history(pair, x, touch, tractions.evaluate_contact(replace(pair, friction=0.0), x, touch))
         )
     if history is not None:
-        H = newton.evaluate(system, 0.9 * u, replace(load.touching(_with(load, before)), history=history))
+        H = newton.evaluate_system(system, 0.9 * u, replace(load.touching(_with(load, before)), history=history))
         history = H.history
     return system, u, replace(load.touching(_with(load, before)), history=history)
 
@@ -100,7 +100,9 @@ def matrix(system: System, u: np.ndarray, load: Load) -> tuple[sparse.csr_matrix
         caught.append(data)
         return lambda b: b
 
-    _, moving = newton.factorise(replace(system, factor=keep), newton.evaluate(system, u, load), load, Counters())
+    _, moving = newton.factorise(
+        replace(system, factor=keep), newton.evaluate_system(system, u, load), load, Counters()
+    )
     p = system.body.pattern
     K = sparse.csr_matrix((caught[0], p.indices, p.indptr), shape=(p.size, p.size))
     return (K + sparse.triu(K, 1).T if p.symmetric else K).tocsr(), newton.reduced(system.body, moving)
@@ -113,12 +115,12 @@ def test_tangent_is_the_derivative_of_the_residual(dimple, experiment, slopes, e
     v = np.cos(b.model.body.nodes @ np.random.default_rng(2).normal(size=(3, 3)) / 5.0)
     v[b.model.body.free.reshape(u.shape) < 0] = 0.0
     K, _ = matrix(system, u, load)
-    R = newton.reduced(b.model.body, newton.evaluate(system, u, load).residual)
+    R = newton.reduced(b.model.body, newton.evaluate_system(system, u, load).residual)
     Kv = K @ newton.reduced(b.model.body, v)
     steps = 10.0 ** np.array([-4.0, -4.5, -5.0, -5.5])  # small: contact points must not change sides
-    change = [newton.reduced(b.model.body, newton.evaluate(system, u + t * v, load).residual) - R for t in steps]
+    change = [newton.reduced(b.model.body, newton.evaluate_system(system, u + t * v, load).residual) - R for t in steps]
     error = np.array([np.linalg.norm(c - t * Kv) for c, t in zip(change, steps, strict=True)])
-    at = newton.evaluate(system, u, load).contacts
+    at = newton.evaluate_system(system, u, load).contacts
     assert all((s.pressure > 0).sum() >= 8 for s in at), [(s.pressure > 0).sum() for s in at]  # every pair in contact
     if b.knobs.friction:
         assert 0 < at[0].slipping[at[0].pressure > 0].mean() < 1  # some stick, some slip
@@ -132,13 +134,13 @@ def test_derivative_by_the_travel(dimple, experiment, slopes, effect):
     """∂R/∂s of a step that ends at travel s."""
     system, u, load = state(dimple, b := experiment(effect))
     _, moving = matrix(system, u, load)
-    R = newton.reduced(b.model.body, newton.evaluate(system, u, load).residual)
+    R = newton.reduced(b.model.body, newton.evaluate_system(system, u, load).residual)
     steps = 10.0 ** np.array([-4.0, -4.5, -5.0, -5.5])
     error = []
     for t in steps:
         centre = load.indenter.centre + t * load.indenter.direction
         moved = replace(load, indenter=replace(load.indenter, centre=centre))
-        change = newton.reduced(b.model.body, newton.evaluate(system, u, moved).residual) - R
+        change = newton.reduced(b.model.body, newton.evaluate_system(system, u, moved).residual) - R
         error.append(np.linalg.norm(change - t * moving))
     np.testing.assert_allclose(slopes(np.array(error), steps), 2.0, atol=0.15)
 
@@ -151,10 +153,12 @@ def test_residual_is_the_derivative_of_the_potential(dimple, experiment, slopes,
     """
     system, u, load = state(dimple, b := experiment(effect))
     v = deformed(dimple, b)
-    at = newton.evaluate(system, u, load)
+    at = newton.evaluate_system(system, u, load)
     first = float((at.residual * v).sum())
     steps = 10.0 ** np.array([-2.0, -2.5, -3.0])
-    error = np.array([abs(newton.evaluate(system, u + t * v, load).energy - at.energy - t * first) for t in steps])
+    error = np.array(
+        [abs(newton.evaluate_system(system, u + t * v, load).energy - at.energy - t * first) for t in steps]
+    )
     np.testing.assert_allclose(slopes(error, steps), 2.0, atol=0.15, err_msg=str(error))
 
 
@@ -187,7 +191,7 @@ def test_search_without_a_potential_finds_the_same_state(small):
     frictional = replace(system, indenter=replace(system.indenter, friction=1e-30))
     x = small.model.body.nodes
     touch = load.indenter
-    before = tractions.contact_history(system.indenter, x, touch, tractions.evaluate(system.indenter, x, touch))
+    before = tractions.contact_history(system.indenter, x, touch, tractions.evaluate_contact(system.indenter, x, touch))
     u = np.zeros_like(x)
     one = newton.solve(system, u, load, 1e-10, Counters())
     two = newton.solve(frictional, u, replace(load, indenter=replace(touch, before=before)), 1e-10, Counters())

@@ -23,7 +23,7 @@ def volume(mesh: MeshTet2) -> float:
 
 @pytest.mark.parametrize("level", templates.LEVELS)
 def test_shipped_template_is_the_quarter_ellipsoid(level):
-    mesh = meshing.make(meshing.template_recipe(level))
+    mesh = meshing.make_mesh(meshing.template_recipe(level))
     X = mesh.vertices
     assert mesh.tets.dtype == np.int64 and X[:, :2].min() == 0.0 and meshing.volumes(mesh).min() > 0
     for axis in (0, 1):
@@ -63,10 +63,10 @@ def test_recipe_names_the_numbers():
     mesh = meshing.template_mesh("coarse")
     assert recipe["sha256"] == hashlib.sha256(mesh.vertices.tobytes() + mesh.tets.tobytes()).hexdigest()
     with pytest.raises(BadMesh, match="not the one of the recipe"):
-        meshing.make(json.dumps({**recipe, "sha256": "0" * 64}))
+        meshing.make_mesh(json.dumps({**recipe, "sha256": "0" * 64}))
     larger = EllipsoidShape(120.0, 70.0, 70.0)
-    np.testing.assert_array_equal(meshing.make(json.dumps(recipe)).vertices, mesh.vertices)
-    scaled = meshing.make(meshing.template_recipe("coarse", larger)).vertices
+    np.testing.assert_array_equal(meshing.make_mesh(json.dumps(recipe)).vertices, mesh.vertices)
+    scaled = meshing.make_mesh(meshing.template_recipe("coarse", larger)).vertices
     np.testing.assert_array_equal(scaled, 2.0 * mesh.vertices)
     with pytest.raises(KeyError, match="no template 'finest'"):
         meshing.template_recipe("finest")
@@ -94,12 +94,12 @@ def test_refined_mesh_is_the_same_body_in_smaller_pieces():
     coarse = meshing.mapped_quarter(NOMINAL, 6, 0.3)
     missing = []
     for n in (1, 2, 3, 4):
-        fine = meshing.refined(NOMINAL, coarse, n)
+        fine = meshing.subdivided(NOMINAL, coarse, n)
         assert len(fine.tets) == n**3 * len(coarse.tets) and meshing.volumes(fine).min() > 0
         missing.append(1 - meshing.volumes(fine).sum() * 4 / NOMINAL.volume())
         X = fine.vertices
         assert len(np.unique(np.round(X, 9), axis=0)) == len(X), "neighbours share their points"
-        facets = meshing.quadratic(NOMINAL, fine)
+        facets = meshing.with_mid_edge_nodes(NOMINAL, fine)
         on = np.unique(facets.facets[:, facets.boundary_facets()])
         r = np.linalg.norm(X[on] / NOMINAL.semi_axes, axis=1)
         plane = (X[on, :2] == 0.0).any(1)
@@ -112,6 +112,6 @@ def test_refined_mesh_is_the_same_body_in_smaller_pieces():
 def test_refining_keeps_what_is_there():
     coarse = meshing.mapped_quarter(NOMINAL, 6, 0.3)
     old = {tuple(x) for x in np.round(coarse.vertices, 9).tolist()}
-    assert old <= {tuple(x) for x in np.round(meshing.refined(NOMINAL, coarse, 2).vertices, 9).tolist()}
-    same = meshing.refined(NOMINAL, coarse, 1)
+    assert old <= {tuple(x) for x in np.round(meshing.subdivided(NOMINAL, coarse, 2).vertices, 9).tolist()}
+    same = meshing.subdivided(NOMINAL, coarse, 1)
     np.testing.assert_allclose(np.sort(meshing.volumes(same)), np.sort(meshing.volumes(coarse)), rtol=1e-10)

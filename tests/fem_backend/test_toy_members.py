@@ -24,11 +24,11 @@ from fem_backend.specimens import SPECIMENS, own_laws
 from fem_backend.specimens.specimen import Meshing
 from fem_backend.supports import SUPPORTS
 from fem_backend.supports.fixed import Fixed
-from rso.cli.checking import check
+from rso.cli.checking import check_lines
 from rso.contract import Case, Programme, knob, run_key
 from rso.discrepancy.library.effects import catalogue
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 # ---------------------------------------------------------------------------------------------------------- members
 
@@ -521,15 +521,15 @@ def study(folder, shape: str = "brick", tip: float = 4.0):
     rows = "\n".join(f"{d:.4f},{0.1 * d**1.5:.6f}" for d in depth)
     (folder / "middle.csv").write_text(f"depth_mm,Fz_N\n{rows}\n")
     (folder / "study.toml").write_text(STUDY.format(shape=shape, tip=tip))
-    return load(folder / "study.toml")
+    return load_study(folder / "study.toml")
 
 
 def test_toys_stand_in_a_check(toys, tmp_path):
-    said = "\n".join(check(study(tmp_path), tmp_path / "results", False))
+    said = "\n".join(check_lines(study(tmp_path), tmp_path / "results", False))
     for words in ('specimen.shape = "brick"', "indenter.tip = 4.0", 'support.kind = "smooth"', "stiffens"):
         assert words in said
     with pytest.raises(StudyError) as refused:
-        check(study(tmp_path, "brik", -1.0), tmp_path / "results", False)
+        check_lines(study(tmp_path, "brik", -1.0), tmp_path / "results", False)
     assert len(refused.value.problems) == 2  # both at once, each with its line
     assert any("did you mean 'brick'" in p for p in refused.value.problems)
     assert any("indenter.tip = -1.0 mm" in p for p in refused.value.problems)

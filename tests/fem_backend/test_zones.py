@@ -15,7 +15,7 @@ BELOW = np.array([0.0, 0.0, 25.0])
 
 
 def discretised(n, slip):
-    mesh = meshing.quadratic(BODY, meshing.mapped_quarter(BODY, n, slip))
+    mesh = meshing.with_mid_edge_nodes(BODY, meshing.mapped_quarter(BODY, n, slip))
     return tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool))
 
 
@@ -164,21 +164,21 @@ def test_a_growing_skin_only_grows_and_starts_from_nothing(body):
 
 def test_nothing_differs_is_none(body):
     hole = (np.array([0.0, 0.0, -35.0]), np.zeros(3))
-    assert zones.scale(body, BODY) is None
-    assert zones.scale(body, BODY, skin=(0.5, 1.0), inclusion=(BELOW, 5.0, 1.0), cavity=hole) is None
-    assert zones.scale(body, BODY, skin=(0.0, 2.0), inclusion=(BELOW, 0.0, 3.0)) is None
+    assert zones.modulus_factor(body, BODY) is None
+    assert zones.modulus_factor(body, BODY, skin=(0.5, 1.0), inclusion=(BELOW, 5.0, 1.0), cavity=hole) is None
+    assert zones.modulus_factor(body, BODY, skin=(0.0, 2.0), inclusion=(BELOW, 0.0, 3.0)) is None
 
 
 def test_scale_mixes_the_zones(body):
     hole = (np.array([0.0, 0.0, -35.0]), np.array([15.0, 15.0, 10.0]))
-    s = zones.scale(body, BODY, skin=(0.5, 2.0), inclusion=(BELOW, 5.0, 3.0), cavity=hole)
+    s = zones.modulus_factor(body, BODY, skin=(0.5, 2.0), inclusion=(BELOW, 5.0, 3.0), cavity=hole)
     skin, ball = zones.skin(body, BODY, 0.5), zones.inclusion(body, BELOW, 5.0)
     away = zones.cavity(body, *hole) == 0.0
     np.testing.assert_array_equal(s[away], (1.0 + skin + 2.0 * ball)[away])
     inside = zones.cavity(body, *hole) == 1.0
     np.testing.assert_allclose(s[inside], zones.CAVITY, rtol=1e-12)
     assert s.min() >= zones.CAVITY * (1 - 1e-12)
-    soft = zones.scale(body, BODY, skin=(0.5, 0.5))
+    soft = zones.modulus_factor(body, BODY, skin=(0.5, 0.5))
     assert soft.min() >= 0.5 and soft.max() == 1.0
 
 
@@ -203,4 +203,4 @@ def test_scale_mixes_the_zones(body):
 )
 def test_bad_geometry_is_refused_in_words(body, zone, words):
     with pytest.raises(ValueError, match=words):
-        zones.scale(body, BODY, **zone)
+        zones.modulus_factor(body, BODY, **zone)

@@ -18,7 +18,7 @@ from rso.result_types import FILES
 @pytest.fixture(scope="session", autouse=True)
 def every_result_file_is_as_documented() -> Iterator[None]:
     """Whatever a test makes the program write has the keys of `rso.result_types`, all of them and no other."""
-    write = result_files.write
+    write = result_files.write_results
 
     def checked(path: Path, found: Any) -> dict[str, Any]:
         data = write(path, found)
@@ -27,7 +27,7 @@ def every_result_file_is_as_documented() -> Iterator[None]:
         return data
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(result_files, "write", checked)
+        patch.setattr(result_files, "write_results", checked)
         yield
 
 

@@ -21,7 +21,7 @@ from rso.calibration.plan import make_plan
 from rso.cli import main
 from rso.contract import Case, Response
 from rso.evaluation.store import RunStore
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 MU, D1, THICKNESS = 0.012, 60.0, 8.0
 # Ranges stay as they are stated but in test_repairing.py.
@@ -125,7 +125,7 @@ def write(folder: Path, **changes: str | None) -> Path:
 
 def run(folder: Path, **changes: str | None) -> dict[str, Any]:
     """Results of the study, as they stand in the file."""
-    plan = make_plan(load(write(folder, **changes)))
+    plan = make_plan(load_study(write(folder, **changes)))
     with RunStore(folder / "results") as store:
         run_study(plan, store, Inline(), folder / "results", command="test", jobs=1)
     return read(folder)

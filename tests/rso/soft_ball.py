@@ -9,7 +9,7 @@ d ln F/d ln K is 0.030 at 0.4 mm and 0.011 at 4 mm, as finite elements give.  N,
 import numpy as np
 
 from rso.doe import Box
-from rso.inference import Data, Model, covariance
+from rso.inference import Data, Model, error_covariance
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.0034, 1.0), (0.037, 168.0), (True, True))
 C0 = 0.058
@@ -37,7 +37,7 @@ def model(box=BOX, depth=DEPTH):
 def data(mu, D1, noise, rng=None, depth=DEPTH, **more):
     """A measured curve with white noise (N) and whatever `covariance` knows, drawn once (exact without an rng)."""
     F = force(mu, D1, depth)
-    C = covariance(depth, F, 1.335 * F / depth, white=noise, **more)
+    C = error_covariance(depth, F, 1.335 * F / depth, white=noise, **more)
     if rng is not None:
         F = F + np.linalg.cholesky(C + 1e-18 * np.eye(len(F))) @ rng.standard_normal(len(F))
     return Data("top", "N", depth, F, C)

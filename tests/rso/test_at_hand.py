@@ -12,8 +12,8 @@ import rso
 from rso.api.exporting import bibtex
 from rso.api.run_result import RunResult
 from rso.cli import doctor, main, output
-from rso.cli.answer import between, condensed, number, shown, verdict_lines
-from rso.cli.compare import differences
+from rso.cli.answer import condensed, estimate_text, interval_text, number_text, verdict_lines
+from rso.cli.compare import study_differences
 from rso.report.calibration.use import use_section
 from rso.report.picture_files import every
 
@@ -92,13 +92,13 @@ def test_the_answer_has_a_mark_for_what_is_known_open_and_missed():
     ],
 )
 def test_values_have_the_digits_that_are_known(value, span, text):
-    assert shown(value, span, "MPa") == text
+    assert estimate_text(value, span, "MPa") == text
 
 
 def test_numbers_have_no_exponent_where_people_write_none():
-    assert [number(x, 3) for x in (0.0, 123456.0, 0.00012345, 1e-9)] == ["0", "123456", "0.000123", "1.00e-09"]
-    assert between((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
-    assert between((0.0119991, 0.0120012), "MPa") == "11.999 to 12.001 kPa"  # ends that differ look so
+    assert [number_text(x, 3) for x in (0.0, 123456.0, 0.00012345, 1e-9)] == ["0", "123456", "0.000123", "1.00e-09"]
+    assert interval_text((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
+    assert interval_text((0.0119991, 0.0120012), "MPa") == "11.999 to 12.001 kPa"  # ends that differ look so
 
 
 def test_two_runs_are_compared(results, tmp_path, capsys):
@@ -116,7 +116,7 @@ def test_two_runs_are_compared(results, tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["disjoint"] == ["mu"] and len(told["differences"]) == 1
     assert main(["compare", str(results), str(tmp_path / "nothing")]) == 2
-    assert differences(complete(), complete()) == []
+    assert study_differences(complete(), complete()) == []
 
 
 def test_a_page_is_opened_and_one_that_is_not_there_is_named(results, monkeypatch, capsys):
@@ -196,7 +196,7 @@ def test_marks_have_colours_where_they_are_wanted(monkeypatch, encoding, variabl
         monkeypatch.setenv(name, value)
     stream = Terminal(encoding)
     monkeypatch.setattr("sys.stdout", stream)
-    output.marked("bad", "no")
+    output.marked_line("bad", "no")
     assert stream.getvalue() == line
 
 
@@ -205,7 +205,7 @@ def test_what_a_stranger_wrote_cannot_colour_a_line(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setattr("sys.stdout", stream)
-    output.marked("good", "a\x1b[31mb")
+    output.marked_line("good", "a\x1b[31mb")
     assert "a\\x1b[31mb" in stream.getvalue()
 
 

@@ -10,8 +10,8 @@ import sample_studies as studies
 
 from fem_backend.backend import BACKEND
 from rso.cli import main
-from rso.study.loader import load
-from rso.study.new_study import NewTest, begin
+from rso.study.loader import load_study
+from rso.study.new_study import NewTest, study_text
 
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
 
@@ -32,7 +32,7 @@ def test_the_modulus_of_the_readings_is_the_middle_of_its_range(tmp_path, capsys
     (tmp_path / "point_20_-5.csv").write_text(hertz(gain=0.9))
     assert new(tmp_path, str(tmp_path / "top 1.csv"), "--validate", str(tmp_path / "point_20_-5.csv")) == 0
     assert "study.toml: good" in capsys.readouterr().out
-    study = load(tmp_path)
+    study = load_study(tmp_path)
     mu = study.parameters["mu"]
     low, high = (float(str(v).split()[0]) for v in (mu.low, mu.high))
     assert mu.low.endswith(" kPa")
@@ -47,7 +47,7 @@ def test_the_modulus_of_the_readings_is_the_middle_of_its_range(tmp_path, capsys
 def test_the_poisson_ratio_stays_positive_in_every_corner(tmp_path):
     (tmp_path / "top.csv").write_text(hertz(mu=0.5))
     assert new(tmp_path, str(tmp_path / "top.csv")) == 0
-    p = load(tmp_path).parameters
+    p = load_study(tmp_path).parameters
     K, mu = 2 / float(p["D1"].high.split()[0]), 1e-3 * float(p["mu"].high.split()[0])
     assert (3 * K - 2 * mu) / (2 * (3 * K + mu)) == pytest.approx(0.15, abs=0.02)  # digits again
 
@@ -60,7 +60,7 @@ def test_repeats_cycles_lateral_forces_and_a_bowl(tmp_path):
         f.write_text(cycle)
     files[1].write_text(cycle.replace("0.010000", "0.010100"))
     assert new(tmp_path, *map(str, files), "--repeats", "--bowl", "1.5", "--point", "3", "0") == 0
-    study = load(tmp_path)
+    study = load_study(tmp_path)
     (e,) = study.experiments
     assert e.data == ("a.csv", "b.csv")
     assert e.channels == ("Fz", "Fx", "Fy")
@@ -78,7 +78,7 @@ def test_columns_that_a_file_does_not_tell_are_given_and_until_then_nothing_is_w
     assert said.out == "" and not (tmp_path / "study.toml").exists()
     assert "'weg' says no unit" in said.err and "--column depth HEADER mm" in said.err
     assert new(tmp_path, file, "--column", "depth", "weg", "mm", "--column", "Fz", "kraft", "N", "flip") == 0
-    study = load(tmp_path)
+    study = load_study(tmp_path)
     assert study.columns.Fz.flip and study.columns.depth.unit == "mm"
     mu = study.parameters["mu"]
     assert float(mu.low.split()[0]) < 8 < float(mu.high.split()[0])
@@ -90,7 +90,7 @@ def test_a_zero_may_be_the_contact_that_the_record_shows(tmp_path):
     (tmp_path / "air.csv").write_text("\n".join(["depth_mm,Kraft", *rows]))
     columns = ("--column", "depth", "depth_mm", "contact", "--column", "Fz", "Kraft", "N", "contact", "flip")
     assert new(tmp_path, str(tmp_path / "air.csv"), *columns) == 0
-    study = load(tmp_path)
+    study = load_study(tmp_path)
     assert study.columns.Fz.zero == study.columns.depth.zero == "contact" and study.columns.Fz.flip
     assert study.measurement("air").repeats[0].depth[0] < -1.5
 
@@ -111,7 +111,7 @@ def test_names_are_apart_and_allowed(tmp_path):
         (tmp_path / folder / "Versuch 3 (Öl), #7.csv").write_text(hertz(gain=1.0 if folder == "one" else 1.01))
     files = [str(tmp_path / f / "Versuch 3 (Öl), #7.csv") for f in ("one", "two")]
     assert new(tmp_path, *files) == 0
-    names = [e.name for e in load(tmp_path).experiments]
+    names = [e.name for e in load_study(tmp_path).experiments]
     assert len(set(names)) == 2
     assert all(n.startswith("Versuch 3 Öl 7") for n in names)
 
@@ -146,7 +146,7 @@ def test_a_name_that_another_file_has_by_itself_is_left_to_it(tmp_path):
     for k, f in enumerate(files):
         (tmp_path / f).write_text(hertz(gain=1 + 0.01 * k))
     assert new(tmp_path, *(str(tmp_path / f) for f in files)) == 0
-    assert {e.name: e.data for e in load(tmp_path).experiments} == {
+    assert {e.name: e.data for e in load_study(tmp_path).experiments} == {
         "top": ("b/top.csv",),
         "top_3": ("top.csv",),
         "top_2": ("top_2.csv",),
@@ -154,7 +154,7 @@ def test_a_name_that_another_file_has_by_itself_is_left_to_it(tmp_path):
 
 
 def points(folder):
-    return [tuple(e.settings["point"]) for e in load(folder).experiments]
+    return [tuple(e.settings["point"]) for e in load_study(folder).experiments]
 
 
 @pytest.mark.usefixtures("no_library")
@@ -251,7 +251,7 @@ def test_a_ball_that_is_pulled_in_opens_adhesion_about_what_was_put_in(tmp_path)
         for v, f in [*zip(air, 0 * air, strict=True), *zip(contact + u, np.interp(u, depth, force), strict=True)]
     ]
     (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
-    text = begin(
+    text = study_text(
         tmp_path / "study.toml",
         BACKEND,
         NewTest({"semi-axes": (30.0, 30.0, 30.0), "radius": (R,)}),
@@ -269,7 +269,7 @@ def test_a_modulus_that_is_none_is_refused(tmp_path):
     rows = [f"{v:.4f},{-0.4 * v:.4f}" for v in u]
     (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
     with pytest.raises(ValueError, match="falls"):
-        begin(
+        study_text(
             tmp_path / "study.toml",
             BACKEND,
             NewTest({"semi-axes": (30.0, 30.0, 30.0), "radius": (3.0,)}),

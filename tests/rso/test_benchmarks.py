@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rso import benchmarks as b
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 
 
 def test_variances_and_indices_against_published_numbers():
@@ -14,7 +14,9 @@ def test_variances_and_indices_against_published_numbers():
     first, total = b.ishigami_indices()
     np.testing.assert_allclose(first, [0.313905191147811, 0.442411144790041, 0], atol=1e-14)
     np.testing.assert_allclose(total, [0.557588855209959, 0.442411144790041, 0.243683664062148], atol=1e-14)
-    np.testing.assert_allclose(np.var(b.ishigami(sobol(3, 2**14, 0))), 13.844587940719, rtol=2e-3)  # Sobol sample
+    np.testing.assert_allclose(
+        np.var(b.ishigami(sobol_sequence(3, 2**14, 0))), 13.844587940719, rtol=2e-3
+    )  # Sobol sample
     first, total = b.sobol_g_indices(np.array([0, 1, 4.5, 9, 99, 99, 99, 99]))
     np.testing.assert_allclose(first[:4], [0.716192, 0.179048, 0.023676, 0.007162], atol=5e-7)
     np.testing.assert_allclose(total[:4], [0.787144, 0.242198, 0.034317, 0.010460], atol=5e-7)
@@ -24,7 +26,7 @@ def test_branin_minima():
     x = np.array([[-np.pi, 12.275], [np.pi, 2.275], [3 * np.pi, 2.475]])
     X = (x + np.array([5, 0])) / 15
     np.testing.assert_allclose(b.branin(X), b.BRANIN_MINIMUM, rtol=1e-9)
-    assert b.branin(sobol(2, 4096, 0)).min() > b.BRANIN_MINIMUM
+    assert b.branin(sobol_sequence(2, 4096, 0)).min() > b.BRANIN_MINIMUM
 
 
 def test_zdt_fronts():
@@ -35,7 +37,7 @@ def test_zdt_fronts():
 
 
 def test_borehole_is_within_its_published_range():
-    y = b.borehole(sobol(8, 4096, 0))
+    y = b.borehole(sobol_sequence(8, 4096, 0))
     assert 7 < y.min() and y.max() < 310 and 60 < y.mean() < 90
 
 
@@ -64,7 +66,10 @@ def test_the_front_of_zdt3_is_below_every_point_of_the_cube():
     lowest = np.minimum.accumulate(front[order, 1])
     area = np.sum(np.diff(np.append(front[order, 0], 1.1)) * (1.1 - lowest))
     np.testing.assert_allclose(b.zdt3_hypervolume(), area, atol=2e-3)
-    assert np.all(b.zdt3(sobol(5, 512, 0))[:, 1] >= np.interp(sobol(5, 512, 0)[:, 0], front[:, 0], front[:, 1]) - 1e-3)
+    assert np.all(
+        b.zdt3(sobol_sequence(5, 512, 0))[:, 1]
+        >= np.interp(sobol_sequence(5, 512, 0)[:, 0], front[:, 0], front[:, 1]) - 1e-3
+    )
 
 
 def script():

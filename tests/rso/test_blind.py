@@ -7,7 +7,7 @@ import diagnosis_backend as toy
 import pytest
 
 from rso.cli import main
-from rso.discrepancy import blind, make_plan
+from rso.discrepancy import blind, make_test_plan
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ def libraries(monkeypatch):
     monkeypatch.setattr(blind, "_read", read)
     monkeypatch.setattr(blind, "_taken", lambda case, one: {"files": [], "support": {}, "assumed": []})
     monkeypatch.setattr(blind, "_library", lambda one, *rest: asked.append(one.plan.places[0].deepest))
-    monkeypatch.setattr(blind, "judge", lambda one, library, rerun: {"diagnosis": {"verdict": "no_gap"}})
+    monkeypatch.setattr(blind, "judge_library", lambda one, library, rerun: {"diagnosis": {"verdict": "no_gap"}})
     return asked
 
 
 def test_plans_share_the_depth_of_the_deepest_within_reach(libraries, tmp_path):
-    assert len(list(blind.answer([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0))) == 4
+    assert len(list(blind.diagnose_cases([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0))) == 4
     assert libraries == [6.2, 6.2, 6.2, 3.0]  # the last ends more than 2 mm before: its own
 
 
@@ -70,7 +70,7 @@ def test_a_library_serves_tests_at_its_own_speeds(monkeypatch, times, made):
     monkeypatch.setattr(blind.discrepancy, "build", lambda base, plan, *_: built.append(plan) or Library(plan, ()))
     known = {}
     for v in (0.01, 0.01 * times):
-        plan = make_plan([replace(e, speed=v) for e in toy.laboratory(toy.TRUTH, 0)])
+        plan = make_test_plan([replace(e, speed=v) for e in toy.laboratory(toy.TRUTH, 0)])
         blind._library(blind.Asked(None, toy.base(), plan, ()), known, None, None, None)
     assert len(built) == made
 
@@ -78,7 +78,7 @@ def test_a_library_serves_tests_at_its_own_speeds(monkeypatch, times, made):
 def test_a_round_that_goes_on_keeps_its_library_and_its_answers(libraries, tmp_path):
     """The deepest case has its answer already; the others still share the library that was made for it."""
     (tmp_path / "case_2.json").write_text(json.dumps({"kept": True}))
-    names = [name for name, _ in blind.answer([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0)]
+    names = [name for name, _ in blind.diagnose_cases([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0)]
     assert [n if isinstance(n, str) else n.name for n in names] == ["case_1", "case_3", "case_4"]
     assert libraries == [6.2, 6.2, 3.0]
     assert json.loads((tmp_path / "case_2.json").read_text()) == {"kept": True}
@@ -88,7 +88,9 @@ def test_a_case_that_cannot_be_read_stops_no_other(libraries, tmp_path, monkeypa
     read = blind._read
     bad = ValueError("case_1: no depth")
     monkeypatch.setattr(blind, "_read", lambda case, out, seed: bad if case.name == "case_1" else read(case, out, seed))
-    found = [answer for _, answer in blind.answer([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0)]
+    found = [
+        answer for _, answer in blind.diagnose_cases([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0)
+    ]
     assert found[0] == {"error": "case_1: no depth"}
     assert all("diagnosis" in answer for answer in found[1:])
 
@@ -97,9 +99,9 @@ def test_an_error_is_no_answer_and_is_tried_again(libraries, tmp_path):
     cases = [tmp_path / "case_1", tmp_path / "case_2"]
     (tmp_path / "case_1.json").write_text(json.dumps({"error": "case_1: no depth"}))
     (tmp_path / "case_2.json").write_text('{"diagnosis": {"ver')  # cut off
-    assert [name for name, _ in blind.answer(cases, tmp_path, None, None, seed=0)] == ["case_1", "case_2"]
+    assert [name for name, _ in blind.diagnose_cases(cases, tmp_path, None, None, seed=0)] == ["case_1", "case_2"]
     assert json.loads((tmp_path / "case_1.json").read_text())["diagnosis"] == {"verdict": "no_gap"}
-    assert not list(blind.answer(cases, tmp_path, None, None, seed=0))
+    assert not list(blind.diagnose_cases(cases, tmp_path, None, None, seed=0))
 
 
 def test_the_exit_code_stays_while_a_case_has_an_error(tmp_path, capsys):
@@ -127,7 +129,7 @@ def test_what_files_were_taken_for_is_said_at_the_first_reading_and_kept(librari
     monkeypatch.setattr(blind, "_taken", lambda case, one: taken)
     said: list[str] = []
     cases = [tmp_path / "case_1", tmp_path / "case_2"]
-    found = list(blind.answer(cases, tmp_path, None, None, seed=0, say=said.append))
+    found = list(blind.diagnose_cases(cases, tmp_path, None, None, seed=0, say=said.append))
     assert said[:5] == [
         "case_1:",
         "  top.csv: force curve at (0, 0) mm, role fit, 30 mm/min assumed, 2 repeat(s)",
@@ -141,7 +143,7 @@ def test_what_files_were_taken_for_is_said_at_the_first_reading_and_kept(librari
 
 def test_a_library_serves_cases_of_its_own_ranges_only():
     """A case held for 3000 s beside one of 8 s had its relaxation times cut off at 100 s, by what lay in the folder."""
-    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    plan = make_test_plan(toy.laboratory(toy.TRUTH, 0))
     (e,) = toy.effects("stiff")
     wider = replace(e, size=replace(e.size, high=2.0 * e.size.high))
     (bias,) = toy.effects("bias")  # of the chain: nothing is computed for it

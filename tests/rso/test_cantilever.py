@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rso.cli import main
-from rso.data import Unsaid, read
+from rso.data import Unsaid, read_measurement
 from rso.study.columns_table import ColumnsTable
 
 K, MODULUS, SENSITIVITY = 0.0876e-3, 1e-4, 62e-6  # N/mm, N/mm^1.5, mm/V
@@ -64,7 +64,7 @@ FILES = {  # text, numbers for the dots
 def asked(tmp_path, name):
     (tmp_path / "a.txt").write_text(FILES[name][0])
     with pytest.raises(Unsaid, match=r"a\.txt:\d+: .* no column is the depth") as error:
-        read(tmp_path / "a.txt")
+        read_measurement(tmp_path / "a.txt")
     return str(error.value)
 
 
@@ -75,7 +75,7 @@ def test_what_the_message_says_gives_the_indentation(tmp_path, name):
         lines = lines.replace("…", number, 1)
     assert "…" not in lines
     columns = ColumnsTable(**tomllib.loads(lines)).columns()
-    m = read(tmp_path / "a.txt", columns)
+    m = read_measurement(tmp_path / "a.txt", columns)
     (r,) = m.repeats
     loading = r.segment == "loading"
     np.testing.assert_allclose(r.depth[loading][-len(DEPTH) // 2 :], DEPTH[-len(DEPTH) // 2 :], atol=1e-5)  # of contact
@@ -102,11 +102,11 @@ def test_tables_that_hold_the_depth_are_not_asked_about(tmp_path):
         ("Tip position (nm),Deflection (nN),Height (nm),Piezo (nm)", DEPTH),
     ):
         (tmp_path / "a.csv").write_text(table([head], 1e6 * u, 1e9 * K * D, 1e6 * D, 1e6 * Z))
-        r = read(tmp_path / "a.csv").repeats[0]
+        r = read_measurement(tmp_path / "a.csv").repeats[0]
         np.testing.assert_allclose(np.ptp(r.depth), np.ptp(DEPTH), rtol=1e-6)
     (tmp_path / "b.csv").write_text(table(["Height (mm),Load (N)"], 1e3 * Z, 1e6 * K * D))
     with pytest.raises(ValueError, match="unknown column 'Height") as error:
-        read(tmp_path / "b.csv")  # of a press, perhaps
+        read_measurement(tmp_path / "b.csv")  # of a press, perhaps
     assert not isinstance(error.value, Unsaid)
 
 
@@ -115,7 +115,7 @@ def test_a_travel_that_a_study_calls_depth_beside_a_deflection_is_told(tmp_path)
     lines = (
         'depth = { header = "Displacement (nm)", zero = "contact" }\nFz = { header = "Load (nN)", zero = "contact" }'
     )
-    m = read(tmp_path / "a.csv", ColumnsTable(**tomllib.loads(lines)).columns())
+    m = read_measurement(tmp_path / "a.csv", ColumnsTable(**tomllib.loads(lines)).columns())
     assert any("'Displacement (nm)' as it stands, beside 'Cantilever (nm)'" in d for d in m.doubts)
 
 
@@ -123,7 +123,7 @@ def test_a_header_in_comments_is_read_where_it_says_a_depth(tmp_path):
     (tmp_path / "a.txt").write_text(
         table(["# columns: verticalTipPosition vDeflection", "# units: m N"], -1e-3 * DEPTH, K * D, separator=" ")
     )
-    m = read(tmp_path / "a.txt")
+    m = read_measurement(tmp_path / "a.txt")
     np.testing.assert_allclose(m.repeats[0].depth, DEPTH, atol=3e-5)
     assert m.headers["depth"] == "verticalTipPosition"
 
@@ -140,4 +140,4 @@ def test_a_header_in_comments_that_does_not_fit_names_both_counts(tmp_path):
     ):
         (tmp_path / "a.txt").write_text(text.replace(old, new))
         with pytest.raises(ValueError, match=words):
-            read(tmp_path / "a.txt")
+            read_measurement(tmp_path / "a.txt")

@@ -27,7 +27,7 @@ from rso.discrepancy.library.effects import catalogue
 from rso.discrepancy.library.test_plan import Experiment, _depth_of_mean
 from rso.discrepancy.study_diagnosis import _powered
 from rso.evaluation.adapters import load_backend
-from rso.study.new_study import NewTest, begin
+from rso.study.new_study import NewTest, study_text
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = {"thickness": 5.0, "radius": 2.0}
@@ -240,10 +240,10 @@ def test_an_untyped_question_is_caught(source):
 def test_a_study_begins_by_the_backend_that_can(tmp_path):
     (tmp_path / "a.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{0.1 * k:.1f},{0.001 * k}\n" for k in range(20)))
     test, files = NewTest({"thickness": (5.0,)}), [str(tmp_path / "a.csv")]
-    text = begin(tmp_path / "study.toml", SLAB(), test, files)
+    text = study_text(tmp_path / "study.toml", SLAB(), test, files)
     assert '[backend.settings]\nthickness = 5.0\nbase = "glued"  # <- or slip\n\n[parameters]\nmu = { low' in text
     with pytest.raises(ValueError, match="'bare' begins no study"):
-        begin(tmp_path / "study.toml", Bare(), test, files)
+        study_text(tmp_path / "study.toml", Bare(), test, files)
 
 
 def test_a_record_that_no_value_explains_is_named(tmp_path):
@@ -253,4 +253,4 @@ def test_a_record_that_no_value_explains_is_named(tmp_path):
 
     (tmp_path / "a.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{0.1 * k:.1f},{0.001 * k}\n" for k in range(20)))
     with pytest.raises(ValueError, match=r"a\.csv: which is none"):
-        begin(tmp_path / "study.toml", Refusing(), NewTest({"thickness": (5.0,)}), [str(tmp_path / "a.csv")])
+        study_text(tmp_path / "study.toml", Refusing(), NewTest({"thickness": (5.0,)}), [str(tmp_path / "a.csv")])

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import sample_studies as studies
 
-from rso.cli.checking import check
+from rso.cli.checking import check_lines
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 OWN = {
     "backend": 'use = "fem_backend.backend:BACKEND"',
@@ -23,7 +23,9 @@ def said(folder: Path, settings: str = "", trust: bool = False, **changes: str |
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "side.csv").write_text("# the same again\n" + studies.measured())
     both = "\n[[experiments]]\n".join([studies.SECTIONS["[experiments]"], SECOND + settings])
-    return check(load(studies.write(folder, **{**OWN, "experiments": both, **changes})), folder / "results", trust)
+    return check_lines(
+        load_study(studies.write(folder, **{**OWN, "experiments": both, **changes})), folder / "results", trust
+    )
 
 
 def whole(lines: list[str]) -> list[str]:
@@ -96,7 +98,7 @@ def test_what_a_diagnosis_simulates_beyond_its_library_is_counted(tmp_path):
     times = []
     for kind in ("fixed", "bowl"):
         own = {**OWN, "backend__settings": f"support = {{ kind = '{kind}' }}"}
-        lines = check(load(studies.write(tmp_path / kind, **own)), tmp_path / kind / "results", False)
+        lines = check_lines(load_study(studies.write(tmp_path / kind, **own)), tmp_path / kind / "results", False)
         at = next(n for n, line in enumerate(lines) if "rso diagnose: " in line)
         pattern = r"names two, [1-9]\d* tests that could decide are computed: about \d+ simulations, (.*) (s|min|h)$"
         assert "is simulated again: about" in lines[at + 1]
@@ -156,7 +158,11 @@ REFUSED = {  # changes of the study, whether its backend is loaded, file line ke
 def test_what_others_refuse_is_not_called_good(tmp_path, name):
     changes, words = REFUSED[name]
     with pytest.raises(StudyError) as caught:
-        check(load(studies.write(tmp_path, **{**OWN, "backend__settings": "", **changes})), tmp_path / "results", False)
+        check_lines(
+            load_study(studies.write(tmp_path, **{**OWN, "backend__settings": "", **changes})),
+            tmp_path / "results",
+            False,
+        )
     for word in words:
         assert word in str(caught.value)
 
@@ -171,7 +177,7 @@ def test_what_others_refuse_is_not_called_good(tmp_path, name):
 )
 def test_a_diagnosis_with_a_fixed_parameter_is_called_good(tmp_path, parameters):
     own = {**OWN, "backend__settings": "", "parameters": parameters, "diagnose": ""}
-    lines = check(load(studies.write(tmp_path, **own)), tmp_path / "results", False)
+    lines = check_lines(load_study(studies.write(tmp_path, **own)), tmp_path / "results", False)
     assert any("rso diagnose: " in line and "a library of" in line for line in lines)
 
 
@@ -186,20 +192,20 @@ def test_a_diagnosis_with_a_fixed_parameter_is_called_good(tmp_path, parameters)
 def test_a_negative_poisson_ratio_is_said(tmp_path, D1, said):
     """K/mu below 2/3 where mu D1 is above 3: auxetic bodies exist, but nobody means one without a word."""
     own = {**OWN, "backend__settings": "", "parameters": f'mu = {{ low = "6 kPa", high = "20 kPa" }}\nD1 = {D1}'}
-    lines = check(load(studies.write(tmp_path, **own)), tmp_path / "results", False)
+    lines = check_lines(load_study(studies.write(tmp_path, **own)), tmp_path / "results", False)
     found = [line for line in lines if "Poisson" in line]
     assert len(found) == bool(said) and all(said in line and "mu * D1 <= 3" in line for line in found)
 
 
 def test_a_module_beside_the_study_is_found_and_not_loaded(tmp_path):
     (tmp_path / "solver.py").write_text("raise SystemExit('loaded')")
-    study = load(studies.write(tmp_path, backend='use = "solver:BACKEND"'))
-    assert any("was not loaded" in line for line in check(study, tmp_path / "results", False))
+    study = load_study(studies.write(tmp_path, backend='use = "solver:BACKEND"'))
+    assert any("was not loaded" in line for line in check_lines(study, tmp_path / "results", False))
 
 
 def test_a_name_that_is_none_is_refused_in_words(tmp_path):
     with pytest.raises(StudyError) as caught:
-        load(studies.write(tmp_path, experiments=TOP.replace('"top"', '"top/left"', 1)))
+        load_study(studies.write(tmp_path, experiments=TOP.replace('"top"', '"top/left"', 1)))
     assert "letters, digits, blanks and . + - _, at most 64" in str(caught.value) and "\\w" not in str(caught.value)
 
 

@@ -8,14 +8,14 @@ import pytest
 import sample_studies as studies
 
 from rso.calibration.plan import make_plan
-from rso.calibration.results import begin
-from rso.cli.checking import check
-from rso.data import Column, combine, read
+from rso.calibration.results import begun_results
+from rso.cli.checking import check_lines
+from rso.data import Column, combine, read_measurement
 from rso.data.measured_curve import Noise
 from rso.study.cases import measured_curves
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 # 4 mm there in 8 s, 4 s of rest, and back.
 U = np.r_[np.linspace(0, 4, 41), np.full(20, 4.0), np.linspace(3.9, 0, 40)]
@@ -103,15 +103,15 @@ def write(tmp_path: Path, text: str, encoding: str = "utf-8", name: str = "data.
 
 def refusal(path, columns=None) -> str:
     with pytest.raises(ValueError) as caught:
-        read(path, columns)
+        read_measurement(path, columns)
     return str(caught.value)
 
 
 @pytest.mark.parametrize("machine", MACHINES)
 def test_files_of_machines_hold_the_numbers_of_the_plain_table(tmp_path, machine):
     text, encoding, columns, notes, unread = MACHINES[machine]
-    (expected,) = read(write(tmp_path, plain())).repeats
-    m = read(write(tmp_path, text, encoding), columns)
+    (expected,) = read_measurement(write(tmp_path, plain())).repeats
+    m = read_measurement(write(tmp_path, text, encoding), columns)
     (r,) = m.repeats
     assert set(notes) <= set(m.notes) and m.unread == unread
     assert list(r.segment) == list(expected.segment) and np.sum(r.segment == "hold") == 20
@@ -128,7 +128,7 @@ def test_customary_names_need_no_columns(tmp_path, machine):
     """The same numbers as with [columns], signs turned where force and travel of pressing are negative, and said."""
     text, encoding, columns, notes, unread = MACHINES[machine]
     path = write(tmp_path, text, encoding)
-    m, asked = read(path), read(path, columns)
+    m, asked = read_measurement(path), read_measurement(path, columns)
     (r,), (expected,) = m.repeats, asked.repeats
     np.testing.assert_array_equal(r.depth, expected.depth)
     np.testing.assert_array_equal(r.time, expected.time)
@@ -168,7 +168,7 @@ def table(head: str, row: str = "{u},{F}") -> str:
 )
 def test_travel_and_force_by_their_usual_names(tmp_path, head):
     separator = next(s for s in "\t;," if s in head)
-    m = read(write(tmp_path, table(head, f"{{u}}{separator}{{F}}")))
+    m = read_measurement(write(tmp_path, table(head, f"{{u}}{separator}{{F}}")))
     (r,) = m.repeats
     assert r.depth.tolist() == [u for u, _ in TABLE] and r.channels["Fz"].tolist() == [F for _, F in TABLE]
     assert "read as depth" in m.doubts[0] and r.time is None
@@ -186,17 +186,17 @@ def test_what_may_be_two_things_or_is_misspelt_is_not_guessed(tmp_path):
 
 def test_customary_names_stand_beside_known_ones_and_columns_have_the_last_word(tmp_path):
     path = write(tmp_path, table("Time (s),Displacement (um),Fx_N,Load (N),Cycle", "{t},{u},0.1,{F},1"))
-    m = read(path)
+    m = read_measurement(path)
     (r,) = m.repeats
     assert r.depth.max() == 4e-3 and set(r.channels) == {"Fx", "Fz"} and m.unread == ("Cycle",)
     assert r.time.tolist() == [2 * u for u, _ in TABLE]
-    m = read(path, {"depth": Column("Displacement (um)"), "Fz": Column("Load (N)")})
+    m = read_measurement(path, {"depth": Column("Displacement (um)"), "Fz": Column("Load (N)")})
     assert set(m.repeats[0].channels) == {"Fz"} and not any("read as" in d for d in m.doubts)
 
 
 def test_a_position_that_falls_while_the_force_grows_is_turned(tmp_path):
     text = "\n".join(["Position (mm),Force (N)", *(f"{1.0 - u},{-F}" for u, F in TABLE), ""])
-    m = read(write(tmp_path, text))
+    m = read_measurement(write(tmp_path, text))
     assert m.repeats[0].depth.tolist() == [u - 1.0 for u, _ in TABLE]
     assert m.repeats[0].channels["Fz"].max() == 0.5 and m.doubts[0].count("its sign turned") == 2
 
@@ -205,10 +205,10 @@ def test_a_position_that_falls_while_the_force_grows_is_turned(tmp_path):
 @pytest.mark.parametrize("head", ["time", "Time (s)", "Timestamp"])
 def test_a_time_of_day_is_seconds(tmp_path, clock, head):
     row = clock.replace("{t", "{t") + ",{u},{F}"
-    (r,) = read(write(tmp_path, table(f"{head},Displacement (mm),Force (N)", row))).repeats
+    (r,) = read_measurement(write(tmp_path, table(f"{head},Displacement (mm),Force (N)", row))).repeats
     np.testing.assert_allclose(np.diff(r.time), 2.0, rtol=1e-12)  # differences of seconds of a day
     columns = {"time": Column(head), "depth": Column("Displacement (mm)"), "Fz": Column("Force (N)")}
-    (same,) = read(write(tmp_path, table(f"{head},Displacement (mm),Force (N)", row)), columns).repeats
+    (same,) = read_measurement(write(tmp_path, table(f"{head},Displacement (mm),Force (N)", row)), columns).repeats
     np.testing.assert_array_equal(same.time, r.time)
 
 
@@ -225,8 +225,8 @@ OWN = {  # headers that say themselves what they are
 
 @pytest.mark.parametrize("how", OWN)
 def test_own_headers(tmp_path, how):
-    (expected,) = read(write(tmp_path, plain())).repeats
-    m = read(write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", OWN[how])))
+    (expected,) = read_measurement(write(tmp_path, plain())).repeats
+    m = read_measurement(write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", OWN[how])))
     assert m.notes == (("Specimen kidney 3", "Operator") if how.startswith("below") else ()) and m.unread == ()
     (r,) = m.repeats
     for a, b in ((r.time, expected.time), (r.depth, expected.depth), (r.channels["Fz"], expected.channels["Fz"])):
@@ -235,40 +235,40 @@ def test_own_headers(tmp_path, how):
 
 def test_separators_at_the_end_and_empty_lines_are_no_columns_and_no_readings(tmp_path):
     text = "depth_mm;Fz_N;\n0;0;\n;;\n1;0,5;\n;;\n\n"
-    assert read(write(tmp_path, text)).repeats[0].depth.tolist() == [0.0, 1.0]
+    assert read_measurement(write(tmp_path, text)).repeats[0].depth.tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("more, beneath", [("", ";"), ("", ";;"), (";", ""), (";;", ";"), (";", ";;;")])
 def test_separators_at_the_end_of_header_or_rows_alone_are_no_columns(tmp_path, more, beneath):
     """Loggers write them behind each reading, exports of sheets behind the header."""
-    (r,) = read(write(tmp_path, f"depth_mm;Fz_N{more}\n0;0{beneath}\n1;0,5{beneath}\n2;1,4\n")).repeats
+    (r,) = read_measurement(write(tmp_path, f"depth_mm;Fz_N{more}\n0;0{beneath}\n1;0,5{beneath}\n2;1,4\n")).repeats
     assert r.depth.tolist() == [0.0, 1.0, 2.0] and r.channels["Fz"].tolist() == [0.0, 0.5, 1.4]
 
 
 def test_an_index_without_a_header_is_not_read(tmp_path):
     """As pandas writes it."""
     rows = [f"{k},{t},{u},{F}\n" for k, (t, u, F) in enumerate(TEXTS)]
-    m = read(write(tmp_path, "".join([",time_s,depth_mm,Fz_N\n", *rows])))
+    m = read_measurement(write(tmp_path, "".join([",time_s,depth_mm,Fz_N\n", *rows])))
     assert m.repeats[0].depth.tolist() == [float(u) for _, u, _ in TEXTS] and m.unread == ()
     assert "unknown column 'frame'" in refusal(write(tmp_path, ",frame,depth_mm,Fz_N\n0,0,0,0\n1,1,1,1\n"))
 
 
 def test_a_row_of_readings_is_no_row_of_units_whatever_its_label_is(tmp_path):
-    m = read(write(tmp_path, "depth_mm,Fz_N,repeat\n0,0,s\n1,1,s\n0,0,m\n1,1,m\n"))
+    m = read_measurement(write(tmp_path, "depth_mm,Fz_N,repeat\n0,0,s\n1,1,s\n0,0,m\n1,1,m\n"))
     assert [(r.label, len(r.depth)) for r in m.repeats] == [("s", 2), ("m", 2)]
 
 
 def test_headers_are_compared_as_written_and_parted_outside_quotes(tmp_path):
     text = '"Load; raw",Load,load,Travel\n0,0,0,0\n3,2,1,4\n'
     columns = {"depth": Column("Travel", "mm"), "Fz": Column("load", "N"), "Fx": Column("Load; raw", "N")}
-    m = read(write(tmp_path, text), columns)
+    m = read_measurement(write(tmp_path, text), columns)
     assert {k: v[-1] for k, v in m.repeats[0].channels.items()} == {"Fz": 1.0, "Fx": 3.0} and m.unread == ("Load",)
 
 
 def test_a_wall_of_numbers_above_the_header_of_a_machine_is_a_note_and_above_a_plain_one_refused(tmp_path):
     text = "1,2,3\n" + plain()
     columns = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
-    assert read(write(tmp_path, text), columns).notes == ("1 2 3",)
+    assert read_measurement(write(tmp_path, text), columns).notes == ("1 2 3",)
     assert "data.csv:1: unknown column '1'" in refusal(write(tmp_path, text))
 
 
@@ -476,12 +476,12 @@ def coded(values) -> dict[str, Column]:
 def test_codes_of_a_machine_are_its_segments_and_what_is_no_test_is_skipped(tmp_path):
     """An approach through air would be refused as a depth; what a skipped row holds is nobody's affair."""
     text = CODED.replace("0;-0,2;0", "0;offen;---")
-    (r,) = read(write(tmp_path, text), coded(CODES)).repeats
+    (r,) = read_measurement(write(tmp_path, text), coded(CODES)).repeats
     assert r.segment.tolist() == ["loading"] * 3 + ["hold"] + ["unloading"] * 2
     np.testing.assert_array_equal(r.depth, [0, 1, 2, 2, 1, 0])
     np.testing.assert_array_equal(r.channels["Fz"], [0, 0.1, 0.3, 0.25, 0.05, 0])
     words = write(tmp_path, CODED.replace("1;", "Belasten;").replace(";Belasten;", ";1;"), name="words.csv")
-    (same,) = read(words, coded({**CODES, "Belasten": "loading"})).repeats
+    (same,) = read_measurement(words, coded({**CODES, "Belasten": "loading"})).repeats
     np.testing.assert_array_equal(same.depth, r.depth)
 
 
@@ -514,21 +514,21 @@ def test_codes_that_nobody_explained_are_refused(tmp_path, values, words):
 )
 def test_decimals_that_show_themselves_part_no_thousands(tmp_path, cells):
     rows = [f"{cell};{k}\n" for k, cell in enumerate(cells)]
-    (r,) = read(write(tmp_path, "depth_um;Fz_mN\n" + "".join(rows))).repeats
+    (r,) = read_measurement(write(tmp_path, "depth_um;Fz_mN\n" + "".join(rows))).repeats
     np.testing.assert_allclose(r.depth, [float(c.replace(",", ".")) / 1000 for c in cells], rtol=1e-15, atol=0)
 
 
 @pytest.mark.parametrize("cells", [("0", "1.125", "2.250", "3.375"), ("0", "0.125", "1", "1.250"), ("0", "3.250")])
 def test_between_commas_a_point_parts_no_thousands(tmp_path, cells):
     rows = [f"{cell},{k}\n" for k, cell in enumerate(cells)]
-    (r,) = read(write(tmp_path, "depth_um,Fz_mN\n" + "".join(rows))).repeats
+    (r,) = read_measurement(write(tmp_path, "depth_um,Fz_mN\n" + "".join(rows))).repeats
     np.testing.assert_allclose(r.depth, [float(c) / 1000 for c in cells], rtol=1e-15, atol=0)
 
 
 @pytest.mark.parametrize("cells", [("", "8", "start", ""), ("999,5", "1.000,5", "---", "NaN"), ("start", "1", "", "2")])
 def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_path, cells):
     rows = [f"{cell};{k};{0.1 * k:.1f}\n" for k, cell in enumerate(cells)]
-    m = read(write(tmp_path, "Druck;Weg;Kraft\n" + "".join(rows)), COUNTED_COLUMNS)
+    m = read_measurement(write(tmp_path, "Druck;Weg;Kraft\n" + "".join(rows)), COUNTED_COLUMNS)
     assert m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0, 3.0] and m.unread == ("Druck",)
 
 
@@ -544,7 +544,7 @@ def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_pa
 )
 def test_letters_that_look_alike_are_alike_in_headers(tmp_path, written, wanted):
     path = write(tmp_path, f"{written};Kraft [N]\n0;0\n4000;3\n")
-    (r,) = read(path, {"depth": Column(wanted), "Fz": Column("Kraft [N]")}).repeats
+    (r,) = read_measurement(path, {"depth": Column(wanted), "Fz": Column("Kraft [N]")}).repeats
     assert r.depth.tolist() == [0.0, 4.0]
 
 
@@ -552,13 +552,13 @@ def test_letters_that_look_alike_are_alike_in_headers(tmp_path, written, wanted)
 @pytest.mark.parametrize("separator", [",", ";"])
 def test_a_header_in_the_comment_above_bare_numbers_is_read(tmp_path, separator, columns):
     """As numpy.savetxt(..., header="depth_mm,Fz_N") writes it."""
-    m = read(write(tmp_path, "# Niere 3\n# depth_mm,Fz_N\n0,0\n4,3\n".replace(",", separator)), columns)
+    m = read_measurement(write(tmp_path, "# Niere 3\n# depth_mm,Fz_N\n0,0\n4,3\n".replace(",", separator)), columns)
     assert m.notes == ("Niere 3",) and m.repeats[0].depth.tolist() == [0.0, 4.0]
 
 
 @pytest.mark.parametrize("separator", [",", ";", " "])
 def test_such_a_header_may_hold_usual_names(tmp_path, separator):
-    m = read(write(tmp_path, "# Niere 3\n# Weg (mm),Kraft (mN)\n0,0\n4,3\n".replace(",", separator)))
+    m = read_measurement(write(tmp_path, "# Niere 3\n# Weg (mm),Kraft (mN)\n0,0\n4,3\n".replace(",", separator)))
     assert m.notes == ("Niere 3",) and m.repeats[0].channels["Fz"].tolist() == [0.0, 0.003]
 
 
@@ -578,8 +578,10 @@ BLANKS = {  # header, columns, decimal comma
 def test_columns_parted_by_blanks(tmp_path, how):
     head, columns, decimal_comma = BLANKS[how]
     rows = "".join(f"   {u:>8}  {F:>10}\n" for _, u, F in TEXTS)
-    m = read(write(tmp_path, "# Niere 3\n" + head + "\n" + (comma(rows) if decimal_comma else rows)), columns)
-    (expected,) = read(write(tmp_path, plain(), name="plain.csv")).repeats
+    m = read_measurement(
+        write(tmp_path, "# Niere 3\n" + head + "\n" + (comma(rows) if decimal_comma else rows)), columns
+    )
+    (expected,) = read_measurement(write(tmp_path, plain(), name="plain.csv")).repeats
     np.testing.assert_array_equal(m.repeats[0].depth, expected.depth)
     np.testing.assert_array_equal(m.repeats[0].channels["Fz"], expected.channels["Fz"])
     assert m.notes[0] == "Niere 3"
@@ -592,13 +594,13 @@ def test_a_column_between_tabs_may_be_empty(tmp_path, cells, title):
     head = ["depth_mm" if c == "{u}" else "Fz_N" if c == "{F}" else "note" for c in cells]
     rows = ["\t".join(cells).format(u=u, F=F, note="" if k else "start") for k, (_, u, F) in enumerate(TEXTS)]
     columns = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
-    m = read(write(tmp_path, title + "\n".join(["\t".join(head), *rows, ""])), columns)
+    m = read_measurement(write(tmp_path, title + "\n".join(["\t".join(head), *rows, ""])), columns)
     assert m.repeats[0].depth.tolist() == [float(u) for _, u, _ in TEXTS] and m.unread == ("note",)
 
 
 @pytest.mark.parametrize("head", ["depth_mm\tFz_N", "depth_mm\t\tFz_N"])
 def test_several_tabs_may_part_two_columns(tmp_path, head):
-    (r,) = read(write(tmp_path, head + "\n0\t\t0\n1\t\t0.5\n2\t\t1.4\n")).repeats
+    (r,) = read_measurement(write(tmp_path, head + "\n0\t\t0\n1\t\t0.5\n2\t\t1.4\n")).repeats
     assert r.depth.tolist() == [0.0, 1.0, 2.0] and r.channels["Fz"].tolist() == [0.0, 0.5, 1.4]
 
 
@@ -610,10 +612,10 @@ def test_a_last_line_with_blanks_makes_no_table_of_them(tmp_path, text):
 def test_a_header_in_a_comment_may_stand_above_words_that_are_not_read(tmp_path):
     text = "# force\theight\tretracts\n0\t0\tFalse\n1\t4\tTrue\n"
     columns = {"depth": Column("height", "um"), "Fz": Column("force", "nN")}
-    m = read(write(tmp_path, text), columns)
+    m = read_measurement(write(tmp_path, text), columns)
     assert m.repeats[0].depth.tolist() == [0.0, 0.004] and m.unread == ("retracts",)
     assert "'False'" in refusal(tmp_path / "data.csv", columns | {"time": Column("retracts", "s")})
-    m = read(write(tmp_path, "# height,force\nheight,force\n0,0\n4,1\n"), columns)
+    m = read_measurement(write(tmp_path, "# height,force\nheight,force\n0,0\n4,1\n"), columns)
     assert m.notes == ("height,force",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
 
 
@@ -622,7 +624,7 @@ def test_other_comments_are_no_headers(tmp_path):
     asked = refusal(write(tmp_path, "# Weg (mm),Position (mm),Kraft (N)\n0,0,0\n4,4,3\n"))
     assert "'Weg (mm)' and 'Position (mm)' may each be depth" in asked
     assert "'Weg' says no unit" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
-    m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
+    m = read_measurement(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
     assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
 
 
@@ -639,7 +641,7 @@ def test_a_row_that_begins_with_the_fault_of_a_spreadsheet_is_no_comment(tmp_pat
 
 @pytest.mark.parametrize("note", ["# a, b", "## a, b", "########", "####,", "#N/A here, 5", "#1,2", "#, 2"])
 def test_comments_below_the_header_stay_notes(tmp_path, note):
-    m = read(write(tmp_path, f"depth_mm,Fz_N\n0,0\n{note}\n3,2\n"))
+    m = read_measurement(write(tmp_path, f"depth_mm,Fz_N\n0,0\n{note}\n3,2\n"))
     assert m.notes == (note[1:].strip(),) and len(m.repeats[0].depth) == 2
 
 
@@ -648,11 +650,11 @@ def test_a_repeat_that_ends_early_or_begins_late_is_named_with_what_is_left_out(
         u = np.linspace(low, high, 21)
         write(tmp_path, "depth_mm,Fz_N\n" + "".join(f"{v},{0.04 * v**1.5}\n" for v in u), name=f"{name}.csv")
     write(tmp_path, "depth_mm,Fz_N\n1,0.04\n2,0.11\n4,0.32\n", name="late.csv")
-    (doubt,) = read([tmp_path / "long.csv", tmp_path / "short.csv", tmp_path / "like.csv"]).doubts
+    (doubt,) = read_measurement([tmp_path / "long.csv", tmp_path / "short.csv", tmp_path / "like.csv"]).doubts
     assert doubt.startswith("repeat short ends at 0.5 mm, others go to 4 mm") and "the rest is left out" in doubt
-    (doubt,) = read([tmp_path / "long.csv", tmp_path / "late.csv"]).doubts
+    (doubt,) = read_measurement([tmp_path / "long.csv", tmp_path / "late.csv"]).doubts
     assert doubt.startswith("repeat late begins at 1 mm, others at 0 mm")
-    assert read([tmp_path / "long.csv", tmp_path / "like.csv"]).doubts == ()
+    assert read_measurement([tmp_path / "long.csv", tmp_path / "like.csv"]).doubts == ()
 
 
 ODD = ["kp", "10^-3 N", "mN, tared", "mN*", "N x 1000", "raw", "mV/V", "Gramm", "%", "-"]
@@ -677,7 +679,7 @@ def test_shares_and_fractions_of_a_unit_in_brackets_are_refused(tmp_path, header
 @pytest.mark.parametrize("header", ["Kraft (Kanal 1)", "Kraft (gefiltert)", "Load/Unload", "Kraft []"])
 def test_words_in_round_brackets_are_no_units(tmp_path, header):
     path = write(tmp_path, f"Weg;{header}\n0;0\n4;0,3\n")
-    (r,) = read(path, {"depth": Column("Weg", "mm"), "Fz": Column(header, "N")}).repeats
+    (r,) = read_measurement(path, {"depth": Column("Weg", "mm"), "Fz": Column(header, "N")}).repeats
     assert r.channels["Fz"].tolist() == [0.0, 0.3]
 
 
@@ -690,11 +692,13 @@ def test_pixels_are_no_length_of_a_body(tmp_path, header):
 def test_units_in_capitals_are_understood_with_the_study(tmp_path):
     """In capitals S is a siemens and MM a molar: no file is lost for that."""
     columns = {"depth": Column("TRAVEL (MM)", "mm"), "Fz": Column("FORCE (N)"), "time": Column("TIME (S)", "s")}
-    m = read(write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", "TIME (S),TRAVEL (MM),FORCE (N)")), columns)
+    m = read_measurement(
+        write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", "TIME (S),TRAVEL (MM),FORCE (N)")), columns
+    )
     assert m.repeats[0].depth.max() == 4.0
     rows = "TRAVEL (Mm);FORCE (MN)\n0;0\n500;1\n"
     columns |= {"depth": Column("TRAVEL (Mm)", "mm"), "Fz": Column("FORCE (MN)", "mN")}
-    (r,) = read(write(tmp_path, rows, name="mega.csv"), {k: columns[k] for k in ("depth", "Fz")}).repeats
+    (r,) = read_measurement(write(tmp_path, rows, name="mega.csv"), {k: columns[k] for k in ("depth", "Fz")}).repeats
     assert (r.depth[1], r.channels["Fz"][1]) == (500.0, 0.001)
     columns |= {"depth": Column("TRAVEL (MM)", "mm"), "Fz": Column("FORCE (N)")}
     assert "'S' is not a unit of the kind 's'" in refusal(tmp_path / "data.csv", columns | {"time": Column("TIME (S)")})
@@ -705,7 +709,7 @@ def test_a_zero_is_what_the_file_says_at_contact_in_its_own_unit_and_sign(tmp_pa
     rows = "".join(f"{60000 - 1000 * k};{3.0 - 0.1 * k**1.5!r}\n" for k in range(5))
     path = write(tmp_path, "Position [um];Load [mN]\n" + rows)
     columns = {"depth": Column("Position [um]", None, True, 60000.0), "Fz": Column("Load [mN]", None, True, 3.0)}
-    (r,) = read(path, columns).repeats
+    (r,) = read_measurement(path, columns).repeats
     np.testing.assert_allclose(r.depth, range(5), rtol=0, atol=1e-12)
     np.testing.assert_allclose(r.channels["Fz"], 1e-4 * np.arange(5) ** 1.5, rtol=0, atol=1e-12)
 
@@ -714,14 +718,16 @@ def test_a_zero_is_what_the_file_says_at_contact_in_its_own_unit_and_sign(tmp_pa
 def test_a_unit_in_other_letters_is_that_of_the_study(tmp_path, unit, beneath):
     path = write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", f"Time,Disp,Load\n {beneath}, mm, N"))
     columns = {"depth": Column("Disp"), "Fz": Column("Load"), "time": Column("Time", unit)}
-    assert read(path, columns).repeats[0].time[1] == pytest.approx(12.0 if unit == "min" else 0.2, rel=1e-15)
+    assert read_measurement(path, columns).repeats[0].time[1] == pytest.approx(
+        12.0 if unit == "min" else 0.2, rel=1e-15
+    )
     said = refusal(path, columns | {"time": Column("Time", "ms")})
     assert f"the study says 'ms', the row beneath the header '{beneath}'" in said
 
 
 @pytest.mark.parametrize("head", ["Weg;Kraft;;\nmm;N", "Weg;Kraft\nmm;N;;"])
 def test_a_row_of_units_may_end_elsewhere_than_the_header(tmp_path, head):
-    m = read(write(tmp_path, head + "\n0;0\n1;0,5\n"), SHORT_COLUMNS)
+    m = read_measurement(write(tmp_path, head + "\n0;0\n1;0,5\n"), SHORT_COLUMNS)
     assert m.repeats[0].depth.tolist() == [0.0, 1.0]
 
 
@@ -734,13 +740,13 @@ def scaled(factor: float, step: int = 1) -> str:
 
 def test_files_of_one_test_are_its_repeats(tmp_path):
     paths = [write(tmp_path, scaled(1 + k / 100), "latin-1", f"niere_{k}.tra") for k in range(3)]
-    m = read(paths, ZWICK)
+    m = read_measurement(paths, ZWICK)
     assert [r.label for r in m.repeats] == ["niere_0", "niere_1", "niere_2"]
     assert (m.path, m.more, m.where) == (paths[0], tuple(paths[1:]), f"{paths[0]} and 2 more")
     assert m.notes.count("Vorkraft 0,01 N") == 1 and m.unread == ("Druckspannung",)
     rows = [(k, t, u, repr(float(f"{(1 + k / 100) * float(F):.5f}"))) for k in range(3) for t, u, F in TEXTS]
     one = write(tmp_path, "repeat,time_s,depth_mm,Fz_N\n" + "".join(f"{k},{t},{u},{F}\n" for k, t, u, F in rows))
-    a, b = (combine(v, Noise(Fz=0.001)) for v in (m, read(one)))
+    a, b = (combine(v, Noise(Fz=0.001)) for v in (m, read_measurement(one)))
     assert a.n_repeats == 3
     np.testing.assert_array_equal(a.value, b.value)
     np.testing.assert_array_equal(a.covariance, b.covariance)
@@ -751,15 +757,15 @@ def test_files_with_repeats_of_their_own_and_files_of_one_name(tmp_path):
         (tmp_path / day).mkdir()
         rows = [f"{u},{F},{k}\n" for k in (1, 2) for _, u, F in TEXTS[:41]]
         write(tmp_path / day, f"# {day}\ndepth_mm,Fz_N,repeat\n" + "".join(rows), name="top.csv")
-    m = read([tmp_path / day / "top.csv" for day in ("monday", "friday")])
+    m = read_measurement([tmp_path / day / "top.csv" for day in ("monday", "friday")])
     assert [r.label for r in m.repeats] == [f"{d}/top.csv {k}" for d in ("monday", "friday") for k in (1, 2)]
-    assert read([tmp_path / "monday" / "top.csv"]).repeats[0].label == "1"
+    assert read_measurement([tmp_path / "monday" / "top.csv"]).repeats[0].label == "1"
 
 
 def test_what_is_not_read_is_told_of_all_files(tmp_path):
     texts = [f"Weg;Kraft;Druck;{more}\n0;0;0;0\n1;0,5;1;1\n" for more in ("Nr", "Temperatur")]
     paths = [write(tmp_path, text, name=f"{k}.csv") for k, text in enumerate(texts)]
-    assert read(paths, COUNTED_COLUMNS).unread == ("Druck", "Nr", "Temperatur")
+    assert read_measurement(paths, COUNTED_COLUMNS).unread == ("Druck", "Nr", "Temperatur")
 
 
 OTHERS = {  # the second of two files, and words
@@ -787,13 +793,13 @@ def test_a_file_counts_once(tmp_path):
     path = write(tmp_path, plain())
     assert "data.csv: is listed twice" in refusal([path, tmp_path / "." / "data.csv"])
     with pytest.raises(ValueError, match="at least one file"):
-        read([])
+        read_measurement([])
 
 
 def test_repeats_without_a_common_depth_name_all_files(tmp_path):
     near = [(t, u, F) for t, u, F in TEXTS[:41] if float(u) < 1]
     far = [(t, u, F) for t, u, F in TEXTS[:41] if float(u) > 2]
-    m = read([write(tmp_path, plain(rows), name=n) for rows, n in ((near, "a.csv"), (far, "b.csv"))])
+    m = read_measurement([write(tmp_path, plain(rows), name=n) for rows, n in ((near, "a.csv"), (far, "b.csv"))])
     with pytest.raises(ValueError, match=r"a\.csv and 1 more: the repeats share no range"):
         combine(m, Noise())
 
@@ -834,7 +840,7 @@ def test_a_study_names_the_columns_of_all_experiments(folder):
         'columns = { depth = { header = "Weg (um)" }, Fz = { header = "F", unit = "mN" } }',
     )
     (folder / "other.csv").write_text("Weg (um);F\n0;0\n500,5;1\n2000;4\n")
-    loaded = load(path)
+    loaded = load_study(path)
     curves = measured_curves(loaded)
     np.testing.assert_array_equal(curves["top"].value, curves["own"].value)
     np.testing.assert_array_equal(curves["top"].depth, curves["own"].depth)
@@ -844,12 +850,12 @@ def test_a_study_names_the_columns_of_all_experiments(folder):
 
 def test_a_study_takes_files_as_repeats_and_says_what_it_does_not_read(folder):
     path = study(folder, '["niere_0.tra", "niere_1.tra"]')
-    plan = make_plan(load(path))
+    plan = make_plan(load_study(path))
     assert [r.label for r in plan.study.measurement("top").repeats] == ["niere_0", "niere_1"]
-    said = check(plan.study, folder / "results", trust=True)
+    said = check_lines(plan.study, folder / "results", trust=True)
     assert any("2 repeat(s)" in line for line in said)
     assert [line.strip() for line in said if "not read" in line] == ["not read: Druckspannung"]
-    found = begin(plan, "test", "now", 1)
+    found = begun_results(plan, "test", "now", 1)
     assert set(found["provenance"]["data_sha256"]) == {"niere_0.tra", "niere_1.tra"}
     assert found["experiments"][0]["file"] == "niere_0.tra, niere_1.tra" and found["experiments"][0]["n_repeats"] == 2
 
@@ -875,7 +881,7 @@ def test_data_that_are_fitted_validate_nothing(tmp_path, what):
     kept = f'[[experiments]]\nname = "kept"\nrole = "validate"\n{second}\n'
     path = studies.write(tmp_path, experiments=f"{EXPERIMENT}{fitted}\n{more}{kept}")
     with pytest.raises(StudyError) as caught:
-        load(path)
+        load_study(path)
     (problem,) = caught.value.problems
     used = "top" if role == "fit" else "used"
     for word in ("'kept' (role = 'validate')", f"{used!r} (role = {role!r})", files, "validates nothing"):
@@ -891,7 +897,7 @@ def test_the_same_readings_are_fitted_or_selected_on_once(tmp_path, what, role):
     write(tmp_path, studies.measured().replace("0.1,", "0.1001,"), name="other.csv")
     more = f'[[experiments]]\nname = "again"\nrole = "{role}"\n{second}\n'
     with pytest.raises(StudyError) as caught:
-        load(studies.write(tmp_path, experiments=f"{EXPERIMENT}{first}\n{more}"))
+        load_study(studies.write(tmp_path, experiments=f"{EXPERIMENT}{first}\n{more}"))
     (problem,) = caught.value.problems
     for word in ("experiments[1].data", "'again'", "'top' (role = 'fit')", "a repeat counts once"):
         assert word in problem
@@ -909,7 +915,9 @@ def test_the_same_file_may_be_fitted_elsewhere_or_validate_by_another_channel(tm
     text = "depth_mm,Fz_N,Fx_N\n" + "".join(f"{u},{0.04 * u**1.5},{0.004 * u}\n" for u in np.linspace(0.1, 2, 20))
     write(tmp_path, text, name="top.csv")
     more = f'[[experiments]]\nname = "other"\ndata = "top.csv"\n{more}'
-    assert len(load(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}')).experiments) == 2
+    assert (
+        len(load_study(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}')).experiments) == 2
+    )
 
 
 TWICE = {  # more of the study, the key
@@ -923,7 +931,7 @@ TWICE = {  # more of the study, the key
 @pytest.mark.parametrize("more", TWICE)
 def test_what_is_read_is_listed_once(tmp_path, more):
     with pytest.raises(StudyError, match="a reading counts once") as caught:
-        load(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}'))
+        load_study(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}'))
     (problem,) = caught.value.problems
     assert TWICE[more] in problem
 
@@ -937,8 +945,8 @@ LOUD = {  # noise, what a check says of it
 @pytest.mark.parametrize("noise", LOUD)
 def test_noise_larger_than_half_of_what_was_measured_is_remarked_upon(tmp_path, noise):
     experiment = EXPERIMENT.replace('Fz = "0.02 mN"', noise) + 'data = "top.csv"'
-    loaded = load(studies.write(tmp_path, experiments=experiment))
-    said = [line.strip() for line in check(loaded, tmp_path / "results", trust=True)]
+    loaded = load_study(studies.write(tmp_path, experiments=experiment))
+    said = [line.strip() for line in check_lines(loaded, tmp_path / "results", trust=True)]
     (remark,) = [line for line in said if "noise." in line]
     assert remark.startswith(LOUD[noise])
     key, value = noise.replace('"', "").split(" = ")
@@ -947,7 +955,7 @@ def test_noise_larger_than_half_of_what_was_measured_is_remarked_upon(tmp_path, 
 
 
 def test_a_check_says_the_stated_noise(tmp_path):
-    said = check(load(studies.write(tmp_path)), tmp_path / "results", trust=True)
+    said = check_lines(load_study(studies.write(tmp_path)), tmp_path / "results", trust=True)
     assert any(line.startswith("    stated noise: Fz 2e-05 N") for line in said)
     assert not [line for line in said if "is its unit right" in line]
 
@@ -957,9 +965,11 @@ def test_what_is_doubtful_is_among_the_remarks_of_a_check_and_the_warnings_of_a_
     air = [("", f"{0.1 * k:.1f}", "0") for k in range(9)]
     rows = [(f"{k}", u, F) for k, (_, u, F) in enumerate([*air, *late[1:]])]
     write(folder, zwick(rows), "latin-1", "niere_0.tra")
-    plan = make_plan(load(study(folder, '"niere_0.tra"')))
-    (said,) = [line.strip() for line in check(plan.study, folder / "results", trust=True) if "contact lies" in line]
-    assert begin(plan, "test", "now", 1)["warnings"] == [f"top, {said}"]
+    plan = make_plan(load_study(study(folder, '"niere_0.tra"')))
+    (said,) = [
+        line.strip() for line in check_lines(plan.study, folder / "results", trust=True) if "contact lies" in line
+    ]
+    assert begun_results(plan, "test", "now", 1)["warnings"] == [f"top, {said}"]
 
 
 def test_the_example_of_the_docs_reads_such_files(tmp_path):
@@ -969,7 +979,7 @@ def test_the_example_of_the_docs_reads_such_files(tmp_path):
     for path in paths:
         path.parent.mkdir(exist_ok=True)
         write(path.parent, zwick().replace("Niere 3", path.stem), "latin-1", path.name)
-    m = read(paths, ColumnsTable.model_validate(example["columns"]).columns())
+    m = read_measurement(paths, ColumnsTable.model_validate(example["columns"]).columns())
     assert [r.label for r in m.repeats] == ["top_1", "top_2"] and m.repeats[0].channels["Fz"].max() == 0.32
 
 
@@ -1059,7 +1069,7 @@ BAD = {  # columns, data, key, words
 def test_what_is_wrong_in_a_study_is_one_problem_at_its_key(folder, what):
     columns, data, key, words = BAD[what]
     with pytest.raises(StudyError) as caught:
-        load(study(folder, data, columns))
+        load_study(study(folder, data, columns))
     (problem,) = caught.value.problems
     assert f": {key}" in problem
     for word in words:
@@ -1072,18 +1082,18 @@ COUNTS = "Schritte [steps];Kraft [V]\n12000;0.5\n12800;0.6\n13600;0.8\n"
 def test_what_one_count_is_makes_a_length_of_steps_and_a_force_of_volts(tmp_path):
     columns = {"depth": Column("Schritte [steps]", "0.00125 mm", zero=12000.0)}
     columns |= {"Fz": Column("Kraft [V]", "2.5 N", zero=0.5)}
-    (r,) = read(write(tmp_path, COUNTS), columns).repeats
+    (r,) = read_measurement(write(tmp_path, COUNTS), columns).repeats
     np.testing.assert_allclose(r.depth, [0.0, 1.0, 2.0], rtol=1e-12)
     np.testing.assert_allclose(r.channels["Fz"], [0.0, 0.25, 0.75], rtol=1e-12)
     turned = {**columns, "depth": Column("Schritte [steps]", "1.25 um", flip=True, zero=13600.0)}
-    (r,) = read(write(tmp_path, COUNTS.replace("0.5", "0.9")), turned).repeats
+    (r,) = read_measurement(write(tmp_path, COUNTS.replace("0.5", "0.9")), turned).repeats
     np.testing.assert_allclose(r.depth, [2.0, 1.0, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("head", ["Weg [1/100 mm]", "Weg [mV/V]", "Weg (1/100 mm)", "Weg [px]", "Weg", "Weg [V]"])
 def test_a_stated_count_holds_whatever_the_file_calls_it(tmp_path, head):
     columns = {"depth": Column(head, "0.01 mm"), "Fz": Column("Fz_N")}
-    (r,) = read(write(tmp_path, f"{head};Fz_N\n0;0\n400;3\n"), columns).repeats
+    (r,) = read_measurement(write(tmp_path, f"{head};Fz_N\n0;0\n400;3\n"), columns).repeats
     assert r.depth.tolist() == [0.0, 4.0]
 
 
@@ -1091,7 +1101,9 @@ def test_a_count_and_another_unit_of_its_kind_disagree(tmp_path):
     path = write(tmp_path, "Weg [mm];Fz_N\n0;0\n4;3\n")
     said = refusal(path, {"depth": Column("Weg [mm]", "0.00125 mm"), "Fz": Column("Fz_N")})
     assert "the study says '0.00125 mm', the header 'mm'" in said
-    assert read(path, {"depth": Column("Weg [mm]", "1 mm"), "Fz": Column("Fz_N")}).repeats[0].depth[-1] == 4.0
+    assert (
+        read_measurement(path, {"depth": Column("Weg [mm]", "1 mm"), "Fz": Column("Fz_N")}).repeats[0].depth[-1] == 4.0
+    )
 
 
 @pytest.mark.parametrize("head, unit", [("Weg", None), ("Weg [V]", None), ("Weg [steps]", None), ("Weg [steps]", "mm")])
@@ -1106,6 +1118,6 @@ def test_each_file_has_its_own_zero(tmp_path):
         write(tmp_path, "pos_mm,Fz_N\n" + "".join(f"{zero + u},{0.1 * u}\n" for u in range(5)), name=f"{k}.csv")
     files = [tmp_path / "0.csv", tmp_path / "1.csv"]
     columns = {"depth": Column("pos_mm", zero=(35.0, 34.5)), "Fz": Column("Fz_N")}
-    assert [r.depth.tolist() for r in read(files, columns).repeats] == [[0.0, 1.0, 2.0, 3.0, 4.0]] * 2
+    assert [r.depth.tolist() for r in read_measurement(files, columns).repeats] == [[0.0, 1.0, 2.0, 3.0, 4.0]] * 2
     with pytest.raises(ValueError, match=r"column 'depth': zero = \[35.0, 34.5\] are 2 for 1 file"):
-        read(files[:1], columns)
+        read_measurement(files[:1], columns)

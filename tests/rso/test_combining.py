@@ -10,7 +10,7 @@ from scipy.special import ndtri
 from rso.calibration.readings import as_data
 from rso.core.distributions import student
 from rso.data import Measurement, Noise, Repeat, combine
-from rso.data.scatter import beyond_said, of_repeats, ratio_of
+from rso.data.scatter import beyond_said, ratio_of, repeat_scatter
 from rso.inference.identifiability import exceeded
 
 U = np.linspace(0.1, 4.0, 40)
@@ -112,7 +112,7 @@ def test_a_stated_shape_of_the_noise_is_overruled_by_its_size_alone(shape, u, sh
         curves = [ball(u) + sd * rng.standard_normal(len(u)) for _ in range(3)]
         slope = np.gradient(ball(u), u)
         each, said = (np.array(curves), ball(u), slope), (share * sd) ** 2
-        beyond = beyond_said(of_repeats(*each)[0], ratio_of(*each, said), said).variance
+        beyond = beyond_said(repeat_scatter(*each)[0], ratio_of(*each, said), said).variance
         taken.append(beyond.max() > 0.0)
         if beyond.max() > 0.0:
             np.testing.assert_allclose(np.ptp(beyond / sd**2), 0.0, atol=1e-9 * np.max(beyond / sd**2))  # its shape

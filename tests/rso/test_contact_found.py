@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.data import CONTACT, Column, read
-from rso.data.contact_point import approached, begins_in_air, onset
+from rso.data import CONTACT, Column, read_measurement
+from rso.data.contact_point import approached, begins_in_air, contact_onset
 from rso.data.files import header_aliases
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 TRUE, AIR = 0.0, 2.0
 
@@ -76,7 +76,9 @@ def test_a_body_that_stiffens_much_is_no_later_contact(body, noise):
 def test_nor_is_it_remarked_upon_as_one(tmp_path, body):
     u = np.linspace(0.0, 4.0, 401)
     F = STIFF[body](u) + 1e-3 * np.random.default_rng(7).standard_normal(401)
-    assert not any("the contact lies near" in d for d in read(write(tmp_path / "a.csv", "depth_mm,Fz_N", u, F)).doubts)
+    assert not any(
+        "the contact lies near" in d for d in read_measurement(write(tmp_path / "a.csv", "depth_mm,Fz_N", u, F)).doubts
+    )
 
 
 @pytest.mark.parametrize("air", [0.5, 2.0, 60.0])
@@ -124,7 +126,7 @@ def test_the_contact_of_many_repeats_is_known_better_than_that_of_one(tmp_path):
         for k, noise in enumerate(0.005 * rng.standard_normal((9, 121)))
     ]
     # what the shape of one record leaves open does not average out
-    assert 0.0 < read(files).contact < 0.8 * read(files[0]).contact
+    assert 0.0 < read_measurement(files).contact < 0.8 * read_measurement(files[0]).contact
 
 
 def test_repeats_of_one_test_all_count_from_contact_or_none_does(tmp_path):
@@ -134,29 +136,34 @@ def test_repeats_of_one_test_all_count_from_contact_or_none_does(tmp_path):
         write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise)
         for k, noise in enumerate(0.02 * rng.standard_normal((9, 121)))
     ]
-    alone = [read(file).contact > 0.0 for file in files]
+    alone = [read_measurement(file).contact > 0.0 for file in files]
     assert any(alone) and not all(alone)
-    m = read(files)
+    m = read_measurement(files)
     np.testing.assert_allclose([r.depth.max() for r in m.repeats], 4.0, atol=0.5)
     assert sum("contact is found" in d for d in m.doubts) == len(files)
     flat = write(tmp_path / "flat.csv", "Displacement (mm),Force (N)", u[u >= 0] + 9.0, pressed(u[u >= 0]))
     with pytest.raises(ValueError, match=r"flat\.csv: .* begins in air, by other repeats: no approach is seen"):
-        read([files[alone.index(True)], flat])
+        read_measurement([files[alone.index(True)], flat])
 
 
 def test_a_position_without_an_approach_counts_from_its_first_reading(tmp_path):
     u = np.linspace(0.0, 4.0, 81)
-    m = read(write(tmp_path / "a.csv", "Position (mm),Force (N)", u + 3.9, pressed(u)))
+    m = read_measurement(write(tmp_path / "a.csv", "Position (mm),Force (N)", u + 3.9, pressed(u)))
     np.testing.assert_allclose(m.repeats[0].depth, u, atol=1e-6)
     assert m.contact > 0 and any("from the first reading, at 3.9" in d for d in m.doubts)
     noisy = pressed(u - 0.5) + 0.02 * np.random.default_rng(11).standard_normal(81)  # 0, set by hand, is on its way
-    assert read(write(tmp_path / "c.csv", "Position (mm),Force (N)", u - 0.5, noisy)).repeats[0].depth[0] == -0.5
-    m = read(write(tmp_path / "b.csv", "Indentation (mm),Force (N)", u + 1.0, pressed(u + 1.0)))  # from contact by name
+    assert (
+        read_measurement(write(tmp_path / "c.csv", "Position (mm),Force (N)", u - 0.5, noisy)).repeats[0].depth[0]
+        == -0.5
+    )
+    m = read_measurement(
+        write(tmp_path / "b.csv", "Indentation (mm),Force (N)", u + 1.0, pressed(u + 1.0))
+    )  # from contact by name
     assert m.repeats[0].depth[0] == pytest.approx(1.0)
 
 
 def sensed(tmp_path, u, F):
-    return read(write(tmp_path / "s.csv", "Position (mm),Force (N)", u, F))
+    return read_measurement(write(tmp_path / "s.csv", "Position (mm),Force (N)", u, F))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -168,7 +175,7 @@ def test_what_was_tared_on_the_way_and_spikes_turn_no_sign(sign):
     back = np.r_[pressed(u), pressed(u[::-1]) - 1.2 * (u[::-1] < 0) * np.exp(u[::-1])]  # it pulls more than it pressed
     for travel, F in [(u, F) for F in (spiked, *tared)] + [(np.r_[u, u[::-1]], back)]:
         columns = {"depth": sign * travel, "Fz": sign * F}
-        assert header_aliases.turned(columns, np.full(len(F), "1"), names) == wanted
+        assert header_aliases.reversed_columns(columns, np.full(len(F), "1"), names) == wanted
 
 
 @pytest.mark.parametrize("last", [0.0, -AIR])
@@ -185,7 +192,7 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
     u, F = record(rng, 121, 1e-3)
     files = [write(tmp_path / f"{k}.csv", "Pos (mm),F (N)", 50.0 + s - u, 0.3 - F) for k, s in enumerate((0.0, 0.7))]
     columns = {"depth": Column("Pos (mm)", flip=True, zero=CONTACT), "Fz": Column("F (N)", flip=True, zero=CONTACT)}
-    m = read(files, columns)
+    m = read_measurement(files, columns)
     for r in m.repeats:
         np.testing.assert_allclose(r.depth, u, atol=4 * m.contact)
         np.testing.assert_allclose(r.channels["Fz"], F, atol=1e-3)  # the median of 40 readings of 1 mN
@@ -193,10 +200,10 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
     found = [float(re.search(r"found at (\S+) mm", d)[1]) for d in m.doubts if "0.3 N is taken off" in d]
     np.testing.assert_allclose(found, [50.0, 50.7], atol=0.1)  # as the file counts
     columns["depth"] = Column("Pos (mm)", flip=True, zero=50.0)
-    own = read(files[0], columns)  # of which only the force is off by what the record says
+    own = read_measurement(files[0], columns)  # of which only the force is off by what the record says
     assert own.contact == 0.0 and abs(own.repeats[0].depth[0] + AIR) < 1e-6
     with pytest.raises(ValueError, match=r"zero = 'contact': no approach is seen"):
-        read(
+        read_measurement(
             write(tmp_path / "a.csv", "Pos (mm),F (N)", u[u >= 0], F[u >= 0]),
             {"depth": Column("Pos (mm)", zero=CONTACT), "Fz": Column("F (N)")},
         )
@@ -204,15 +211,15 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
 
 def test_a_file_of_customary_names_counts_from_contact_and_others_do_as_they_say(tmp_path):
     u, F = record(np.random.default_rng(4), 121, 1e-3)
-    usual = read(write(tmp_path / "usual.csv", "Displacement (mm),Force (N)", u + 7.0, -F - 0.2))
+    usual = read_measurement(write(tmp_path / "usual.csv", "Displacement (mm),Force (N)", u + 7.0, -F - 0.2))
     assert usual.contact > 0 and any(
         "contact is found at 7." in d or "contact is found at 6.9" in d for d in usual.doubts
     )
     np.testing.assert_allclose(usual.repeats[0].depth, u, atol=4 * usual.contact)
-    own = read(write(tmp_path / "own.csv", "depth_mm,Fz_N", u + AIR, F))
+    own = read_measurement(write(tmp_path / "own.csv", "depth_mm,Fz_N", u + AIR, F))
     assert own.contact == 0.0 and own.repeats[0].depth[0] == 0.0
     assert any("the contact lies near" in d and "contact" in d for d in own.doubts)
-    at = read(write(tmp_path / "at.csv", "Displacement (mm),Force (N)", u[u >= 0], F[u >= 0]))
+    at = read_measurement(write(tmp_path / "at.csv", "Displacement (mm),Force (N)", u[u >= 0], F[u >= 0]))
     assert at.contact == 0.0 and at.repeats[0].depth[0] == u[u >= 0][0]
 
 
@@ -225,7 +232,7 @@ def test_repeats_in_one_file_have_their_own_contact_and_all_one_sense(tmp_path, 
         np.concatenate(v)
         for v in zip(*[(np.full(61, k), sign * (u + s), -F) for k, ((u, F), s) in enumerate(tests)], strict=True)
     ]
-    m = read(write(tmp_path / "three.csv", "repeat,Position (mm),Load (N)", *table))
+    m = read_measurement(write(tmp_path / "three.csv", "repeat,Position (mm),Load (N)", *table))
     assert len(m.repeats) == 3 and m.doubts[0].count("its sign turned") == (1 if sign > 0 else 2)
     for r, ((u, F), _) in zip(m.repeats, tests, strict=True):
         np.testing.assert_allclose(r.depth, u, atol=5 * m.contact)
@@ -241,7 +248,7 @@ def test_a_study_takes_what_the_contact_is_uncertain_by_unless_it_states_it(tmp_
         folder.mkdir()
         path = studies.write(folder, experiments=f'name = "top"\nrole = "fit"\ndata = "usual.csv"{noise}')
         (folder / "usual.csv").write_text(table)
-        study = load(path)
+        study = load_study(path)
         found = study.measurement("top").contact
         assert 0 < found < 0.05 and study.noise_of("top").contact == (found if wanted else 0.2)
 
@@ -260,7 +267,9 @@ HEADS = {  # what machines write, and how often u, F, t stand in it
 def test_columns_of_another_kind_are_no_rivals_and_units_of_time_may_be_in_capitals(tmp_path, head):
     u, F = record(np.random.default_rng(12), 121, 1e-4)
     t = np.arange(121.0)
-    r = read(write(tmp_path / "a.csv", head, *({"t": t, "u": u, "F": F}[k] for k in HEADS[head]))).repeats[0]
+    r = read_measurement(write(tmp_path / "a.csv", head, *({"t": t, "u": u, "F": F}[k] for k in HEADS[head]))).repeats[
+        0
+    ]
     np.testing.assert_allclose(r.time, t)
     np.testing.assert_allclose(r.depth, u, atol=0.05)
     np.testing.assert_allclose(r.channels["Fz"], F, atol=1e-3)
@@ -268,7 +277,7 @@ def test_columns_of_another_kind_are_no_rivals_and_units_of_time_may_be_in_capit
 
 def test_lateral_forces_of_a_record_that_begins_in_air_are_zero_there(tmp_path):
     u, F = record(np.random.default_rng(13), 121, 1e-4)
-    m = read(write(tmp_path / "a.csv", "Displacement (mm),Force (N),Fx_N", u + 7.0, F + 0.3, 0.1 * F - 0.2))
+    m = read_measurement(write(tmp_path / "a.csv", "Displacement (mm),Force (N),Fx_N", u + 7.0, F + 0.3, 0.1 * F - 0.2))
     np.testing.assert_allclose(m.repeats[0].channels["Fx"], 0.1 * F, atol=1e-3)
     assert any("depth, Fx, Fz count from there" in d for d in m.doubts)
 
@@ -283,7 +292,7 @@ def test_a_contact_in_counts_is_said_in_counts(tmp_path):
     u, F = record(np.random.default_rng(0), noise=1e-3)
     path = write(tmp_path / "a.csv", "Step (steps),Load (N)", np.round((u + AIR) / 0.005), F)
     columns = {"depth": Column("Step (steps)", "0.005 mm", zero=CONTACT), "Fz": Column("Load (N)", zero=CONTACT)}
-    (said,) = (d for d in read(path, columns).doubts if "contact is found" in d)
+    (said,) = (d for d in read_measurement(path, columns).doubts if "contact is found" in d)
     place = re.search(r"found at ([\d.]+) × 0\.005 mm ± ([\d.]+) × 0\.005 mm", said)
     assert abs(float(place[1]) - AIR / 0.005) < 3.0 * float(place[2])
 
@@ -292,6 +301,6 @@ def test_a_contact_in_counts_is_said_in_counts(tmp_path):
 def test_what_shape_and_approach_leave_open_is_in_the_deviation(body, before):
     """By the scatter of a ball's fit alone a flat end is off by five standard deviations; more in the verification."""
     rng = np.random.default_rng(16)
-    found = [onset(*contact_records.record(rng, body, before)) for _ in range(12)]
+    found = [contact_onset(*contact_records.record(rng, body, before)) for _ in range(12)]
     away = np.array([abs(f.depth) / f.deviation for f in found])
     assert np.mean(away < 2.5) > 0.8 and np.median([f.deviation for f in found]) < 0.2

@@ -9,17 +9,17 @@ from sample_studies import Inline, read
 
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
-from rso.calibration.readings import curve_data, placed
+from rso.calibration.readings import curve_data, places_from_contact
 from rso.contract import Segment
 from rso.data import creep_curve, creep_of
-from rso.data import read as read_file
+from rso.data import read_measurement as read_file
 from rso.data.measured_curve import Noise
 from rso.discrepancy.library.test_plan import _usable
 from rso.evaluation.store import RunStore
 from rso.model_selection.candidate_models import axes_of, levels_of
 from rso.model_selection.study_ladder import ladder_plan
 from rso.next_experiment.experiments import done
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 STUDY = """
 [study]
@@ -52,7 +52,7 @@ def written(folder, opened=RELAXING, text="", **of_record):
 
 
 def ran(file):
-    plan = make_plan(load(file))
+    plan = make_plan(load_study(file))
     with RunStore(file.parent / "results") as store:
         run_study(plan, store, Inline(), file.parent / "results", command="test", jobs=1)
     return read(file.parent)
@@ -110,13 +110,13 @@ def test_contact_and_gain_have_the_signs_of_the_loading(tmp_path):
 
 
 def test_a_model_that_relaxes_is_simulated_at_the_force(tmp_path):
-    plan = make_plan(load(written(tmp_path)))
+    plan = make_plan(load_study(written(tmp_path)))
     hold = plan.creeps.followed["press creep"]
     case = plan.cases[plan.case_of["press creep"]]
     there, rest = case.programme.segments
     assert there == Segment("travel", rate=hold.rate, to_N=hold.force) and rest.asked_s == hold.moments
     assert plan.case_of["press"] != plan.case_of["press creep"] and "press creep" not in case.settings
-    place = placed(plan, "press creep", "travel")
+    place = places_from_contact(plan, "press creep", "travel")
     assert place.held.all() and len(curve_data(plan, place).value) == len(hold.since)
     assert plan.group.reference is None and "a force that is held" in plan.group.why
     answer = toy.BACKEND({"mu": 0.01, "g": 0.4, "tau": 5.0}, case)
@@ -124,19 +124,19 @@ def test_a_model_that_relaxes_is_simulated_at_the_force(tmp_path):
 
 
 def test_an_elastic_model_fits_the_loading_alone_and_says_so(tmp_path):
-    plan = make_plan(load(written(tmp_path / "a", opened="")))
+    plan = make_plan(load_study(written(tmp_path / "a", opened="")))
     assert not plan.creeps.followed and list(plan.case_of) == ["press"]
     said = plan.of_hold("press")
     assert "Only the loading is fitted, by a model that does not creep" in said[0]
     opened = tomllib.loads("\n".join(line.strip() for line in said[-2:]))
     assert set(opened) == {"g", "tau"}
-    assert make_plan(load(written(tmp_path / "b", opened="\n".join(said[-2:]) + "\n"))).creeps.followed
+    assert make_plan(load_study(written(tmp_path / "b", opened="\n".join(said[-2:]) + "\n"))).creeps.followed
 
 
 def test_a_backend_of_travel_alone_is_said_to_be_one(tmp_path):
     file = written(tmp_path)
     file.write_text(file.read_text().replace(":BACKEND", ":TRAVEL_ALONE"))
-    plan = make_plan(load(file))
+    plan = make_plan(load_study(file))
     assert not plan.creeps.followed
     assert "The backend 'travel alone' does not understand" in plan.of_hold("press")[0]
 
@@ -157,7 +157,7 @@ def test_creep_identifies_the_share_and_the_time(tmp_path):
 
 def test_a_hold_shorter_than_the_time_cannot_tell_it_and_says_so(tmp_path):
     file = written(tmp_path, lasts=1.5, white=1e-3, text=DESCENT)
-    plan = make_plan(load(file))
+    plan = make_plan(load_study(file))
     assert any("cannot determine tau beyond about 4.5 s" in line for line in plan.of_hold("press"))
     p = known(ran(file))
     assert p["tau"]["verdict"] != "determined" and p["g"]["verdict"] == "not" and p["mu"]["verdict"] == "determined"
@@ -165,7 +165,7 @@ def test_a_hold_shorter_than_the_time_cannot_tell_it_and_says_so(tmp_path):
 
 def test_a_ladder_offers_what_creep_asks_for(tmp_path):
     """The study's model does not relax: the ladder has it with a first relaxation too, and compares both with creep."""
-    plan = ladder_plan(load(written(tmp_path, opened="")))
+    plan = ladder_plan(load_study(written(tmp_path, opened="")))
     assert plan.creeps.followed
     levels = levels_of(plan)
     assert [level.name for rung in levels for level in rung] == ["study", "study+relaxation"]
@@ -176,7 +176,7 @@ def test_a_ladder_offers_what_creep_asks_for(tmp_path):
 
 
 def test_the_next_experiment_knows_what_creep_has_told(tmp_path):
-    plan = make_plan(load(written(tmp_path)))
+    plan = make_plan(load_study(written(tmp_path)))
     item = next(i for i in done(plan) if i.name == "press creep")
     assert item.case.programme.forced and item.blocks[0].places[0].channel == "travel"
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rso.core.curves import Resampling, baseline, between, metrics, rows_at, window
+from rso.core.curves import Resampling, baseline, depth_window, error_between_points, metrics, rows_at
 
 # Round-off of a handful of operations on numbers of order one.
 EXACT = 1e-13
@@ -86,10 +86,10 @@ def test_curves_that_are_none(u, y):
 
 
 def test_window():
-    u, y = window(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 10.0, 20.0, 30.0]), 1.0, 2.0)
+    u, y = depth_window(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 10.0, 20.0, 30.0]), 1.0, 2.0)
     assert u.tolist() == [1.0, 2.0] and y.tolist() == [10.0, 20.0]
     with pytest.raises(ValueError, match=r"\[4, 5\] mm; it spans \[0, 3\] mm"):
-        window(np.arange(4.0), np.arange(4.0), 4, 5)
+        depth_window(np.arange(4.0), np.arange(4.0), 4, 5)
 
 
 def test_metrics_by_hand():
@@ -158,5 +158,5 @@ def test_rows_are_interpolated_as_numpy_does_one_by_one():
 def test_a_curve_is_not_off_where_it_was_computed():
     """Negative control: between computed points the estimate is not 0."""
     u = np.linspace(0.2, 2.0, 7)
-    assert not between(u, u**1.7, u).any()
-    assert np.all(between(u, u**1.7, u[1:] - 0.1) > 0.0)
+    assert not error_between_points(u, u**1.7, u).any()
+    assert np.all(error_between_points(u, u**1.7, u[1:] - 0.1) > 0.0)

@@ -17,7 +17,7 @@ from rso.core.units import in_base
 from rso.evaluation.decks import Deck, DeckOutput, Failure, load_deck, read_template
 from rso.evaluation.decks.readers import NotFound, at_passages, read_output
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 PROGRAM = Path(hertz_program.__file__)
 DECK = """** a ball on a half-space
@@ -399,7 +399,7 @@ def test_other_files_go_along_unchanged(tmp_path):
 
 @pytest.mark.parametrize("reader", OUTPUTS)
 def test_each_reader_of_a_study_finds_the_closed_form(tmp_path, reader):
-    plan = make_plan(load(study(tmp_path / "study", reader) / "study.toml"))
+    plan = make_plan(load_study(study(tmp_path / "study", reader) / "study.toml"))
     (case,) = plan.cases
     answer = plan.backend({"mu": MU, "D1": 1.0}, case)
     expected = [hertz_program.force(MU, u) for u in case.programme.asked_mm]
@@ -423,9 +423,9 @@ def test_a_study_of_a_deck_finds_the_modulus_that_made_its_data(tmp_path):
 def test_a_deck_that_changes_is_read_again_and_not_while_a_study_runs(tmp_path):
     folder = study(tmp_path / "study", files=("command = [", 'files = ["mesh.inc"]\ncommand = ['))
     (folder / "mesh.inc").write_text("1")
-    first = make_plan(load(folder / "study.toml"))
+    first = make_plan(load_study(folder / "study.toml"))
     (folder / "mesh.inc").write_text("2")
-    second = make_plan(load(folder / "study.toml"))
+    second = make_plan(load_study(folder / "study.toml"))
     assert first.backend.fingerprint != second.backend.fingerprint
     with pytest.raises(RuntimeError, match=r"mesh\.inc has changed since the study was read"):
         first.backend({"mu": MU, "D1": 1.0}, first.cases[0])
@@ -446,7 +446,7 @@ def test_check_shows_the_filled_deck_and_runs_nothing(tmp_path, capsys):
 
 def test_parameters_are_declared_once_with_units_of_their_values(tmp_path):
     text = 'D1 = { low = 0.5, high = 2, unit = "1/MPa", bounds = [0.1, 5], description = "compressibility" }'
-    plan = make_plan(load(study(tmp_path / "study", fixed=('D1 = { value = "1 1/MPa" }', text)) / "study.toml"))
+    plan = make_plan(load_study(study(tmp_path / "study", fixed=('D1 = { value = "1 1/MPa" }', text)) / "study.toml"))
     mu, d1 = plan.backend.parameters
     assert (mu.unit, d1.unit, d1.description, d1.low, d1.high) == ("MPa", "1/MPa", "compressibility", 0.1, 5.0)
     assert mu.low < 0.006 / 100 and mu.high > 0.02 * 100  # a modulus may be scaled
@@ -469,7 +469,7 @@ def test_parameters_are_declared_once_with_units_of_their_values(tmp_path):
 def test_a_study_that_cannot_be_is_refused_with_file_line_and_key(tmp_path, old, new, words):
     folder = study(tmp_path / "study", change=(old, new))
     with pytest.raises(StudyError) as error:
-        make_plan(load(folder / "study.toml"))
+        make_plan(load_study(folder / "study.toml"))
     said = "\n".join(error.value.problems)
     assert words in said and re.match(rf"{re.escape(str(folder))}/study.toml:\d+: ", said), said
 
@@ -481,7 +481,7 @@ def test_a_backend_that_is_no_deck_declares_its_own_parameters(tmp_path):
     text = text[:start] + '[backend]\nuse = "fem_backend.backend:BACKEND"\n' + text[end:]
     (folder / "study.toml").write_text(text.replace('low = "6 kPa"', 'low = "6 kPa", unit = "MPa"'))
     with pytest.raises(StudyError, match=r"parameters\.mu\.unit = 'MPa': belongs to a parameter of a template"):
-        load(folder / "study.toml")
+        load_study(folder / "study.toml")
 
 
 def test_a_deck_may_come_from_anywhere_the_study_lies(tmp_path):
@@ -489,6 +489,6 @@ def test_a_deck_may_come_from_anywhere_the_study_lies(tmp_path):
     shutil.copytree(folder, tmp_path / "copy")
     keys = [
         run_key(p.backend, *p.backend.canonical(p.values(np.array([0.5])), p.cases[0]))
-        for p in (make_plan(load(f / "study.toml")) for f in (folder, tmp_path / "copy"))
+        for p in (make_plan(load_study(f / "study.toml")) for f in (folder, tmp_path / "copy"))
     ]
     assert keys[0] == keys[1]

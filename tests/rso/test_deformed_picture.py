@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from report_fixture import complete, deformed, draws
 
-from rso.calibration.deformed_body import as_plain, begin_deformed, draw_deformed, fitted_values, write_deformed
+from rso.calibration.deformed_body import begin_deformed, body_as_plain, draw_deformed, fitted_values, write_deformed
 from rso.contract import DeformedBody, DeformedFrame
 from rso.report.calibration import turning
 from rso.report.calibration.deformed import _without_axis, body, levels, outline, superlevel, turned
@@ -186,7 +186,7 @@ def test_a_picture_that_cannot_be_made_leaves_none_of_an_earlier_state(tmp_path)
 
 def test_nothing_but_points_is_rounded():
     points = np.array([[0.0, 0.0], [1e4, 0.0], [0.0, 1.0]])
-    plainly = as_plain(DeformedBody("x", {"s": "MPa"}, (frame(0.123456789, points),)))
+    plainly = body_as_plain(DeformedBody("x", {"s": "MPa"}, (frame(0.123456789, points),)))
     assert plainly["frames"][0]["travel"] == 0.123456789
 
 

@@ -125,10 +125,12 @@ def test_the_page_says_what_is_fixed_what_is_open_and_what_is_unlikely():
 def test_a_refuted_model_or_unconfirmed_surrogates_fix_nothing():
     from types import SimpleNamespace as Some
 
-    from rso.calibration.identification_stage import trusted
+    from rso.calibration.identification_stage import is_trusted
 
     good = Some(verified=True, open=(), poor=())
     fits, misses = Some(scale=1.0, refuting=()), Some(scale=3.5, refuting=())
-    assert trusted(fits, good) and not trusted(misses, good) and not trusted(Some(scale=1.0, refuting=(3,)), good)
+    assert (
+        is_trusted(fits, good) and not is_trusted(misses, good) and not is_trusted(Some(scale=1.0, refuting=(3,)), good)
+    )
     for worse in ({"verified": False}, {"open": ("D1",)}, {"poor": ("Fz",)}):
-        assert not trusted(fits, Some(**{**vars(good), **worse}))
+        assert not is_trusted(fits, Some(**{**vars(good), **worse}))

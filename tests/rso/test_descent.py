@@ -24,7 +24,7 @@ from rso.inference.gauss_newton import contradiction
 from rso.report import render
 from rso.report.terminal import summary
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 TRUTH = {"mu": studies.MU, "D1": studies.D1}
@@ -244,7 +244,7 @@ def test_keys_of_the_other_method_and_starts_outside_are_refused(tmp_path, searc
         direct(tmp_path, search=search)
     file = studies.write(tmp_path / "b", search="repair = false\nstarts = 2")  # and the other way round
     with pytest.raises(StudyError, match="starts belongs to method"):
-        load(file)
+        load_study(file)
 
 
 def test_conditions_between_parameters_are_refused(tmp_path):
@@ -397,7 +397,7 @@ def test_random_truths_from_random_starts(similar):
 def test_run_study_takes_its_plan(tmp_path):
     """A plan whose store holds everything runs nothing."""
     direct(tmp_path)
-    plan = make_plan(load(tmp_path))
+    plan = make_plan(load_study(tmp_path))
     with RunStore(tmp_path / "results") as store:
         found = run_study(plan, store, studies.Inline(), tmp_path / "results", command="", jobs=1)
     assert found["counts"]["from_store"] == found["counts"]["fe_runs"] > 0

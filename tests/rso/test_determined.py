@@ -6,11 +6,11 @@ import pytest
 from rso import emulation
 from rso.calibration.confirmed_optimum import ConfirmedOptimum
 from rso.calibration.identification_stage import doubted
-from rso.core.curves import Resampling, between
-from rso.doe import Box, sobol
-from rso.inference import Data, Misfit, Model, Runs, determine, judge, posterior_grid
+from rso.core.curves import Resampling, error_between_points
+from rso.doe import Box, sobol_sequence
+from rso.inference import Data, Misfit, Model, Runs, determine, judge_parameter, posterior_grid
 from rso.inference.intervals import Interval
-from rso.inference.posterior_sampling import chain, sample
+from rso.inference.posterior_sampling import chain, sample_posterior
 
 AT = np.linspace(0.1, 1.0, 10)
 
@@ -30,9 +30,9 @@ def box(low, high, log=False):
 def test_a_power_law_over_decades_is_learnt_as_its_logarithm():
     """y = a b over four decades: a plane of the logarithm, exact.  It predicts a hundred times more in a corner than
     the largest value that 20 runs have, and knows that: nothing else may be preferred to it."""
-    X = sobol(3, 20, 1)
+    X = sobol_sequence(3, 20, 1)
     y = 10.0 ** (4 * X[:, 0] + 3 * X[:, 1] - 2 * X[:, 2] - 3)
-    model = emulation.fit("auto", X, y, seed=1)
+    model = emulation.fit_surrogate("auto", X, y, seed=1)
     assert model.log
     corner = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     mean, sd = model.predict(corner)
@@ -115,10 +115,10 @@ def test_a_range_that_was_widened_makes_no_interval_narrow():
     it.  Negative control: against the widened range alone the word is 'determined'."""
     stated, wide = box([0.0, 0.0], [1.0, 1.0]), box([-10.0, -10.0], [11.0, 11.0])
     much = Interval(*wide.to_unit(np.array([[-0.001, 0.5], [0.91, 0.5]]))[:, 0])
-    assert judge(wide, 0, much).word == "determined"
-    assert judge(wide, 0, much, stated=stated).word == "not"
+    assert judge_parameter(wide, 0, much).word == "determined"
+    assert judge_parameter(wide, 0, much, stated=stated).word == "not"
     some = Interval(*wide.to_unit(np.array([[-0.2, 0.5], [0.2, 0.5]]))[:, 0])
-    assert judge(wide, 0, some, stated=stated).word == "weakly"
+    assert judge_parameter(wide, 0, some, stated=stated).word == "weakly"
 
 
 def test_draws_on_cells_are_those_of_the_closed_form():
@@ -149,11 +149,11 @@ def test_a_chain_says_whether_it_has_converged(monkeypatch):
     good, short = (chain(misfit, [d.fit], seed=0, most=m) for m in (4000, 250))
     assert good.steps >= 50 * good.tau and good.r_hat < 1.05 and good.enough
     assert not short.enough and "autocorrelation times" in short.doubt
-    on_cells = sample(misfit, [d.fit], seed=0)
+    on_cells = sample_posterior(misfit, [d.fit], seed=0)
     ends = [np.quantile(v.X, [0.05, 0.95], axis=0) for v in (good, on_cells)]
     np.testing.assert_allclose(*ends, atol=0.1 * float(np.ptp(ends[0], axis=0).min()))
     monkeypatch.setattr(posterior_grid, "MOST", dict.fromkeys((1, 2, 3), 100))
-    assert sample(misfit, [d.fit], seed=0).method == "chain"
+    assert sample_posterior(misfit, [d.fit], seed=0).method == "chain"
 
 
 @pytest.mark.parametrize("power", [1.5, 2.0, 2.7])
@@ -163,10 +163,10 @@ def test_what_lies_between_computed_depths_is_within_what_is_stated(power):
     u, at = np.linspace(0.1, 1.0, 10), np.linspace(0.02, 1.0, 99)
     for knots in (u, u[[0, 3, 6, 9]]):
         off = np.abs(Resampling(knots, knots + knots**power)(at) - at - at**power)
-        stated = between(knots, knots + knots**power, at)
+        stated = error_between_points(knots, knots + knots**power, at)
         assert np.all(off <= 1.1 * stated + 1e-12)
         assert stated.max() <= 30 * off.max() + 1e-12
-    np.testing.assert_allclose(between(u, u**1.5, at), 0.0, atol=1e-12)
+    np.testing.assert_allclose(error_between_points(u, u**1.5, at), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("poor", "word"), [((), "determined"), (("e:Fz@1",), "weakly")])

@@ -12,12 +12,12 @@ from scipy.special import logsumexp
 from rso import discrepancy
 from rso.contract import plain
 from rso.data import Noise
-from rso.discrepancy import Diagnosis, Library, build, make_plan, story
+from rso.discrepancy import Diagnosis, Library, build_library, diagnosis_data, make_test_plan
 from rso.discrepancy.diagnosis import _opened
 from rso.discrepancy.evidence import attribution, marginal_ranges
 from rso.discrepancy.evidence.attribution import Evidence, set_up
-from rso.discrepancy.evidence.cross_validation import _chosen_without, left_out
-from rso.discrepancy.evidence.gaussian_mixture import log_evidence, posterior, posterior_each
+from rso.discrepancy.evidence.cross_validation import _chosen_without, left_out_gaps
+from rso.discrepancy.evidence.gaussian_mixture import mixture_log_evidence, posterior, posterior_each
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings
 from rso.discrepancy.wording import _named, _otherwise, _single
@@ -42,7 +42,7 @@ def experiments(seed: int, truth=None, validate: bool = False, each_offset: floa
 
 @functools.cache
 def tables(names: tuple[str, ...], validate: bool) -> Library:
-    return build(BASE, make_plan(experiments(0, validate=validate)), toy.effects(*names), toy.run)
+    return build_library(BASE, make_test_plan(experiments(0, validate=validate)), toy.effects(*names), toy.run)
 
 
 def with_priors(**changed) -> DiagnosisSettings:
@@ -51,7 +51,7 @@ def with_priors(**changed) -> DiagnosisSettings:
 
 def diagnose(seed: int, truth=None, names=NAMES, validate: bool = False, **chain: float) -> Diagnosis:
     """One library serves all data of the same plan."""
-    plan = make_plan(experiments(seed, truth, validate, **chain))
+    plan = make_test_plan(experiments(seed, truth, validate, **chain))
     return discrepancy.diagnose(dataclasses.replace(tables(names, validate), plan=plan), seed, nulls=NULLS)
 
 
@@ -109,9 +109,9 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
                 "side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2), point=(10.0, 0.0)
             )
         )
-        plan = make_plan(made)
+        plan = make_test_plan(made)
         effects = discrepancy.localised(toy.effects(*NAMES, "shift", "tilt"), plan.labels())
-        library = build(BASE, plan, effects, toy.run)
+        library = build_library(BASE, plan, effects, toy.run)
         return library, discrepancy.diagnose(library, 4, nulls=NULLS)
 
     library, d = found(away, False)
@@ -119,7 +119,7 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
     c = cause(d, "shift at (10, 0)")
     assert c.interval[0] <= away <= c.interval[1]
     assert set(found(1.2, True)[1].named) == {"tilt", "shift"}
-    said = story(library, d, (), None, "")["words"]
+    said = diagnosis_data(library, d, (), None, "")["words"]
     assert any("it is the measurement" in w.lower() for w in said) and any("no other can confirm" in w for w in said)
 
 
@@ -129,9 +129,9 @@ def test_a_lateral_force_of_the_wrong_sign_is_told_before_any_cause(sign):
     rng = np.random.default_rng(4)
     side = toy.recorded(TRUTH, rng, point=(10.0, 0.0), lateral=True, repeats=2)
     side = tuple(dataclasses.replace(r, channels={**r.channels, "Fx": sign * r.channels["Fx"]}) for r in side)
-    plan = make_plan([*experiments(4), toy.experiment("side", side, point=(10.0, 0.0))])
-    library = build(BASE, plan, toy.effects("gain"), toy.run)
-    found = story(library, discrepancy.diagnose(library, 0, NULLS), (), None, "")
+    plan = make_test_plan([*experiments(4), toy.experiment("side", side, point=(10.0, 0.0))])
+    library = build_library(BASE, plan, toy.effects("gain"), toy.run)
+    found = diagnosis_data(library, discrepancy.diagnose(library, 0, NULLS), (), None, "")
     assert [(r["experiment"], r["channel"]) for r in found["mirrored"]] == ([("side", "Fx")] if sign < 0 else [])
     assert any("Opposite to the model in sign: Fx in side" in w for w in found["words"][:2]) == (sign < 0)
 
@@ -139,8 +139,8 @@ def test_a_lateral_force_of_the_wrong_sign_is_told_before_any_cause(sign):
 def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_another():
     made, rng = experiments(4), np.random.default_rng(11)
     side = toy.recorded(TRUTH, rng, point=(10.0, 0.0), lateral=True, repeats=2)
-    plan = make_plan([*made, toy.experiment("side", side, point=(10.0, 0.0))])
-    library = build(BASE, plan, discrepancy.localised(toy.effects("stiff", "shift"), plan.labels()), toy.run)
+    plan = make_test_plan([*made, toy.experiment("side", side, point=(10.0, 0.0))])
+    library = build_library(BASE, plan, discrepancy.localised(toy.effects("stiff", "shift"), plan.labels()), toy.run)
     y = plan.values()
     evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
     pair = tuple(e for e in library.effects if e.name in ("stiff", "shift"))
@@ -158,7 +158,7 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     away = next(e for e in library.effects if e.name == "shift at (10, 0)")
     moved = y + 0.05 * np.isin(np.arange(plan.n), beside) * np.max(y)  # nothing but the tests there say so
     assert _chosen_without(evidence, rest, moved, Hypothesis((away,))) == ()
-    known = left_out(library, evidence.bench, evidence, moved, Hypothesis((away,)), 0, anew=False)
+    known = left_out_gaps(library, evidence.bench, evidence, moved, Hypothesis((away,)), 0, anew=False)
     causes = {c.curve: c.cause for c in known.curves}
     assert causes["side"] == () and causes["load"] == ("shift at (10, 0)",)  # not a size of the prior alone
 
@@ -187,7 +187,7 @@ def clipped(name: str, found: list) -> list:
 @pytest.mark.parametrize("name", ["load", "cycle", "deep"])
 def test_one_experiment_that_is_odd_is_told(name):
     """One of three at the same point has a clipped file: no cause that all share, and the answer says which."""
-    plan = make_plan(clipped(name, experiments(3)))
+    plan = make_test_plan(clipped(name, experiments(3)))
     d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     assert max(d.probabilities, key=d.probabilities.get) == "none + unexplained"
@@ -199,7 +199,7 @@ def test_one_experiment_that_is_odd_is_told(name):
 
 
 def test_what_all_experiments_have_is_in_none_alone():
-    plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
+    plan = make_test_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
     d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and d.odd is None
 
@@ -207,7 +207,7 @@ def test_what_all_experiments_have_is_in_none_alone():
 @pytest.mark.parametrize("name", ["load", "cycle", "deep"])
 def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
     """Softening or stiffening makes most of a file that is clipped, and nothing of the other files."""
-    plan = make_plan(clipped(name, experiments(3)))
+    plan = make_test_plan(clipped(name, experiments(3)))
     library = dataclasses.replace(tables(NAMES, False), plan=plan)
     d = discrepancy.diagnose(library, 3, nulls=NULLS, settings=with_priors(alone=()))
     assert d.verdict == "unexplained" and not d.causes
@@ -225,9 +225,9 @@ def test_a_body_that_stiffens_from_test_to_test_is_found_and_is_no_scatter_of_ga
             for r, f in zip(e.measurement.repeats, factor, strict=True)
         )
         made.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats)))
-    plan = make_plan(made)
+    plan = make_test_plan(made)
     assert [t.age for t in plan.tests] == [-0.5, -0.25, 0.0, 0.25, 0.5]
-    library = build(BASE, plan, toy.effects("stiff", "soften", "gain", "gain_each", "ageing"), toy.run)
+    library = build_library(BASE, plan, toy.effects("stiff", "soften", "gain", "gain_each", "ageing"), toy.run)
     d = discrepancy.diagnose(library, 6, nulls=NULLS)
     assert d.verdict == "measurement" and d.named == ("ageing",), (d.verdict, d.named, d.probabilities)
     c = cause(d, "ageing")
@@ -244,7 +244,7 @@ def test_a_dent_that_stays_is_found_and_is_no_offset():
             reached = max(reached, float(r.depth.max()))
         made.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(repeats))))
     names = ("stiff", "soften", "offset", "offset_each", "ageing", "permanent_set")
-    d = discrepancy.diagnose(build(BASE, make_plan(made), toy.effects(*names), toy.run), 6, nulls=NULLS)
+    d = discrepancy.diagnose(build_library(BASE, make_test_plan(made), toy.effects(*names), toy.run), 6, nulls=NULLS)
     assert d.verdict == "measurement" and d.named == ("permanent_set",), (d.verdict, d.named, d.probabilities)
     c = cause(d, "permanent_set")
     assert c.interval[0] <= 0.04 <= c.interval[1]
@@ -261,7 +261,7 @@ def test_offsets_that_differ_from_curve_to_curve_are_the_measurement():
     found = [diagnose(seed, names=names, each_offset=0.12) for seed in (1, 2, 3)]
     assert sum(d.verdict == "measurement" for d in found if d.p_value <= SETTINGS.rules.false_alarm) >= 2
     for d in found:  # all of them are: none is singled out
-        assert "in one curve" not in " ".join(story(d.bench.library, d, (), None, "")["words"])
+        assert "in one curve" not in " ".join(diagnosis_data(d.bench.library, d, (), None, "")["words"])
 
 
 @pytest.mark.parametrize("late", [-0.3, 0.3])
@@ -275,10 +275,10 @@ def test_the_one_curve_whose_contact_is_off_is_named(late):
         first.repeats[2],
     )
     made[0] = dataclasses.replace(made[0], measurement=dataclasses.replace(first, repeats=repeats))
-    library = build(BASE, make_plan(made), toy.effects("stiff", "soften", "offset_each"), toy.run)
+    library = build_library(BASE, make_test_plan(made), toy.effects("stiff", "soften", "offset_each"), toy.run)
     d = discrepancy.diagnose(library, 7, nulls=NULLS)
     assert d.verdict == "measurement" and d.named == ("offset_each",), (d.verdict, d.named, d.probabilities)
-    found = story(library, d, (), None, "")
+    found = diagnosis_data(library, d, (), None, "")
     each = found["diagnosis"]["causes"][0]["each"]
     assert [v["experiment"] for v in each] == ["load", "load", "load", "cycle", "deep"]
     off = each[1]
@@ -304,17 +304,17 @@ def test_two_causes_that_are_believed_together_are_no_rivals_of_a_next_test():
     names = ("stiff", "soften", "bias")
     d = diagnose(2, {"soften": 0.3}, names=names, bias=0.05)
     assert d.verdict == "partly" and set(d.named) == {"soften", "bias"} == {e.name for e in d.chosen.effects}
-    assert story(tables(names, False), d, (), None, "")["diagnosis"]["next_test"] == []
+    assert diagnosis_data(tables(names, False), d, (), None, "")["diagnosis"]["next_test"] == []
 
 
 def test_a_factor_of_every_test_is_of_the_cell_or_of_the_specimen():
     """Forces scale with the modulus: no record tells a gain that wanders from a body that recovers between tests."""
     made = factors(experiments(6), (0.94, 1.07, 0.98, 1.05, 0.93))
     names = ("stiff", "soften", "gain_each", "offset_each")
-    library = build(BASE, make_plan(made), toy.effects(*names), toy.run)
+    library = build_library(BASE, make_test_plan(made), toy.effects(*names), toy.run)
     d = discrepancy.diagnose(library, 6, nulls=NULLS)
     assert d.verdict == "ambiguous" and d.named == ("gain_each",), (d.verdict, d.named, d.probabilities)
-    said = " ".join(story(library, d, (), None, "")["words"])
+    said = " ".join(diagnosis_data(library, d, (), None, "")["words"])
     assert "every test has its own factor" in said and "known weight" in said
 
 
@@ -326,7 +326,9 @@ def test_tests_that_differ_by_more_than_is_stated_do_not_hide_what_else_there_is
         loads = toy.recorded(body, rng, repeats=4)
         cycles = toy.recorded(body, rng, repeats=2, unload=True, earlier=4.0)
         made = [toy.experiment("load", loads), toy.experiment("cycle", cycles, after=("load",))]
-        library = build(BASE, make_plan(factors(made, each)), toy.effects("stiff", "soften", "gain_each"), toy.run)
+        library = build_library(
+            BASE, make_test_plan(factors(made, each)), toy.effects("stiff", "soften", "gain_each"), toy.run
+        )
         d = discrepancy.diagnose(library, 6, nulls=NULLS)
         assert (d.verdict, d.named) == (verdict, named), (d.verdict, d.named, d.probabilities)
 
@@ -337,10 +339,10 @@ def test_what_is_stated_binds_only_where_a_gap_is_found_by_it():
     loads = toy.recorded(TRUTH, rng, repeats=4, scatter=0.0)
     cycles = toy.recorded(TRUTH, rng, repeats=2, unload=True, earlier=4.0, scatter=0.0)
     made = [toy.experiment("load", loads), toy.experiment("cycle", cycles, after=("load",))]
-    plan = make_plan(factors(made, (0.934, 1.072, 0.97, 1.024, 1.018, 0.988)))
-    library = build(BASE, plan, toy.effects("stiff", "soften"), toy.run)
+    plan = make_test_plan(factors(made, (0.934, 1.072, 0.97, 1.024, 1.018, 0.988)))
+    library = build_library(BASE, plan, toy.effects("stiff", "soften"), toy.run)
     d = discrepancy.diagnose(library, 3, nulls=NULLS)
-    said = " ".join(story(library, d, (), None, "")["words"])
+    said = " ".join(diagnosis_data(library, d, (), None, "")["words"])
     assert d.verdict == "no_gap" and "taken for noise" in said
     assert "counts as a gap" not in said and "not smooth" not in said
 
@@ -349,10 +351,10 @@ def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
     """The deep test alone was done on a body that stiffens: without it there is nothing."""
     names = ("stiff", "soften")
     made = [*experiments(1)[:2], experiments(1, {"stiff": 0.25})[2]]
-    library = dataclasses.replace(tables(names, False), plan=make_plan(made))
+    library = dataclasses.replace(tables(names, False), plan=make_test_plan(made))
     y, (stiff, _) = library.plan.values(), library.effects
     evidence = attribution.Evidence(bench := attribution.set_up(library, y), library.effects)
-    shrunk = left_out(library, bench, evidence, y, Hypothesis((stiff,)), 0)
+    shrunk = left_out_gaps(library, bench, evidence, y, Hypothesis((stiff,)), 0)
     causes = {c.curve: c.cause for c in shrunk.curves}
     assert causes["deep"] == () and ("stiff",) in causes.values()
     curves = [{"curve": k, "cause": list(v)} for k, v in causes.items()]
@@ -361,7 +363,7 @@ def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
 
 def test_the_model_before_is_the_one_that_the_study_found():
     """A modulus that is 20 % off leaves a gap on the validate curve before, and a re-fit alone closes it."""
-    made = make_plan(experiments(3, validate=True))
+    made = make_test_plan(experiments(3, validate=True))
     library = dataclasses.replace(tables(NAMES, True), plan=made)
     own, right, off = (
         discrepancy.diagnose(library, 7, nulls=NULLS, fitted=f).shrinkage
@@ -385,13 +387,13 @@ def test_what_is_kept_for_validation_never_influences_the_verdict(clip):
     """Other values there, the same verdict to the last bit, that of a part too; only the shrinkage may move."""
     made = experiments(3, {} if clip else {"soften": 0.2}, validate=True)
     one, other = (clipped("cycle", made) if clip else list(made) for _ in range(2))
-    one = make_plan(one)
+    one = make_test_plan(one)
     (r,) = other[2].measurement.repeats
     moved = dataclasses.replace(r, channels={"Fz": 1.4 * r.channels["Fz"] + 0.05})
     other[2] = dataclasses.replace(other[2], measurement=dataclasses.replace(other[2].measurement, repeats=(moved,)))
     library = tables(NAMES, True)
     found = [
-        discrepancy.diagnose(dataclasses.replace(library, plan=p), 7, nulls=NULLS) for p in (one, make_plan(other))
+        discrepancy.diagnose(dataclasses.replace(library, plan=p), 7, nulls=NULLS) for p in (one, make_test_plan(other))
     ]
     a, b = (verdict(d) for d in found)
     assert a == b
@@ -437,12 +439,12 @@ def test_one_curve_alone_is_answered_humbly():
     """A gap of one curve has no held-out prediction: that is no proof against a cause, and no cause is sure."""
     rng = np.random.default_rng(0)
     repeats = toy.recorded({**TRUTH, "soften": 0.3}, rng, unload=True)
-    plan = make_plan([toy.experiment("cycle", repeats)])
-    library = build(BASE, plan, toy.effects("soften", "stiff"), toy.run)
+    plan = make_test_plan([toy.experiment("cycle", repeats)])
+    library = build_library(BASE, plan, toy.effects("soften", "stiff"), toy.run)
     d = discrepancy.diagnose(library, 0, nulls=NULLS)
     assert d.verdict in ("explained", "ambiguous", "partly") and "soften" in d.named
     assert d.held_out == () and d.shrinkage.closed is None
-    story = discrepancy.story(library, d, (), None, "one curve")
+    story = discrepancy.diagnosis_data(library, d, (), None, "one curve")
     assert any("one curve" in line for line in story["words"])
 
 
@@ -455,8 +457,8 @@ def test_a_short_catalogue_is_a_catalogue(names):
 def test_nothing_stated_and_no_repeats():
     rng = np.random.default_rng(1)
     curves = [toy.recorded(TRUTH, rng, peak=p, readings=10) for p in (3.0, 4.0)]
-    plan = make_plan([toy.experiment(f"c{k}", r, noise=Noise()) for k, r in enumerate(curves)])
-    library = build(BASE, plan, toy.effects("stiff", "skin"), toy.run)
+    plan = make_test_plan([toy.experiment(f"c{k}", r, noise=Noise()) for k, r in enumerate(curves)])
+    library = build_library(BASE, plan, toy.effects("stiff", "skin"), toy.run)
     assert discrepancy.diagnose(library, 0, nulls=NULLS).verdict in ("no_gap", "ambiguous", "explained")
 
 
@@ -466,7 +468,7 @@ def test_failed_runs_everywhere_are_no_evidence():
         dataclasses.replace(e, settings={**e.settings, "fail": "soften", "fail_all": True})
         for e in experiments(0, {"soften": 0.35})
     ]
-    library = build(BASE, make_plan(failing), toy.effects("soften", "stiff"), toy.run)
+    library = build_library(BASE, make_test_plan(failing), toy.effects("soften", "stiff"), toy.run)
     d = discrepancy.diagnose(library, 0, nulls=NULLS)
     assert "soften" not in d.named and library.failed
 
@@ -484,7 +486,7 @@ def screwed(e, size: float, pitch: float):
 @pytest.mark.parametrize("menu, seen", [(SETTINGS.priors.gaps, True), (((0.03, 0.2), (0.15, 0.2)), False)])
 def test_a_gap_that_is_small_and_rough_is_seen(menu, seen):
     """0.025 mm in 1.3 mm: a competitor that is only smooth, or only large, finds it less probable than nothing."""
-    plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
+    plan = make_test_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
     library = dataclasses.replace(tables(NAMES, False), plan=plan)
     opened = _opened(library, plan.values(), NULLS, 3, with_priors(gaps=menu, alone=()))
     assert opened.gap == seen
@@ -505,7 +507,7 @@ def test_a_hum_is_no_smooth_gap_and_yet_not_nothing():
         )
         for e in experiments(3)
     ]
-    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=make_plan(every)), 3, nulls=NULLS)
+    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=make_test_plan(every)), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     assert diagnose(3).verdict == "no_gap"
 
@@ -535,7 +537,7 @@ def test_what_shapes_a_cause_is_said_with_it(tau):
     d = diagnose(3, {"g": 0.3, "tau": tau}, names=("g", "stiff"))
     (low, mid, high), unit = cause(d, "g").shape[0], "s"
     assert low <= tau <= high and low < mid < high
-    (said,) = story(d.bench.library, d, (), None, "")["diagnosis"]["causes"]
+    (said,) = diagnosis_data(d.bench.library, d, (), None, "")["diagnosis"]["causes"]
     assert said["shape"] == [{"knob": "tau", "unit": unit, "size": mid, "interval": [low, high]}]
     assert _named(said).endswith(f" with tau = {mid:.3g} s ({low:.3g} to {high:.3g})")
     stiff = diagnose(3, {"stiff": 0.3}, names=("stiff",))
@@ -552,7 +554,7 @@ def test_what_the_data_neither_show_nor_exclude_widens_the_interval():
     def found(seed: int, **known: float) -> marginal_ranges.Reach:
         library = tables(("compliance", "gain"), False)
         effects = tuple(dataclasses.replace(e, known=known.get(e.name)) for e in library.effects)
-        plan = make_plan(experiments(seed, {"mu": 0.95 * TRUTH["mu"], "D1": TRUTH["D1"] / 0.95}))
+        plan = make_test_plan(experiments(seed, {"mu": 0.95 * TRUTH["mu"], "D1": TRUTH["D1"] / 0.95}))
         d = discrepancy.diagnose(dataclasses.replace(library, plan=plan, effects=effects), seed, NULLS)
         assert d.verdict == "no_gap"
         r = d.reach["mu"]
@@ -599,7 +601,7 @@ def test_beside_a_cause_that_is_found_another_may_move_the_modulus():
 def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
     """Tiles of both effects at once are the oracle: ln evidence within 1, ends of the modulus within 1 %."""
     library, names = tables(("stiff", "soften"), False), ("soften", "stiff")
-    plan = make_plan(experiments(1, {"soften": 0.3, "stiff": 0.12}))
+    plan = make_test_plan(experiments(1, {"soften": 0.3, "stiff": 0.12}))
     library = dataclasses.replace(library, plan=plan)
     y = plan.values()
     evidence = Evidence(set_up(library, y), library.effects)
@@ -609,9 +611,15 @@ def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
     (added,) = marginal_ranges._unseen(evidence, h, said, posterior(h, h.white(y), 1000, rng), y, rng)
     assert added.effect is second
     both = evidence.best((first, second), y, loose=True)
-    want = log_evidence(both, both.white(y)[None])[0]
+    want = mixture_log_evidence(both, both.white(y)[None])[0]
     assert (
-        abs(log_evidence(h, h.white(y)[None])[0] + logsumexp(added.gained) - np.log(marginal_ranges.SIZES) - want) < 1.0
+        abs(
+            mixture_log_evidence(h, h.white(y)[None])[0]
+            + logsumexp(added.gained)
+            - np.log(marginal_ranges.SIZES)
+            - want
+        )
+        < 1.0
     )
     exact = posterior(both, both.white(y), 4000, rng).modulus
     sure = dataclasses.replace(added, prior=1.0)
@@ -687,12 +695,12 @@ def test_the_verdict_is_said_before_tests_that_could_settle_it_are_simulated():
     """They may take as long as the library did, and who stopped waiting had heard nothing."""
     from types import SimpleNamespace
 
-    from rso.discrepancy.study_diagnosis import judge
+    from rso.discrepancy.study_diagnosis import judge_library
 
-    library = dataclasses.replace(tables(NAMES, False), plan=make_plan(experiments(0, bias=0.02)))
+    library = dataclasses.replace(tables(NAMES, False), plan=make_test_plan(experiments(0, bias=0.02)))
     said: list[str] = []
     asked = SimpleNamespace(study=SimpleNamespace(study=SimpleNamespace(seed=0, title="")))
-    found = judge(asked, library, None, said.append)["diagnosis"]
+    found = judge_library(asked, library, None, said.append)["diagnosis"]
     assert f"the verdict is {found['verdict']} ({found['causes'][0]['effect']}" in said[-1]
     before = [line for line in said[: said.index("verdict: evidence, held-out prediction and self-checks")]]
     limit = {v["effect"]: v for v in found["detectable"]}

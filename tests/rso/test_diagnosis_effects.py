@@ -8,7 +8,7 @@ import pytest
 
 from rso.contract import parameters_of
 from rso.data import Chain
-from rso.discrepancy import make_plan
+from rso.discrepancy import make_test_plan
 from rso.discrepancy.library.effects import (
     ASTRAY,
     BRISK,
@@ -18,7 +18,7 @@ from rso.discrepancy.library.effects import (
     Size,
     catalogue,
     localised,
-    recorded,
+    measured_effects,
     suited,
 )
 from rso.discrepancy.library.interpolation import nodes, piecewise, tensor
@@ -125,7 +125,7 @@ def test_errors_of_clock_and_drift_are_those_of_a_quick_or_a_slow_test(times, la
 
 
 def test_times_of_a_plan_are_those_of_its_quickest_loading_and_longest_record():
-    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    plan = make_test_plan(toy.laboratory(toy.TRUTH, 0))
     speeds = [t.peak / t.speed for t in plan.tests]
     assert plan.times == (min(speeds), max(t.time[-1] for t in plan.tests))
     assert BRISK[0] < plan.times[0] < BRISK[1] and LASTING[0] < plan.times[1] < LASTING[1]
@@ -134,10 +134,10 @@ def test_times_of_a_plan_are_those_of_its_quickest_loading_and_longest_record():
 def test_crosstalk_into_a_channel_that_nobody_measured_is_no_effect():
     found = toy.effects()
     names = [e.name for e in found]
-    assert recorded(found, ("Fz", "Fx", "Fy")) == found
-    assert [e.name for e in recorded(found, ("Fz", "Fy"))] == [n for n in names if n != "cross_x"]
+    assert measured_effects(found, ("Fz", "Fx", "Fy")) == found
+    assert [e.name for e in measured_effects(found, ("Fz", "Fy"))] == [n for n in names if n != "cross_x"]
     beside = ("cross_x", "cross_y", "turn", "bias_side")
-    assert [e.name for e in recorded(found, ("Fz",))] == [n for n in names if n not in beside]
+    assert [e.name for e in measured_effects(found, ("Fz",))] == [n for n in names if n not in beside]
 
 
 def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_several_places():

@@ -10,11 +10,26 @@ import pytest
 
 from rso import discrepancy
 from rso.contract import plain
-from rso.discrepancy import Base, BaseAxis, Library, build, corrected_library, finalists, make_plan, story
+from rso.discrepancy import (
+    Base,
+    BaseAxis,
+    Library,
+    build_library,
+    corrected_library,
+    diagnosis_data,
+    finalists,
+    make_test_plan,
+)
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.cross_validation import _at
-from rso.discrepancy.evidence.gaussian_mixture import log_evidence, mean_prediction, posterior, ready, simulate
+from rso.discrepancy.evidence.gaussian_mixture import (
+    mean_prediction,
+    mixture_log_evidence,
+    posterior,
+    predictive_draws,
+    ready,
+)
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.parameters import _pressed
 
@@ -51,11 +66,11 @@ def experiments(seed: int, truth=None, **chain: float):
 
 @functools.cache
 def tables(of: tuple[float | None, float | None]) -> Library:
-    return build(base(*of), make_plan(experiments(0)), toy.effects(*NAMES), toy.run)
+    return build_library(base(*of), make_test_plan(experiments(0)), toy.effects(*NAMES), toy.run)
 
 
 def library(mu: float | None = None, D1: float | None = None, seed: int = 1, truth=None) -> Library:
-    return dataclasses.replace(tables((mu, D1)), plan=make_plan(experiments(seed, truth)))
+    return dataclasses.replace(tables((mu, D1)), plan=make_test_plan(experiments(seed, truth)))
 
 
 @functools.cache
@@ -83,7 +98,9 @@ FIXED = {"D1": (None, D1), "mu": (MU, None), "both": (MU, D1)}
 def test_simulations_have_the_fixed_value_at_every_modulus(value):
     """All runs are at the reference modulus μ₀, where a fixed D1 is D1 μ/μ₀."""
     own, seen = base(D1=value), []
-    build(own, make_plan(experiments(0)), toy.effects("stiff"), lambda tasks: seen.extend(tasks) or toy.run(tasks))
+    build_library(
+        own, make_test_plan(experiments(0)), toy.effects("stiff"), lambda tasks: seen.extend(tasks) or toy.run(tasks)
+    )
     κ = np.array([t.values["mu"] * t.values["D1"] for t in seen])
     assert {t.values["mu"] for t in seen} == {own.reference}
     np.testing.assert_allclose([κ.min(), κ.max()], [value * LOW / 1.5, value * HIGH * 1.5], rtol=1e-9)
@@ -155,13 +172,13 @@ def test_a_wrong_value_is_a_bias_or_a_gap_and_no_error():
     low, _, high = wrong.parameters["before"]["mu"]
     assert right.verdict == "no_gap" and right.parameters["before"]["mu"][0] < MU < right.parameters["before"]["mu"][2]
     assert wrong.verdict != "no_gap" and not low < MU < high
-    assert story(own, wrong, (), toy.run, "toy")["words"]
+    assert diagnosis_data(own, wrong, (), toy.run, "toy")["words"]
 
 
 def test_a_modulus_far_outside_its_range_is_said_and_no_error():
     """Three times the range is beyond all simulations with a fixed D1, and is what the fit runs up against."""
     own, d = diagnose(D1=D1, truth={"mu": 3.0 * HIGH})
-    found = story(own, d, (), None, "toy")
+    found = diagnosis_data(own, d, (), None, "toy")
     assert d.parameters["before"]["mu"][1] > HIGH
     assert any("lies outside the range of the study" in w for w in found["words"])
 
@@ -182,7 +199,7 @@ def test_a_cause_is_computed_anew_with_the_fixed_value():
 @pytest.mark.parametrize("of", FIXED)
 def test_what_is_fixed_is_said_and_has_no_interval(of):
     own, d = diagnose(*FIXED[of], truth={"soften": 0.25})
-    found = json.loads(json.dumps(plain(story(own, d, (), None, "toy"))))
+    found = json.loads(json.dumps(plain(diagnosis_data(own, d, (), None, "toy"))))
     held = {k: toy.TRUTH[k] for k in (("mu", "D1") if of == "both" else (of,))}
     assert found["fixed"] == held and not held.keys() & found["diagnosis"]["parameters"]["after"].keys()
     (said,) = (w for w in found["words"] if w.startswith("Fixed by the study"))
@@ -265,7 +282,7 @@ def test_a_range_is_a_wall_for_evidence_and_draws(low, high, truth):
     w = np.exp(logs - logs.max())
     cell = (μ[1] - μ[0]) / h.scale / len(D)
     direct = np.log(np.sum(w) * cell) + logs.max() - 0.5 * h.white.log_det - 0.5 * len(y) * np.log(2 * np.pi)
-    assert abs(log_evidence(h, y[None])[0] - direct) < 0.9  # tiles are linear, and thinner at a wall
+    assert abs(mixture_log_evidence(h, y[None])[0] - direct) < 0.9  # tiles are linear, and thinner at a wall
     own = np.exp(post.at[:, 0]) / post.modulus
     for found, at, weight in ((post.modulus, μ, w.sum(axis=1)), (own, D, w.sum(axis=0))):
         below = np.cumsum(weight) / weight.sum()
@@ -273,7 +290,7 @@ def test_a_range_is_a_wall_for_evidence_and_draws(low, high, truth):
         np.testing.assert_allclose(np.quantile(found, [0.05, 0.5, 0.95]), want, rtol=0.005 if at is μ else 0.04)
     left = np.sum((y - mean_prediction(h, y)) ** 2)
     assert left > -2.0 * logs.max() - 0.5 - 0.02 * left
-    m = simulate(h, post, np.random.default_rng(1)).mean(axis=0) - mean_prediction(h, y)
+    m = predictive_draws(h, post, np.random.default_rng(1)).mean(axis=0) - mean_prediction(h, y)
     assert np.max(np.abs(m)) < 5.0 / np.sqrt(len(post.tile)) * 1.5
 
 

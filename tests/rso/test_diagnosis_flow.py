@@ -12,7 +12,7 @@ from diagnosis_backend import run
 
 from rso.contract import Case, Parameter, Programme, Response, drop_neutral, knob, parameters_of
 from rso.data import Measurement, Noise, Repeat
-from rso.discrepancy import Base, Experiment, build, catalogue, diagnose, make_plan
+from rso.discrepancy import Base, Experiment, build_library, catalogue, diagnose, make_test_plan
 from rso.discrepancy.evidence.any_network import distance
 from rso.discrepancy.evidence.attribution import set_up
 from rso.discrepancy.library.interpolation import late
@@ -110,7 +110,7 @@ def held(radius: float, speed: float, truth: Mapping[str, float], seed: int = 0,
 def library_of(*experiments: Experiment):
     base = Base(BODY, "mu", MU, 0.5 * MU, 2.0 * MU, (), {}, {})
     effects = tuple(e for e in catalogue(BODY, {}, {}, ("mu",)) if e.name in ("more", "g", "offset", "lag"))
-    return build(base, make_plan(experiments), effects, lambda tasks: run(tasks, BODY))
+    return build_library(base, make_test_plan(experiments), effects, lambda tasks: run(tasks, BODY))
 
 
 FLOWS = {"mu": MU, "more": MORE, "flow": FLOW}

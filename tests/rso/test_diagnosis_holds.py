@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from rso.data import Repeat
-from rso.discrepancy import build, diagnose, make_plan
+from rso.discrepancy import build_library, diagnose, make_test_plan
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.test_plan import UNLOADING
@@ -41,10 +41,10 @@ def exact(test, values, modulus, **chain):
 @pytest.mark.parametrize("tau", [1.0, 5.0, 25.0])
 def test_relaxation_in_a_hold_is_that_of_the_hereditary_integral(tau, chain):
     """No run of the library rests; the toy's integral is exact.  1 % is what the nodes in τ leave on the loading."""
-    plan = make_plan(plan_of(white=0.0, scatter=0.0))
+    plan = make_test_plan(plan_of(white=0.0, scatter=0.0))
     names = ("g", *chain)
     chosen = {e.name: e for e in toy.effects(*names)}
-    library = build(toy.base(), plan, tuple(chosen.values()), toy.run)
+    library = build_library(toy.base(), plan, tuple(chosen.values()), toy.run)
     base, modulus = library.base, 0.012
     κ = modulus * 60.0
     x = [np.log(κ), 0.3, np.log(tau), *chain.values()]
@@ -99,7 +99,7 @@ def test_a_load_train_that_creeps_moves_as_its_equations_say(τ, k):
         toy.experiment("back", toy.recorded(toy.TRUTH, rng, unload=True)),
     ]
     chosen = {e.name: e for e in toy.effects("creep", "compliance")}
-    library = build(toy.base(), make_plan(own), tuple(chosen.values()), toy.run)
+    library = build_library(toy.base(), make_test_plan(own), tuple(chosen.values()), toy.run)
     names, x = (["creep", "compliance"], [c, np.log(τ), k]) if k else (["creep"], [c, np.log(τ)])
     x = [np.log(modulus * 60.0), *x]
     A, _ = predict(library, [chosen[n] for n in names], np.array([x]), modulus)
@@ -121,9 +121,9 @@ def test_the_way_back_knows_how_long_the_ball_rested_and_how_fast_it_goes(tau, h
     """Against the integral over the whole way; to 1 % of the largest force.  Without either it is off by 2 %."""
     values = {"mu": 0.012, "D1": 60.0, "g": 0.4, "tau": tau}
     repeats = toy.recorded(values, np.random.default_rng(0), hold=hold, pace=pace, unload=True, white=0.0, scatter=0.0)
-    plan = make_plan([toy.experiment("cycle", repeats)])
+    plan = make_test_plan([toy.experiment("cycle", repeats)])
     (test,), (g,) = plan.tests, toy.effects("g")
-    library = build(toy.base(), plan, (g,), toy.run)
+    library = build_library(toy.base(), plan, (g,), toy.run)
     far, v = repeats[0].depth.max(), test.speed
     t = np.concatenate([np.linspace(0, far / v, 1001), far / v + hold + np.linspace(0, far / v / pace, 1001)])
     t, one = np.unique(t, return_index=True)
@@ -133,16 +133,16 @@ def test_the_way_back_knows_how_long_the_ball_rested_and_how_fast_it_goes(tau, h
     want = np.interp(-test.depth[back], -u[t >= far / v + hold], F[t >= far / v + hold])
     off = []
     for plain in (plan, dataclasses.replace(plan, tests=(dataclasses.replace(test, rest=0.0, pace=1.0),))):
-        other = library if plain is plan else build(toy.base(), plain, (g,), toy.run)
+        other = library if plain is plan else build_library(toy.base(), plain, (g,), toy.run)
         A, c = predict(other, [g], np.array([[np.log(0.72), 0.4, np.log(tau)]]), 0.012)
         off.append(np.abs((0.012 * A + c)[0][: test.n][back] - want).max() / F.max())
     assert off[0] < 0.01 and off[1] > 2 * off[0] and off[1] > 0.02
 
 
 def test_nothing_changes_in_a_hold_of_what_does_not_relax():
-    plan = make_plan(plan_of(white=0.0, scatter=0.0))
+    plan = make_test_plan(plan_of(white=0.0, scatter=0.0))
     (stiff,) = toy.effects("stiff")
-    library = build(toy.base(), plan, (stiff,), toy.run)
+    library = build_library(toy.base(), plan, (stiff,), toy.run)
     A, _ = predict(library, [stiff], np.array([[np.log(0.72), 0.4]]), 0.012)
     test, _, at = next(r for r in library.plan.rows() if r[0].held.any())
     held = A[0, at][test.held]
@@ -170,9 +170,9 @@ def test_a_chain_without_an_error_changes_nothing_where_depths_scatter(name):
         )
         for e in plan_of(white=0.0, scatter=0.0)[1:]
     ]
-    plan = make_plan(shaken)
+    plan = make_test_plan(shaken)
     (effect,) = toy.effects(name)
-    library = build(toy.base(), plan, (effect,), toy.run)
+    library = build_library(toy.base(), plan, (effect,), toy.run)
     x = np.array([[np.log(0.72)]])
     A, b = predict(library, [], x, 0.012)
     C, d = predict(library, [effect], np.append(x, [[1e-9]], axis=1), 0.012)
@@ -202,8 +202,8 @@ def test_a_hold_finds_relaxation_at_one_speed(names):
     ]
     found = {}
     for name, data in (("used", experiments), ("lost", lost)):
-        plan = make_plan(data)
-        library = build(toy.base(), plan, toy.effects(*names), toy.run)
+        plan = make_test_plan(data)
+        library = build_library(toy.base(), plan, toy.effects(*names), toy.run)
         found[name] = diagnose(library, 0, nulls=60)
     used, without = found["used"], found["lost"]
     assert used.verdict == "explained" and used.named == ("g",)
@@ -224,11 +224,11 @@ def test_a_repeat_without_a_way_there_breaks_nothing(how):
     }[how]
     depth = np.r_[np.full(20, 4.0), np.linspace(4.0, 0.1, n - 20)]
     odd = dataclasses.replace(whole, depth=depth, segment=np.array(segment))
-    plan = make_plan([toy.experiment("a", (whole,)), toy.experiment("b", (odd,))])
+    plan = make_test_plan([toy.experiment("a", (whole,)), toy.experiment("b", (odd,))])
     assert not any(t.held.any() for t in plan.tests)
     assert any("hold elsewhere" in note for note in plan.notes) == (how != "back alone")
     chosen = toy.effects("g", "drift")
-    library = build(toy.base(), plan, chosen, toy.run)
+    library = build_library(toy.base(), plan, chosen, toy.run)
     A, c = predict(library, chosen, np.array([[np.log(0.72), 0.2, 1.0, 1e-4]]), 0.012)
     assert np.all(np.isfinite(A)) and np.all(np.isfinite(c))
 
@@ -239,9 +239,9 @@ def test_drift_in_the_air_counts_from_the_first_reading():
     u = 0.5 * t - 10.0
     F = 0.012 * np.maximum(u, 0.0) ** 1.5 + 1e-3 * t
     r = Repeat("1", u, t + 1e9, {"Fz": F}, {}, np.full(len(t), "loading"))
-    plan = make_plan([toy.experiment("a", (r,))])
+    plan = make_test_plan([toy.experiment("a", (r,))])
     (drift,) = toy.effects("drift")
-    library = build(toy.base(), plan, (drift,), toy.run)
+    library = build_library(toy.base(), plan, (drift,), toy.run)
     with_, without = (
         0.012 * A[0] + c[0]
         for A, c in (
@@ -254,12 +254,12 @@ def test_drift_in_the_air_counts_from_the_first_reading():
 
 
 def test_noise_of_a_hold_is_that_of_its_end_of_loading_and_its_gap_fades_with_time():
-    plan = make_plan(plan_of(white=0.0, scatter=0.0))
-    library = build(toy.base(), plan, (), toy.run)
+    plan = make_test_plan(plan_of(white=0.0, scatter=0.0))
+    library = build_library(toy.base(), plan, (), toy.run)
     A, _ = predict(library, [], np.array([[np.log(0.72)]]), 0.012)
     test, _, at = next(r for r in plan.rows() if r[0].held.any())
     slope = noise.slope_of(library, 0.012 * A[0])[at]
     assert np.all(slope[test.held] == slope[~test.held][-1]) and slope[test.held][0] > 0
-    K = noise.unexplained(library, 0.012 * A[0], 0.1, 0.2)[at, at][np.ix_(test.held, test.held)]
+    K = noise.gap_covariance(library, 0.012 * A[0], 0.1, 0.2)[at, at][np.ix_(test.held, test.held)]
     C = K / np.sqrt(np.outer(np.diag(K), np.diag(K)))
     assert C[0, 1] > 0.9 > 0.5 > C[0, -1]

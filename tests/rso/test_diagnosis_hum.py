@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, lfilter
 
 from rso.data import Repeat
-from rso.discrepancy import make_plan
+from rso.discrepancy import make_test_plan
 from rso.discrepancy.detectors.periodic import periodic_line
 
 
@@ -19,7 +19,7 @@ def plan_with(change, seed: int = 0, repeats: int = 5, readings: int = 60):
     new = [
         dataclasses.replace(r, channels={**r.channels, "Fz": change(r.time, r.channels["Fz"], rng)}) for r in recorded
     ]
-    return make_plan([toy.experiment("a", tuple(new))])
+    return make_test_plan([toy.experiment("a", tuple(new))])
 
 
 def white(recorded) -> float:
@@ -62,7 +62,7 @@ def test_what_an_amplifier_lets_pass_is_no_hum(how, repeats):
             v = FILTERS[how](rng.standard_normal(2300))[2000:]
             F = 0.04 * u**1.5 + 3e-3 * v / v.std()
             records.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(len(u), "loading")))
-        assert not periodic_line(make_plan([toy.experiment("a", tuple(records))])).there
+        assert not periodic_line(make_test_plan([toy.experiment("a", tuple(records))])).there
 
 
 def test_a_hum_is_found_beside_what_a_filter_lets_pass():
@@ -72,7 +72,7 @@ def test_a_hum_is_found_beside_what_a_filter_lets_pass():
         v = FILTERS["Butterworth 0.05"](rng.standard_normal(2300))[2000:]
         F = 0.04 * u**1.5 + 3e-3 * v / v.std() + 3e-3 * np.sin(2 * np.pi * 3.0 * u / 0.5 + rng.uniform(0, 6))
         records.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(len(u), "loading")))
-    found = periodic_line(make_plan([toy.experiment("a", tuple(records))]))
+    found = periodic_line(make_test_plan([toy.experiment("a", tuple(records))]))
     assert found.there
     np.testing.assert_allclose(found.frequency, 3.0, atol=0.1)  # 1 / (8 s) is resolved
 
@@ -98,7 +98,7 @@ def test_too_few_readings_say_nothing():
 def test_a_coarse_or_broken_clock_says_nothing_and_breaks_nothing(clock):
     rng = np.random.default_rng(0)
     recorded = [dataclasses.replace(r, time=clock(r.time)) for r in toy.recorded(toy.TRUTH, rng, readings=60)]
-    assert not periodic_line(make_plan([toy.experiment("a", tuple(recorded))])).there
+    assert not periodic_line(make_test_plan([toy.experiment("a", tuple(recorded))])).there
 
 
 def test_a_fast_recorder_is_averaged_and_a_hum_still_found():
@@ -116,7 +116,7 @@ def speeds_with(change):
         recorded = toy.recorded(toy.TRUTH, rng, speed=v, unload=True, repeats=2)
         new = [dataclasses.replace(r, channels={"Fz": change(r.depth, r.channels["Fz"])}) for r in recorded]
         experiments.append(toy.experiment(name, tuple(new), speed=v))
-    return make_plan(experiments)
+    return make_test_plan(experiments)
 
 
 def test_what_is_periodic_in_travel_is_found_at_all_speeds_together():
@@ -134,14 +134,14 @@ def test_the_steps_of_an_encoder_are_no_hum(step):
     rng = np.random.default_rng(1)
     recorded = toy.recorded(toy.TRUTH, rng, readings=480, repeats=3)
     coarse = [dataclasses.replace(r, depth=np.round(r.depth / step) * step) for r in recorded]
-    assert not periodic_line(make_plan([toy.experiment("a", tuple(coarse))])).there
+    assert not periodic_line(make_test_plan([toy.experiment("a", tuple(coarse))])).there
 
 
 def test_the_steps_of_an_encoder_would_be_a_hum(monkeypatch):
     recorded = toy.recorded(toy.TRUTH, np.random.default_rng(1), readings=480, repeats=3)
     coarse = [dataclasses.replace(r, depth=np.round(r.depth / 0.1) * 0.1) for r in recorded]
     monkeypatch.setattr("rso.discrepancy.detectors.periodic._levels", lambda depth: None)
-    assert periodic_line(make_plan([toy.experiment("a", tuple(coarse))])).there
+    assert periodic_line(make_test_plan([toy.experiment("a", tuple(coarse))])).there
 
 
 def test_without_times_a_line_over_the_travel_is_found_and_scatter_is_none():
@@ -152,7 +152,7 @@ def test_without_times_a_line_over_the_travel_is_found_and_scatter_is_none():
         for k in range(3):
             F = 0.04 * u**1.5 + 3e-3 * rng.standard_normal(300) + amplitude * np.sin(2 * np.pi * u / 0.4 + k)
             records.append(Repeat(str(k), u, None, {"Fz": F}, {}, np.full(300, "loading")))
-        found = periodic_line(make_plan([toy.experiment("a", tuple(records))]))
+        found = periodic_line(make_test_plan([toy.experiment("a", tuple(records))]))
         assert found.there == (amplitude > 0.0)
         if found.there:
             assert found.along == "travel"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rso.data import Repeat
-from rso.discrepancy import make_plan
+from rso.discrepancy import make_test_plan
 from rso.discrepancy.detectors.jumps import jumps
-from rso.discrepancy.detectors.steps import steps
+from rso.discrepancy.detectors.steps import step_statistics
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -34,7 +34,7 @@ def plan_with(change, seed: int = 0, repeats: int = 5):
     new = [
         dataclasses.replace(r, channels={**r.channels, "Fz": change(r.depth, r.channels["Fz"], rng)}) for r in recorded
     ]
-    return make_plan([toy.experiment("a", tuple(new))])
+    return make_test_plan([toy.experiment("a", tuple(new))])
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
@@ -97,7 +97,7 @@ def test_a_ball_that_snaps_in_at_contact_is_no_crack():
         u = np.linspace(-1.0, 4.0, 61)
         F = 0.05 * np.maximum(u, 0.0) ** 1.5 - 0.03 * (u > at) + 0.002 * rng.standard_normal(61)
         r = dataclasses.replace(toy.recorded(toy.TRUTH, rng, readings=61)[0], depth=u, channels={"Fz": F})
-        found[at] = jumps(make_plan([toy.experiment("a", (r,))])).crack
+        found[at] = jumps(make_test_plan([toy.experiment("a", (r,))])).crack
     assert found[0.0] is None and found[2.0] is not None and abs(found[2.0].depth - 2.0) < 0.1
 
 
@@ -116,7 +116,7 @@ def test_neither_one_wild_reading_nor_uneven_depths_are_a_crack(spacing):
     rng = np.random.default_rng(5)
     u = np.sort(rng.uniform(0.1, 4.0, 40))
     u[20:] += spacing
-    z, least, _, _ = steps(u, 0.05 * u**1.5 + 0.003 * rng.standard_normal(40))
+    z, least, _, _ = step_statistics(u, 0.05 * u**1.5 + 0.003 * rng.standard_normal(40))
     assert least.max() / (1.48 * np.median(np.abs(z))) < 4.0
 
 
@@ -165,7 +165,7 @@ def test_scatter_and_waves_are_no_jumps(change):
 
 def test_too_few_readings_say_nothing():
     rng = np.random.default_rng(0)
-    found = jumps(make_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng, readings=9))]))
+    found = jumps(make_test_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng, readings=9))]))
     assert found.n == 0 and not found.sudden
 
 
@@ -194,7 +194,7 @@ def test_slips_show_in_a_coarse_sensor():
 
 def plan_of(records):
     each = [Repeat("1", u, None, {"Fz": F}, {}, np.full(len(u), "loading")) for u, F in records]
-    return make_plan([toy.experiment(f"e{k}", (r,)) for k, r in enumerate(each)])
+    return make_test_plan([toy.experiment(f"e{k}", (r,)) for k, r in enumerate(each)])
 
 
 def ball(u):

@@ -10,7 +10,7 @@ import pytest
 from rso.contract import Case, Parameter, Programme, Response
 from rso.core.curves import Resampling
 from rso.data import Chain, Repeat, record
-from rso.discrepancy import Base, build, corrected_library, make_plan
+from rso.discrepancy import Base, build_library, corrected_library, make_test_plan
 from rso.discrepancy.library.effects import Effect, Size, catalogue, localised
 from rso.discrepancy.library.interpolation import Nodes, nodes
 from rso.discrepancy.library.prediction import predict
@@ -37,7 +37,7 @@ def profile(depths=(1.0, 3.0), channels=("uz",), role: str = "fit"):
 
 def make(experiments=None, names=MODEL, base: Base = BASE) -> Library:
     experiments = toy.laboratory(toy.TRUTH, 0) if experiments is None else experiments
-    return build(base, make_plan(experiments), toy.effects(*names), toy.run)
+    return build_library(base, make_test_plan(experiments), toy.effects(*names), toy.run)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def library() -> Library:
 def test_a_base_model_without_an_answer_is_told_with_its_values_and_where_they_are_from():
     nothing = lambda tasks: [Failed("k", t.values, t.case, "not_supported", "out of reach", None) for t in tasks]  # noqa: E731
     with pytest.raises(ValueError, match="no answer at") as said:
-        build(BASE, make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), nothing)
+        build_library(BASE, make_test_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), nothing)
     axis = BASE.axes[0]
     for words in (
         f"{BASE.modulus} = {BASE.reference:.4g}, {axis.name} = ",
@@ -87,7 +87,7 @@ def test_many_runs_are_cheap_ones_and_those_on_the_studys_mesh_lean():
             ]
         )
 
-    build(base, make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), run)
+    build_library(base, make_test_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), run)
     assert all(s["exact"] is False for s in seen)
     assert {s.get("mesh") for s in seen} == {"rough", None}
 
@@ -233,9 +233,9 @@ def test_relaxation_at_every_time_and_rate(library, g, tau):
 def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
     """To 0.3 % of the force at nodes, 1 % between them, 2 % beyond; elsewhere nothing at all."""
     experiments = [*toy.laboratory(toy.TRUTH, 0), profile()]
-    plan = make_plan(experiments)
+    plan = make_test_plan(experiments)
     e = localised(toy.effects("shift"), plan.labels())[1 + where]
-    library = build(BASE, plan, (e,), toy.run)
+    library = build_library(BASE, plan, (e,), toy.run)
     own = library.places[where].effects[e.name].nodes.levels[0]
     points = [(s, 0.003) for s in own] + [(s, 0.01) for s in 0.5 * (own[1:] + own[:-1])] + [(0.1, 0.003), (7.5, 0.02)]
     for s, tolerance in points:
@@ -587,7 +587,7 @@ def test_the_grip_of_another_support_is_computed_where_the_ball_pushes_aside():
     base = dataclasses.replace(BASE, backend=backend)
     loose = tuple(e for e in catalogue(backend, {}, {}, ("mu", "D1")) if e.name == "clearance")
     assert [s.name for s in loose[0].knobs] == ["clearance", "grip"]
-    library = build(base, make_plan(toy.laboratory(toy.TRUTH, 0)), loose, run)
+    library = build_library(base, make_test_plan(toy.laboratory(toy.TRUTH, 0)), loose, run)
     grips = {
         top: {t.values["grip"] for t in asked if "grip" in t.values and (t.case.settings["point"][0] == 0) == top}
         for top in (True, False)
@@ -612,7 +612,7 @@ def test_a_reading_in_the_air_does_not_decide_where_most_was_measured():
             (r,) = toy.recorded({"mu": MU, "D1": 10.0}, rng, point=(10.0 * n, 0.0))
             r = dataclasses.replace(r, depth=r.depth - r.depth[0] + zero)
             experiments.append(toy.experiment(f"at {n}", (r,), point=(10.0 * n, 0.0)))
-        return framed(BASE, make_plan(experiments)).primary
+        return framed(BASE, make_test_plan(experiments)).primary
 
     assert primary(0.001, 0.001) == primary(0.001, -0.001) == primary(-0.001, 0.001) == 0
 

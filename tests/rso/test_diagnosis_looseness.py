@@ -6,7 +6,7 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.discrepancy import build, make_plan
+from rso.discrepancy import build_library, make_test_plan
 from rso.discrepancy.evidence import model_form_tolerance
 from rso.discrepancy.evidence.hypotheses import tiles
 from rso.discrepancy.evidence.model_form_tolerance import loops, with_tolerance
@@ -19,7 +19,7 @@ MODULUS, TOLERANCE = 0.012, SETTINGS.tolerance
 @pytest.fixture(scope="module")
 def library():
     names = ("stiff", "soften", "clearance")
-    found = build(toy.base(), make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects(*names), toy.run)
+    found = build_library(toy.base(), make_test_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects(*names), toy.run)
     return dataclasses.replace(found, rubbing=frozenset({"soften"}))
 
 

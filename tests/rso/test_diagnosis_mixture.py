@@ -6,17 +6,17 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.discrepancy import make_plan
+from rso.discrepancy import make_test_plan
 from rso.discrepancy.evidence.gaussian_mixture import (
     FARTHEST,
     Tiles,
     compressed,
-    log_evidence,
     log_tiles,
     mean_prediction,
+    mixture_log_evidence,
     posterior,
+    predictive_draws,
     ready,
-    simulate,
     whitening,
 )
 from rso.discrepancy.evidence.localisation import localise
@@ -54,8 +54,8 @@ def density(rows: np.ndarray, direction: np.ndarray) -> float:
 def test_evidence_is_the_integral(rows):
     rows = np.array(rows)
     white = whitening(C, rows)
-    one = log_evidence(ready(tiles(1.0), white, M0), white(Y)[None])[0]
-    both = log_evidence(ready(tiles(1.0, -2.0), white, M0), white(Y)[None])[0]
+    one = mixture_log_evidence(ready(tiles(1.0), white, M0), white(Y)[None])[0]
+    both = mixture_log_evidence(ready(tiles(1.0, -2.0), white, M0), white(Y)[None])[0]
     first, second = density(rows, DIRECTION), density(rows, -2.0 * DIRECTION)
     # the grid's sum of a Gaussian is exact to round-off where it is resolved and not cut off
     np.testing.assert_allclose(one, np.log(first), rtol=0, atol=1e-6)
@@ -68,7 +68,7 @@ def test_differences_of_evidence_are_predictive_densities():
     found = []
     for rows in (every, rest):
         white = whitening(C, rows)
-        found.append(log_evidence(ready(tiles(1.0), white, M0), white(Y)[None])[0])
+        found.append(mixture_log_evidence(ready(tiles(1.0), white, M0), white(Y)[None])[0])
     expected = np.log(density(every, DIRECTION) / density(rest, DIRECTION))
     np.testing.assert_allclose(found[0] - found[1], expected, rtol=0, atol=2e-6)
 
@@ -151,7 +151,7 @@ def test_simulated_data_have_the_predictive_mean_and_covariance():
     white = whitening(C)
     h = ready(tiles(1.0), white, M0)
     rng = np.random.default_rng(3)
-    found = simulate(h, posterior(h, white(Y), 200_000, rng), rng) @ white.L.T
+    found = predictive_draws(h, posterior(h, white(Y), 200_000, rng), rng) @ white.L.T
     mean, covariance = conditioned()
     G = M0 * np.stack([A, DIRECTION], 1)
     expected = C + G @ covariance @ G.T
@@ -167,7 +167,7 @@ def small():
     """A plan of three experiments and a linear base model on it: force ∝ u^1.5, one direction ∝ u^2.5."""
     rng = np.random.default_rng(4)
     names = ("one", "two", "three")
-    plan = make_plan([toy.experiment(n, toy.recorded(toy.TRUTH, rng, unload=n == "two")) for n in names])
+    plan = make_test_plan([toy.experiment(n, toy.recorded(toy.TRUTH, rng, unload=n == "two")) for n in names])
     u = np.concatenate([item.depth for item, _, _ in plan.rows()])
     h0 = Tiles(
         (u**1.5)[None],
@@ -237,7 +237,9 @@ def test_evidence_and_draws_with_a_known_modulus_are_those_along_the_line(tied):
     q = np.exp(-0.5 * np.einsum("xi,ij,xj->x", r, np.linalg.inv(C), r) - 0.5 * (ξ / SD) ** 2)
     density = q.sum() * (ξ[1] - ξ[0]) / (np.sqrt(2 * np.pi) ** 5 * np.sqrt(np.linalg.det(C)) * SD)
     # whether one prior of the modulus has a density or not is the same factor for all tiles and hypotheses
-    np.testing.assert_allclose(log_evidence(h, white(Y)[None])[0], np.log(density) + 0.5 * np.log(2 * np.pi), atol=1e-9)
+    np.testing.assert_allclose(
+        mixture_log_evidence(h, white(Y)[None])[0], np.log(density) + 0.5 * np.log(2 * np.pi), atol=1e-9
+    )
     post = posterior(h, white(Y), 40_000, np.random.default_rng(3))
     mean = np.sum(m * q) / q.sum()
     spread = np.sqrt(np.sum((m - mean) ** 2 * q) / q.sum())
@@ -245,7 +247,7 @@ def test_evidence_and_draws_with_a_known_modulus_are_those_along_the_line(tied):
     np.testing.assert_allclose(post.modulus.std(), M0 * spread, rtol=0.02, atol=1e-12)
     if tied is not None:
         np.testing.assert_array_equal(post.at[:, 0], np.log(post.modulus))
-    W = simulate(h, post, np.random.default_rng(4)) @ white.L.T
+    W = predictive_draws(h, post, np.random.default_rng(4)) @ white.L.T
     best = np.sum(q[:, None] * (Y - r), axis=0) / q.sum()
     np.testing.assert_allclose(W.mean(0), best, rtol=0, atol=5 * np.sqrt(W.var(0).max()) / 200)
     np.testing.assert_allclose(white.L @ mean_prediction(h, white(Y)), best, rtol=0, atol=1e-9)
@@ -257,6 +259,6 @@ def test_a_hypothesis_of_which_nothing_is_open_is_a_density():
     white = whitening(C)
     h, r = ready(t, white, M0), Y - SHIFT - M0 * A
     wanted = -0.5 * (r @ np.linalg.solve(C, r) + np.linalg.slogdet(2 * np.pi * C)[1])
-    np.testing.assert_allclose(log_evidence(h, white(Y)[None])[0] - 0.5 * np.log(2 * np.pi), wanted, rtol=1e-12)
+    np.testing.assert_allclose(mixture_log_evidence(h, white(Y)[None])[0] - 0.5 * np.log(2 * np.pi), wanted, rtol=1e-12)
     post = posterior(h, white(Y), 7, np.random.default_rng(0))
     np.testing.assert_array_equal(post.modulus, np.full(7, M0))

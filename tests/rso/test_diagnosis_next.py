@@ -11,18 +11,18 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from rso.contract import run_key
-from rso.discrepancy import build, make_plan, proposals
+from rso.discrepancy import build_library, make_test_plan, proposals
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.next_test import (
     READ_OFF,
-    covariance,
+    candidate_library,
     distances,
     forecast,
+    new_tests_covariance,
     next_tests,
-    simulated,
 )
-from rso.discrepancy.proposals import candidates, planned_tests
+from rso.discrepancy.proposals import planned_tests, proposed_tests
 from rso.optimal_design.ranking import Worth, ranked
 from rso.optimal_design.separation import DECIDED, as_likely, chance_to_decide
 
@@ -87,7 +87,7 @@ def survivors(library, names, data):
 def plan_of(truth, seed=0, **chain):
     """A cycle at the top and a loading curve beside it."""
     rng = np.random.default_rng(seed)
-    return make_plan(
+    return make_test_plan(
         [
             toy.experiment("cycle", toy.recorded(truth, rng, unload=True, **chain)),
             toy.experiment(
@@ -116,7 +116,7 @@ def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first(
         gauges=lambda settings: {"stiff": ("a perfect gauge", 1e-6)},
     )
     effects = toy.effects("stiff", "soften", "bias")
-    library = build(lab(backend), plan_of(truth), effects, toy.run)
+    library = build_library(lab(backend), plan_of(truth), effects, toy.run)
     bench, alive = survivors(library, ("stiff", "bias"), truth)
     found = next_tests(library, bench, alive, {"stiff": 0.5, "bias": 0.5}, None)
     words = [t.test for t in found]
@@ -137,14 +137,14 @@ def test_a_laboratory_with_one_axis_is_promised_what_one_axis_tells():
     )
     for lateral in (False, True):
         side = toy.recorded(truth, rng, point=(10.0, 0.0), lateral=lateral)
-        plan = make_plan(
+        plan = make_test_plan(
             [
                 toy.experiment("cycle", toy.recorded(truth, rng, unload=True)),
                 toy.experiment("aside", side, point=(10.0, 0.0)),
             ]
         )
-        library = build(lab(backend), plan, toy.effects("stiff", "bias"), toy.run)
-        found = {c.words: {e.channels for e in c.experiments} for c in candidates(library)}
+        library = build_library(lab(backend), plan, toy.effects("stiff", "bias"), toy.run)
+        found = {c.words: {e.channels for e in c.experiments} for c in proposed_tests(library)}
         more = {w: v for w, v in found.items() if "measured" in w}
         every = ("Fx", "Fy", "Fz")
         assert "another point" in found and "again without it" in found
@@ -160,12 +160,12 @@ def test_a_laboratory_with_one_axis_is_promised_what_one_axis_tells():
 def test_nothing_is_proposed_where_one_cause_is_left_and_simulations_are_asked_for_only_with_a_runner():
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012}
     backend = proposing(tests=lambda settings: {"another point": {"point": [5.0, 0.0]}})
-    library = build(lab(backend), plan_of(truth), toy.effects("stiff", "bias"), toy.run)
+    library = build_library(lab(backend), plan_of(truth), toy.effects("stiff", "bias"), toy.run)
     bench, alive = survivors(library, ("stiff", "bias"), truth)
     assert next_tests(library, bench, {"stiff": alive["stiff"]}, {"stiff": 1.0}, None) == []
-    (other,) = [c for c in candidates(library) if c.words == "another point"]
-    assert simulated(library, other, alive, None) is None
-    assert simulated(library, other, alive, toy.run) is not None
+    (other,) = [c for c in proposed_tests(library) if c.words == "another point"]
+    assert candidate_library(library, other, alive, None) is None
+    assert candidate_library(library, other, alive, toy.run) is not None
 
 
 def test_what_every_curve_has_for_itself_is_told_from_a_cause_by_the_scatter_of_new_curves():
@@ -173,7 +173,9 @@ def test_what_every_curve_has_for_itself_is_told_from_a_cause_by_the_scatter_of_
     as the best linear test does on simulated readings; where everything scatters no test is proposed.
     """
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012}
-    library = build(toy.base(axes=False), plan_of(truth), toy.effects("offset", "offset_each", "gain_each"), toy.run)
+    library = build_library(
+        toy.base(axes=False), plan_of(truth), toy.effects("offset", "offset_each", "gain_each"), toy.run
+    )
     bench, alive = survivors(library, ("offset", "offset_each", "gain_each"), truth)
     (own, post), rng = alive["offset"], np.random.default_rng(0)
     late = np.column_stack([post.at[:, :-1], 0.1 + 0.005 * rng.standard_normal(len(post.at))])
@@ -184,12 +186,12 @@ def test_what_every_curve_has_for_itself_is_told_from_a_cause_by_the_scatter_of_
         D[sd] = next(t.distance for t in found if t.test == words)
     assert D[0.3] < 0.3 * D[0.02]
 
-    there = simulated(library, next(c for c in candidates(library) if c.words == words), pair, None)
+    there = candidate_library(library, next(c for c in proposed_tests(library) if c.words == words), pair, None)
     F = {n: forecast(there, bench, *pair[n]) for n in pair}
     Δ, ((each,), post) = F["offset"].mean(0) - F["offset_each"].mean(0), pair["offset_each"]
     centre = np.median(post.at[:, : len(there.base.axes)], axis=0)[None]
     moved = 0.3 * attribution.by_test(there, each, centre, np.median(post.modulus))
-    known = covariance(there, bench, F["offset"].mean(0)) + np.cov(F["offset"].T) + np.cov(F["offset_each"].T)
+    known = new_tests_covariance(there, bench, F["offset"].mean(0)) + np.cov(F["offset"].T) + np.cov(F["offset_each"].T)
     y = rng.standard_normal((4000, len(moved))) @ moved + rng.multivariate_normal(np.zeros(len(Δ)), known, 4000)
     w = np.linalg.solve(np.cov(y.T), Δ)
     np.testing.assert_allclose(D[0.3], Δ @ w / np.std(y @ w), rtol=0.05)  # 4000 draws scatter by 1 %
@@ -202,7 +204,7 @@ def test_a_test_done_three_times_tells_more_than_once_but_less_than_three_tests_
     """What each test has for itself averages out, what the model may be wrong by and a re-fit do not: D grows, by less
     than √3."""
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "stiff": 0.02}
-    library = build(lab(toy.BACKEND), plan_of(truth), toy.effects("stiff", "soften"), toy.run)
+    library = build_library(lab(toy.BACKEND), plan_of(truth), toy.effects("stiff", "soften"), toy.run)
     bench, alive = survivors(library, ("stiff", "soften"), truth)
     D = {}
     for times in (1, 3):
@@ -220,11 +222,11 @@ def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_st
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "skin": 1.6}
     marks = [[float(x), 5.0] for x in np.linspace(-8, 8, 9)]
     backend = proposing(marks=lambda settings: {"marks": marks})
-    library = build(lab(backend), plan_of(truth), toy.effects("stiff", "skin"), toy.run)
+    library = build_library(lab(backend), plan_of(truth), toy.effects("stiff", "skin"), toy.run)
     bench, alive = survivors(library, ("stiff", "skin"), truth)
-    (one,) = [c for c in candidates(library) if c.words == "marks"]
-    assert simulated(library, one, alive, None) is None  # no table has them
-    there = simulated(library, one, alive, toy.run)
+    (one,) = [c for c in proposed_tests(library) if c.words == "marks"]
+    assert candidate_library(library, one, alive, None) is None  # no table has them
+    there = candidate_library(library, one, alive, toy.run)
     rows = np.concatenate([np.arange(at.start, at.stop) for _, c, at in there.plan.rows() if c == "uz"])
     d = np.repeat([2.0, 4.0], len(marks))
     for name, moves in (("skin", True), ("stiff", False)):
@@ -240,7 +242,7 @@ def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_st
     assert with_marks > 1.5 * distances(plain, bench, alive)["stiff", "skin"]
     known = dataclasses.replace(library.plan.places[0], marks=tuple((x, 6.0) for x, _ in marks))
     plan = dataclasses.replace(library.plan, places=(known, *library.plan.places[1:]))
-    assert "marks" not in [c.words for c in candidates(dataclasses.replace(library, plan=plan))]
+    assert "marks" not in [c.words for c in proposed_tests(dataclasses.replace(library, plan=plan))]
 
 
 def test_what_candidates_take_is_known_before_the_library_is():
@@ -248,9 +250,9 @@ def test_what_candidates_take_is_known_before_the_library_is():
     backend = proposing(tests=lambda settings: {"another point": {"point": [5.0, 0.0]}})
     plan, effects = plan_of({"mu": 0.012, "D1": 60.0}), toy.effects("stiff", "soften", "bias")
     found = planned_tests(lab(backend), plan, effects)
-    library = build(lab(backend), plan, effects, toy.run)
+    library = build_library(lab(backend), plan, effects, toy.run)
     alive = {e.name: ((e,), None) for e in effects}
-    every = {c.words: c for c in candidates(library)}
+    every = {c.words: c for c in proposed_tests(library)}
     for words, candidate in every.items():
         keys: set[str] = set()
 
@@ -258,7 +260,7 @@ def test_what_candidates_take_is_known_before_the_library_is():
             keys.update(run_key(backend, *backend.canonical(t.values, t.case)) for t in tasks)
             return toy.run(tasks)
 
-        simulated(library, candidate, alive, run)
+        candidate_library(library, candidate, alive, run)
         jobs, share = found.get(words, ([], 1.0))
         assert len(jobs) * share == pytest.approx(len(keys)), words
     assert "another point" in found and len(found) < len(every)
@@ -267,7 +269,7 @@ def test_what_candidates_take_is_known_before_the_library_is():
 def test_a_rate_beyond_those_computed_is_said():
     """Times count by travel: 3 s in a test ten times slower as one that no run had."""
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "g": 0.3, "tau": 3.0}
-    library = build(toy.base(axes=False), plan_of(truth), toy.effects("stiff", "g"), toy.run)
+    library = build_library(toy.base(axes=False), plan_of(truth), toy.effects("stiff", "g"), toy.run)
     bench, alive = survivors(library, ("stiff", "g"), truth)
     found = {t.test: t.note for t in next_tests(library, bench, alive, {"stiff": 0.5, "g": 0.5}, None)}
     (slower,) = [note for test, note in found.items() if "ten times slower" in test]
@@ -282,7 +284,9 @@ def test_a_rate_beyond_those_computed_is_said():
 def test_a_mount_that_creeps_has_times_that_no_run_needs():
     """Against a body that relaxes: a test ten times slower leans on runs for the body alone, and a block tells them."""
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "g": 0.3, "tau": 3.0}
-    library = build(toy.base(axes=False), plan_of(truth), toy.effects("g", "creep", "stiff", "offset_each"), toy.run)
+    library = build_library(
+        toy.base(axes=False), plan_of(truth), toy.effects("g", "creep", "stiff", "offset_each"), toy.run
+    )
     bench, alive = survivors(library, ("g", "creep"), truth)
     found = {t.test: t for t in next_tests(library, bench, alive, {"g": 0.5, "creep": 0.5}, None)}
     assert any("rigid block" in test for test in found)
@@ -296,12 +300,12 @@ def test_a_mount_that_creeps_has_times_that_no_run_needs():
 def test_a_candidate_comes_after_what_was_pressed_at_its_place():
     """A body with a dent has it in the next test too, but not at a place that nobody touched."""
     plan = plan_of({"mu": 0.012, "D1": 60.0})
-    library = build(toy.base(axes=False), plan, toy.effects("stiff", "offset", "permanent_set"), toy.run)
+    library = build_library(toy.base(axes=False), plan, toy.effects("stiff", "offset", "permanent_set"), toy.run)
     everything = {e.name: ((e,), None) for e in library.effects if e.family == "model"}
     pressed = {str(library.plan.places[t.place].settings["point"]): t.peak for t in library.plan.tests}
     seen = set()
-    for candidate in candidates(library):
-        there = simulated(library, candidate, everything, toy.run)
+    for candidate in proposed_tests(library):
+        there = candidate_library(library, candidate, everything, toy.run)
         until = dict(pressed)
         for t in there.plan.tests:
             point = str(there.plan.places[t.place].settings["point"])
@@ -316,9 +320,9 @@ def test_a_way_back_after_a_long_rest_says_nothing_of_one_without():
     """Proposals that load and unload are simulated where all ways back so far came after a rest."""
     truth = {**toy.TRUTH, "g": 0.4, "tau": 8.0}
     held = toy.recorded(truth, np.random.default_rng(0), hold=60.0, unload=True, repeats=2)
-    plan = make_plan([toy.experiment("a", held)])
-    library = build(toy.base(), plan, toy.effects("g"), toy.run)
-    back = [make_plan(c.experiments, plan.scale) for c in candidates(library)]
+    plan = make_test_plan([toy.experiment("a", held)])
+    library = build_library(toy.base(), plan, toy.effects("g"), toy.run)
+    back = [make_test_plan(c.experiments, plan.scale) for c in proposed_tests(library)]
     back = [p for p in back if any(t.returns for t in p.tests)]
-    assert back and not any(proposals.known(library, p) for p in back)
-    assert proposals.known(library, plan)
+    assert back and not any(proposals.tables_cover(library, p) for p in back)
+    assert proposals.tables_cover(library, plan)

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from rso.data import Noise, Repeat
-from rso.discrepancy import build, make_plan
+from rso.discrepancy import build_library, make_test_plan
 from rso.discrepancy.detectors import autocorrelation, sensor
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.settings import SETTINGS
@@ -39,8 +39,8 @@ def test_bins_scatter_as_assumed_however_the_sensor_smooths(how):
     for _ in range(40):
         v = HOW[how](rng.standard_normal(N), F)
         r = Repeat("1", U, U / 0.5, {"Fz": v}, {}, np.full(N, "loading"))
-        plan = make_plan([toy.experiment("a", (r,), noise=Noise())])
-        level = noise.levels(plan)["Fz"]
+        plan = make_test_plan([toy.experiment("a", (r,), noise=Noise())])
+        level = noise.noise_levels(plan)["Fz"]
         (t,) = plan.tests
         use = t.depth > 0.8
         off = t.values["Fz"] - 0.04 * t.depth**1.5
@@ -88,7 +88,7 @@ def test_what_lateral_forces_remember_shows_where_they_have_nothing_to_show(ρ):
             toy.experiment(f"x{n}", beside(rng, ρ, n, slope), point=(float(n), 0.0), noise=Noise(Fz=3e-3))
             for n in sizes
         ]
-        length = autocorrelation.of_idle_channels(make_plan(tests))
+        length = autocorrelation.of_idle_channels(make_test_plan(tests))
         assert slope == 0.0 or length is None
         found += [] if slope else [0.0 if length is None else np.exp(-4.0 / 80 / length)]
     np.testing.assert_allclose(np.mean(found), ρ, rtol=0, atol=0.05)
@@ -99,7 +99,7 @@ def test_channels_in_which_nothing_was_recorded_tell_nothing():
     still = beside(np.random.default_rng(0), 0.8, 80, 0.0)
     dead = tuple(replace(r, channels=r.channels | {"Fx": np.full(80, 0.1), "Fy": np.full(80, 0.1)}) for r in still)
     tests = [toy.experiment(f"x{k}", dead, point=(float(k), 0.0), noise=Noise(Fz=3e-3)) for k in range(9)]
-    assert autocorrelation.of_idle_channels(make_plan(tests)) is None
+    assert autocorrelation.of_idle_channels(make_test_plan(tests)) is None
 
 
 def thrice(rng, peak, contact):
@@ -124,7 +124,7 @@ def test_three_repeats_at_several_places_tell_what_contacts_scatter_by():
                 )
                 for k in range(5)
             ]
-            shown.append(noise.levels(make_plan(places))["Fz"].shown[1])
+            shown.append(noise.noise_levels(make_test_plan(places))["Fz"].shown[1])
         found[contact] = np.array(shown)
     assert np.mean(found[0.004] > 0.0) <= 0.1
     # five degrees of freedom: the variance scatters by 63 %
@@ -142,8 +142,8 @@ def test_bins_of_readings_that_remember_each_other_scatter_as_assumed(ρ, readin
     """
     rng, single, together = np.random.default_rng(11), [], []
     for _ in range(40):
-        plan = make_plan([toy.experiment("a", remembering(rng, ρ, readings, 5), noise=Noise(Fz=3e-3, gain=0.01))])
-        level = noise.levels(plan)["Fz"]
+        plan = make_test_plan([toy.experiment("a", remembering(rng, ρ, readings, 5), noise=Noise(Fz=3e-3, gain=0.01))])
+        level = noise.noise_levels(plan)["Fz"]
         C = noise._along(level, plan.tests[0].depth) + np.diag(noise._white(level, plan.tests[0], 0.0))
         off = np.array([t.values["Fz"] for t in plan.tests])
         off = (off - off.mean(axis=0)) * np.sqrt(5 / 4)
@@ -159,8 +159,8 @@ def test_noise_that_remembers_is_not_taken_for_gain_or_contact():
     """Five records differ by what is stated: the stated values stay, but for one plan in twenty."""
     rng = np.random.default_rng(3)
     stated = Noise(Fz=3e-3, gain=0.01, depth=0.005)
-    plans = [make_plan([toy.experiment("a", remembering(rng, 0.6, 41, 5), noise=stated)]) for _ in range(60)]
-    found = [noise.levels(p)["Fz"] for p in plans]
+    plans = [make_test_plan([toy.experiment("a", remembering(rng, 0.6, 41, 5), noise=stated)]) for _ in range(60)]
+    found = [noise.noise_levels(p)["Fz"] for p in plans]
     assert np.mean([v.gain > 0.01 for v in found]) < 0.15 and np.mean([v.contact > 0.01 for v in found]) < 0.15
 
 
@@ -171,9 +171,9 @@ def test_a_gain_that_repeats_contradict_is_theirs_but_where_what_is_stated_binds
         Repeat(r.label, r.depth, r.time, {"Fz": r.channels["Fz"] * g}, {}, r.segment)
         for r, g in zip(few, (0.94, 0.97, 1.0, 1.03, 1.06), strict=True)
     )
-    plans = [make_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=g))]) for g in (0.01, 0.02, 0.0)]
-    assert all(v.gain == v.shown[0] for v in (noise.levels(p)["Fz"] for p in plans))
-    said, hinted, unsaid = (noise.levels(p, binding=True)["Fz"] for p in plans)
+    plans = [make_test_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=g))]) for g in (0.01, 0.02, 0.0)]
+    assert all(v.gain == v.shown[0] for v in (noise.noise_levels(p)["Fz"] for p in plans))
+    said, hinted, unsaid = (noise.noise_levels(p, binding=True)["Fz"] for p in plans)
     for level in (said, hinted, unsaid):
         assert 0.035 < level.shown[0] < 0.065  # standard deviation of the five is 0.047
     assert hinted.gain == hinted.shown[0] > 0.02 and unsaid.gain == unsaid.shown[0]
@@ -185,7 +185,7 @@ def test_a_stated_contact_is_that_of_each_test_and_a_calibration_is_none():
     """`contact` widens the usual 0.01 mm; what all tests have alike is not noise between them."""
     records = remembering(np.random.default_rng(3), 0.0, 41, 5)
     said = [Noise(Fz=3e-3), Noise(Fz=3e-3, contact=0.05), Noise(Fz=3e-3, calibration=0.05)]
-    usual, off, cell = (noise.levels(make_plan([toy.experiment("a", records, noise=n)]))["Fz"] for n in said)
+    usual, off, cell = (noise.noise_levels(make_test_plan([toy.experiment("a", records, noise=n)]))["Fz"] for n in said)
     assert (usual.contact, off.contact) == (0.01, 0.05) and cell == usual
 
 
@@ -202,8 +202,8 @@ def test_a_channel_that_moves_by_few_counts_scatters_by_a_count(largest):
             for c, F in (("Fx", Fx), ("Fz", 0.04 * u**1.5))
         }
         tests.append(toy.experiment(name, (Repeat("1", u, u / 0.5, v, {}, np.full(41, "loading")),), noise=Noise()))
-    plan = make_plan(tests)
-    level = noise.levels(plan)["Fx"]
+    plan = make_test_plan(tests)
+    level = noise.noise_levels(plan)["Fx"]
     for t, F in zip(plan.tests, true.values(), strict=True):
         own = level.of(t.experiment)
         off = t.values["Fx"] - np.interp(t.depth, u, F)
@@ -232,7 +232,7 @@ def test_a_shorter_repeat_is_no_other_gain():
             d = u[u <= 2.0] if k == short else u
             v = F_of(d) + 1e-3 * rng.standard_normal(len(d))
             repeats.append(Repeat(str(k), d, d / 0.5, {"Fz": v}, {}, np.full(len(d), "loading")))
-        level = noise.levels(make_plan([toy.experiment("a", tuple(repeats), noise=Noise())]))["Fz"]
+        level = noise.noise_levels(make_test_plan([toy.experiment("a", tuple(repeats), noise=Noise())]))["Fz"]
         assert level.gain <= 0.02 and level.contact <= 0.03  # clamped at its last force it would be 30 %
 
 
@@ -242,7 +242,7 @@ def test_where_no_noise_is_known_a_table_is_not_taken_for_exact(repeats):
     rng, u = np.random.default_rng(3), np.linspace(1.0, 4.0, 4)
     noisy = [F_of(u) + 3e-3 * rng.standard_normal(4) for _ in range(repeats)]
     records = tuple(Repeat(str(k), u, u / 0.5, {"Fz": v}, {}, np.full(4, "loading")) for k, v in enumerate(noisy))
-    level = noise.levels(make_plan([toy.experiment("a", records, noise=Noise())]))["Fz"]
+    level = noise.noise_levels(make_test_plan([toy.experiment("a", records, noise=Noise())]))["Fz"]
     if repeats == 1:
         assert level.source == "assumed"
         np.testing.assert_allclose(level.white, SETTINGS.noise.reading * records[0].channels["Fz"].max(), rtol=1e-12)
@@ -256,8 +256,8 @@ def test_few_readings_that_happen_to_agree_are_no_quiet_sensor():
     u = np.linspace(0.3, 4.0, 14)
     for _ in range(200):
         r = Repeat("1", u, u / 0.5, {"Fz": F_of(u) + 3e-3 * rng.standard_normal(14)}, {}, np.full(14, "loading"))
-        louder += noise.levels(make_plan([toy.experiment("a", (r,), noise=Noise())]))["Fz"].white < 3e-3
-        said.append(noise.levels(make_plan([toy.experiment("a", (r,), noise=Noise(Fz=3e-3))]))["Fz"].white)
+        louder += noise.noise_levels(make_test_plan([toy.experiment("a", (r,), noise=Noise())]))["Fz"].white < 3e-3
+        said.append(noise.noise_levels(make_test_plan([toy.experiment("a", (r,), noise=Noise(Fz=3e-3))]))["Fz"].white)
     assert louder < 0.17 * 200  # 3 standard deviations of a binomial share above 0.1
     assert np.median(said) < 3.5e-3
 
@@ -272,7 +272,7 @@ def test_a_loud_experiment_does_not_drown_a_quiet_one():
             Repeat("1", u, u / 0.5, {"Fz": F_of(u) + sd * rng.standard_normal(85)}, {}, np.full(85, "loading"))
             for sd in sds
         ]
-        return make_plan(
+        return make_test_plan(
             [
                 toy.experiment(str(k), (r,), noise=Noise(Fz=sd if stated else 0.0))
                 for k, (r, sd) in enumerate(zip(records, sds, strict=True))
@@ -280,10 +280,10 @@ def test_a_loud_experiment_does_not_drown_a_quiet_one():
         )
 
     for stated in (True, False):
-        level = noise.levels(plan_of((2e-4, 2e-4, 5e-3), stated))["Fz"]
+        level = noise.noise_levels(plan_of((2e-4, 2e-4, 5e-3), stated))["Fz"]
         each = [level.of(k).white for k in range(3)]
         np.testing.assert_allclose(each, [2e-4, 2e-4, 5e-3], rtol=0.35)  # of 85 readings: a sixth, twice
-    assert not noise.levels(plan_of((2e-4, 2e-4, 2e-4), False))["Fz"].loud
+    assert not noise.noise_levels(plan_of((2e-4, 2e-4, 2e-4), False))["Fz"].loud
 
 
 def F_of(u):
@@ -295,8 +295,8 @@ def test_programs_part_company_at_the_deepest_travel_or_deeper_where_the_backend
     """At twice that travel the share that they differ by more is gone from the deepest readings (1/2⁸); not by less."""
     base = toy.base(axes=False)
     truth = {"mu": 0.012, "D1": 60.0 * base.reference / 0.012}
-    plan = make_plan([toy.experiment("load", toy.recorded(truth, np.random.default_rng(0)))])
-    library = build(base, plan, toy.effects("stiff"), toy.run)
+    plan = make_test_plan([toy.experiment("load", toy.recorded(truth, np.random.default_rng(0)))])
+    library = build_library(base, plan, toy.effects("stiff"), toy.run)
     deepest, F = max(p.deepest for p in plan.places), plan.values()
     own = {n: getattr(base.backend, n) for n in dir(base.backend) if not n.startswith("_")}
 
@@ -316,8 +316,8 @@ def test_a_model_may_be_rough_by_a_thousandth_from_bin_to_bin():
     """Second differences of three bins: 0.1 % of the force at a correlation r of neighbours, R of next ones."""
     base = toy.base(axes=False)
     truth = {"mu": 0.012, "D1": 60.0 * base.reference / 0.012}
-    plan = make_plan([toy.experiment("load", toy.recorded(truth, np.random.default_rng(0)))])
-    library = build(base, plan, toy.effects("stiff"), toy.run)
+    plan = make_test_plan([toy.experiment("load", toy.recorded(truth, np.random.default_rng(0)))])
+    library = build_library(base, plan, toy.effects("stiff"), toy.run)
     F, u, deepest = np.ones(plan.n), plan.tests[0].depth, max(p.deepest for p in plan.places)
     d = np.array([1.0, -2.0, 1.0])
     found = np.array(

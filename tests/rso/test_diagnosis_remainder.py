@@ -11,7 +11,7 @@ from scipy.stats import binom
 import rso.discrepancy.diagnosis
 from rso import discrepancy
 from rso.data import Repeat
-from rso.discrepancy import build, make_plan
+from rso.discrepancy import build_library, make_test_plan
 from rso.discrepancy.diagnosis import WHOLE
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
@@ -19,7 +19,7 @@ from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import LEVEL, ResidualScore, _changes, residual_score
 from rso.discrepancy.evidence.settings import SETTINGS
-from rso.discrepancy.evidence.verdict import beside
+from rso.discrepancy.evidence.verdict import pairs_of_remainder
 from rso.discrepancy.library.prediction import predict
 
 BASE = toy.base(axes=False)
@@ -39,11 +39,11 @@ def experiments(seed: int, truth=None, **chain: float):
 
 @functools.cache
 def tables(names: tuple[str, ...]):
-    return build(BASE, make_plan(experiments(0)), toy.effects(*names), toy.run)
+    return build_library(BASE, make_test_plan(experiments(0)), toy.effects(*names), toy.run)
 
 
 def evidence_of(seed: int, truth, names=NAMES, **chain: float) -> tuple[Evidence, np.ndarray]:
-    library = dataclasses.replace(tables(names), plan=make_plan(experiments(seed, truth, **chain)))
+    library = dataclasses.replace(tables(names), plan=make_test_plan(experiments(seed, truth, **chain)))
     y = library.plan.values()
     return Evidence(attribution.set_up(library, y), library.effects), y
 
@@ -57,7 +57,7 @@ def test_the_true_cause_leaves_noise(name, size):
     """As rarely as it says: within what 60 data sets may do by chance."""
     evidence, y = evidence_of(1, {name: size})
     own = of(evidence, name)
-    Y = attribution.simulated(evidence, own.effects, y, 60, 5)
+    Y = attribution.simulated_data(evidence, own.effects, y, 60, 5)
     there = sum(residual_score(evidence, own, v, k).there for k, v in enumerate(Y))
     assert there <= binom.ppf(0.999, len(Y), LEVEL)
 
@@ -88,11 +88,11 @@ def test_what_the_cause_itself_can_move_is_no_remainder():
 def test_what_shows_beside_a_single_cause_is_tried_as_a_pair_with_it():
     stiff, bias, each = toy.effects("stiff", "bias", "bias_each")
     rest = ResidualScore("stiff", bias, 5.0, 3.0, (bias,))
-    assert beside(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
-    assert beside(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
-    assert beside(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
-    assert beside(Hypothesis((stiff, bias)), rest, []) == []
-    assert beside(Hypothesis((stiff,)), ResidualScore("", None, 0.0, np.inf), []) == []
+    assert pairs_of_remainder(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
+    assert pairs_of_remainder(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
+    assert pairs_of_remainder(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
+    assert pairs_of_remainder(Hypothesis((stiff, bias)), rest, []) == []
+    assert pairs_of_remainder(Hypothesis((stiff,)), ResidualScore("", None, 0.0, np.inf), []) == []
 
 
 def _with(name: str, seed: int) -> tuple[Evidence, Hypothesis]:
@@ -106,7 +106,7 @@ def test_the_score_of_a_direction_is_standard_normal_under_the_cause(other):
     evidence, y = evidence_of(4, {"stiff": 0.5}, names=("stiff", other))
     own = of(evidence, "stiff")
     scores = [
-        residual_score(evidence, own, v, 0).score for v in attribution.simulated(evidence, own.effects, y, 300, 7)
+        residual_score(evidence, own, v, 0).score for v in attribution.simulated_data(evidence, own.effects, y, 300, 7)
     ]
     assert 0.58 < np.median(scores) < 0.80  # 0.674; 300 draws scatter it by 0.05, several sizes add to it
     assert 1.7 < np.quantile(scores, 0.95) < 2.4  # 1.96
@@ -115,7 +115,7 @@ def test_the_score_of_a_direction_is_standard_normal_under_the_cause(other):
 def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(monkeypatch):
     """A late contact taken for a skin: sure of it without a look at what the skin leaves, where χ² says nothing."""
     names = ("stiff", "bias", "skin")
-    plan = make_plan(experiments(2, offset=0.09))
+    plan = make_test_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
     d = discrepancy.diagnose(library, 2, nulls=100)
     assert d.remainder.there and d.left < SETTINGS.rules.misfit
@@ -136,10 +136,10 @@ def test_a_remainder_with_an_open_parameter_and_a_profile():
         w = np.array([toy.mark(body, d, a, b) for d, a, b in zip(u, x, y, strict=True)], float)
         marks = Repeat("1", u, None, {"x": x, "y": y, "uz": w + mark}, {}, np.full(len(u), "loading"))
         load = toy.recorded(body, rng, repeats=3, bias=bias)
-        return make_plan([toy.experiment("load", load), toy.experiment("profile", (marks,))])
+        return make_test_plan([toy.experiment("load", load), toy.experiment("profile", (marks,))])
 
     effects = toy.effects("stiff", "skin", "bias")
-    library = build(base, plan(0.0, 0.0), effects, toy.run)
+    library = build_library(base, plan(0.0, 0.0), effects, toy.run)
 
     def left(name: str, **wrong: float) -> ResidualScore:
         own = dataclasses.replace(library, plan=plan(**{"mark": 0.0, "bias": 0.0, **wrong}))
@@ -167,9 +167,9 @@ def test_a_remainder_with_an_open_parameter_and_a_profile():
 
 def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
     names = ("stiff", "bias", "skin")
-    library = dataclasses.replace(tables(names), plan=make_plan(experiments(2, offset=0.09)))
+    library = dataclasses.replace(tables(names), plan=make_test_plan(experiments(2, offset=0.09)))
     d = discrepancy.diagnose(library, 2, nulls=100)
-    found = discrepancy.story(library, d, (), None, "toy")
+    found = discrepancy.diagnosis_data(library, d, (), None, "toy")
     rest = found["diagnosis"]["remainder"]
     assert rest["there"] and rest["score"] > rest["threshold"] and rest["of"] == "skin"
     like = next(e["label"] for e in found["effects"] if e["name"] == rest["looks_like"])
@@ -181,9 +181,9 @@ def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
 def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
     """Two look-alikes, neither enough: "it takes two effects together" would be wrong."""
     names = ("stiff", "twin", "skin")
-    plan = make_plan(experiments(0, {"stiff": 0.3, "soften": 0.08}))
+    plan = make_test_plan(experiments(0, {"stiff": 0.3, "soften": 0.08}))
     library = dataclasses.replace(tables(names), plan=plan)
-    found = discrepancy.story(library, discrepancy.diagnose(library, 0, nulls=100), (), None, "toy")
+    found = discrepancy.diagnosis_data(library, discrepancy.diagnose(library, 0, nulls=100), (), None, "toy")
     d = found["diagnosis"]
     assert d["verdict"] == "partly" and len(d["chosen"]) == 1 and len(d["causes"]) > 1, d["causes"]
     assert set(d["ambiguous_with"][0]) == {c["effect"] for c in d["causes"]}

@@ -9,7 +9,7 @@ import pytest
 
 from rso.contract import Case, Programme
 from rso.data import Noise, Repeat
-from rso.discrepancy import build, diagnose, make_plan, suited
+from rso.discrepancy import build_library, diagnose, make_test_plan, suited
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.attribution import by_test
 from rso.discrepancy.evidence.localisation import _regions
@@ -17,7 +17,7 @@ from rso.discrepancy.library.planning import framed, jobs_of_base
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import passes
 from rso.discrepancy.library.test_plan import scale_of
-from rso.discrepancy.proposals import candidates
+from rso.discrepancy.proposals import proposed_tests
 
 NAMES = ("stiff", "soften", "g", "offset", "offset_each", "compliance", "backlash", "bias")
 
@@ -56,16 +56,18 @@ def laboratory(truth, times, **chain):
 
 def made(times, truth=toy.TRUTH, names=NAMES, **chain):
     """Library of a laboratory of that size."""
-    plan = make_plan(laboratory(truth, times, **chain))
+    plan = make_test_plan(laboratory(truth, times, **chain))
     largest = max(float(np.abs(t.values["Fz"]).max()) for t in plan.tests)
     effects = suited(toy.effects(*names), largest, plan.scale)
     backend = Zoomed(times=times)
-    return build(dataclasses.replace(toy.base(), backend=backend), plan, effects, lambda tasks: toy.run(tasks, backend))
+    return build_library(
+        dataclasses.replace(toy.base(), backend=backend), plan, effects, lambda tasks: toy.run(tasks, backend)
+    )
 
 
 @pytest.mark.parametrize("times", [0.01, 0.1, 10.0])
 def test_all_that_is_computed_for_a_small_test_is_that_of_a_large_one(times):
-    usual, other = make_plan(laboratory(toy.TRUTH, 1.0)), make_plan(laboratory(toy.TRUTH, times))
+    usual, other = make_test_plan(laboratory(toy.TRUTH, 1.0)), make_test_plan(laboratory(toy.TRUTH, times))
     assert usual.scale == 1.0 and other.scale == times
     close = lambda a, b: np.testing.assert_allclose(a, times * np.array(b), rtol=1e-9)  # noqa: E731
     for k, (p, q) in enumerate(zip(usual.places, other.places, strict=True)):
@@ -77,13 +79,13 @@ def test_all_that_is_computed_for_a_small_test_is_that_of_a_large_one(times):
     for a, b in zip(*(jobs_of_base(toy.base(), p, framed(toy.base(), p)) for p in (usual, other)), strict=True):
         close(b.task.case.programme.asked_mm, a.task.case.programme.asked_mm)
     for c in ("Fx", "Fz"):
-        a, b = (noise.levels(p)[c] for p in (usual, other))
+        a, b = (noise.noise_levels(p)[c] for p in (usual, other))
         close(b.contact, a.contact)
         np.testing.assert_allclose((b.white, b.gain, b.correlated), (a.white, a.gain, a.correlated), rtol=1e-9)
 
 
 def test_the_usual_lengths_are_those_of_a_plan_of_four_to_six_millimetres():
-    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    plan = make_test_plan(toy.laboratory(toy.TRUTH, 0))
     assert [p.deepest for p in plan.places] == [6.0, 4.0] and plan.places[0].peaks == (4.0,)
     assert [plan.reach(k) for k in range(2)] == [6.4, 4.4]
     found = toy.effects()
@@ -140,7 +142,7 @@ def test_the_verdict_on_a_small_or_large_test_is_that_on_the_usual_one(times, tr
 
 @pytest.mark.parametrize("times", [0.001, 10.0])
 def test_candidates_go_as_deep_as_the_plan_lets_them_at_rates_that_can_be_read(times):
-    usual, other = (candidates(made(k)) for k in (1.0, times))
+    usual, other = (proposed_tests(made(k)) for k in (1.0, times))
     assert len(usual) == len(other)
     for a, b in zip(usual, other, strict=True):
         for x, y in zip(a.experiments, b.experiments, strict=True):
@@ -162,11 +164,11 @@ def test_a_contact_found_far_too_late_is_followed_where_the_test_is_deep():
 @pytest.mark.parametrize("times", [1.0, 10.0])
 @pytest.mark.parametrize("knob", ["offset", "gain", "bias", "drift"])
 def test_what_every_curve_has_for_itself_moves_it_as_it_moves_all(times, knob):
-    plan = make_plan(laboratory(toy.TRUTH, times))
+    plan = make_test_plan(laboratory(toy.TRUTH, times))
     effects = suited(toy.effects(knob, f"{knob}_each"), 1.0, plan.scale)
     backend = Zoomed(times=times)
     base = dataclasses.replace(toy.base(axes=False), backend=backend)
-    library = build(base, plan, effects, lambda tasks: toy.run(tasks, backend))
+    library = build_library(base, plan, effects, lambda tasks: toy.run(tasks, backend))
     own, each = library.effects
     step = 0.05 * each.size.high
     low, high = (0.012 * predict(library, (own,), np.array([[s * step]]), 0.012)[0][0] for s in (-1.0, 1.0))
@@ -178,7 +180,7 @@ def test_what_every_curve_has_for_itself_moves_it_as_it_moves_all(times, knob):
 def test_a_dent_is_no_repeat_in_a_small_test_either():
     """What comes after a travel of 0.04 mm is no repeat of the first test where all of them go 0.04 mm."""
     for times in (1.0, 0.01):
-        plan = make_plan(laboratory(toy.TRUTH, times)[:1])
+        plan = make_test_plan(laboratory(toy.TRUTH, times)[:1])
         assert sorted(len(v) for v in noise._alike(plan.tests, plan.scale)) == [1, 3]
 
 
@@ -187,7 +189,7 @@ def test_regions_are_called_by_depths_that_differ(times):
     marks = np.repeat([2.0, 4.0], 3) * times
     x = np.tile([0.0, 1.0, 2.0], 2)
     profile = Repeat("1", marks, None, {"x": x, "y": 0 * x, "uz": 0 * x}, {}, np.full(6, "loading"))
-    plan = make_plan([*laboratory(toy.TRUTH, times), toy.experiment("marks", (profile,))])
+    plan = make_test_plan([*laboratory(toy.TRUTH, times), toy.experiment("marks", (profile,))])
     names = [(e, c, name) for e, c, name, _ in _regions(plan)]
     assert len(set(names)) == len(names)
     depths = [tuple(map(float, re.findall(r"[\d.]+", name))) for *_, name in names]

@@ -10,8 +10,8 @@ import pytest
 
 from rso.contract import plain
 from rso.data import Repeat
-from rso.discrepancy import Diagnosis, Library, build, diagnose, make_plan
-from rso.discrepancy.diagnosis_results import LEADING, leading, residuals, signatures
+from rso.discrepancy import Diagnosis, Library, build_library, diagnose, make_test_plan
+from rso.discrepancy.diagnosis_results import LEADING, leading_hypotheses, residual_panels, signature_panels
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.verdict import BEATEN
 
@@ -31,7 +31,7 @@ def case(of: str) -> tuple[Library, Diagnosis]:
     """Repeats, a cycle, lateral forces, a hold, marks and a curve kept for validation."""
     truth, chain = {**toy.TRUTH, **PLANTED[of][0]}, PLANTED[of][1]
     rng = np.random.default_rng(3)
-    plan = make_plan(
+    plan = make_test_plan(
         [
             toy.experiment("load", toy.recorded(truth, rng, repeats=3, **chain)),
             toy.experiment("cycle", toy.recorded(truth, rng, unload=True, earlier=4.0, **chain), after=("load",)),
@@ -43,7 +43,7 @@ def case(of: str) -> tuple[Library, Diagnosis]:
             toy.experiment("deep", toy.recorded(truth, rng, peak=6.0, **chain), role="validate"),
         ]
     )
-    library = build(toy.base(axes=False), plan, toy.effects(*NAMES), toy.run)
+    library = build_library(toy.base(axes=False), plan, toy.effects(*NAMES), toy.run)
     return library, diagnose(library, 0, nulls=60)
 
 
@@ -58,7 +58,7 @@ PLANTED = {  # what is planted in the body, in the chain
 
 def told(of: str):
     library, d = case(of)
-    read = json.loads(json.dumps(plain([residuals(library.plan.seen(), d), signatures(library, d)])))
+    read = json.loads(json.dumps(plain([residual_panels(library.plan.seen(), d), signature_panels(library, d)])))
     return d, *read
 
 
@@ -104,11 +104,11 @@ def test_rivals_take_up_the_same_residual_as_they_were_fitted_to_it_too():
 
 def test_what_moves_no_mean_and_no_gap_have_no_signature():
     library, d = case("each")
-    assert "offset_each" in d.named and not any("offset_each" in s["added"] for s in signatures(library, d))
+    assert "offset_each" in d.named and not any("offset_each" in s["added"] for s in signature_panels(library, d))
     only = dataclasses.replace(d, posteriors={k: v for k, v in d.posteriors.items() if k in ("none", "offset_each")})
-    assert signatures(library, only) == []
+    assert signature_panels(library, only) == []
     library, d = case("nothing")
-    assert d.verdict == "no_gap" and signatures(library, d) == []
+    assert d.verdict == "no_gap" and signature_panels(library, d) == []
 
 
 def test_a_hypothesis_that_fell_keeps_its_signature():
@@ -118,7 +118,7 @@ def test_a_hypothesis_that_fell_keeps_its_signature():
     fallen = dataclasses.replace(
         d, chosen=rest, named=(), fits=fits, posteriors={**d.posteriors, rest.name: d.posteriors["none"]}
     )
-    before, after = signatures(library, d), signatures(library, fallen)
+    before, after = signature_panels(library, d), signature_panels(library, fallen)
     assert {"stiff", "twin"} < set(after[0]["added"])
     for b, a in zip(before, after, strict=True):
         assert b["added"] == a["added"]
@@ -129,10 +129,12 @@ def test_at_most_a_few_alone_and_the_pair_lead_each_with_its_effects_once():
     effects = {e.name: e for h in d.contest.hypotheses for e in h.effects if e.name in NAMES}
     pair = Hypothesis((effects["soften"], effects["bias"]))
     every = {h.name: None for h in d.contest.hypotheses if len(h.effects) < 2}
-    rows = leading(dataclasses.replace(d, chosen=pair, named=("soften", "bias"), posteriors={**every, pair.name: None}))
+    rows = leading_hypotheses(
+        dataclasses.replace(d, chosen=pair, named=("soften", "bias"), posteriors={**every, pair.name: None})
+    )
     assert [h.name for h in rows[:3]] == ["soften + bias", "soften", "bias"]
     assert len(rows) == 1 + LEADING == len({h.effects for h in rows})
     more = Hypothesis((effects["soften"],), True)
-    rows = leading(dataclasses.replace(d, chosen=more, named=("soften", "stiff"), posteriors=every))
+    rows = leading_hypotheses(dataclasses.replace(d, chosen=more, named=("soften", "stiff"), posteriors=every))
     assert [h.name for h in rows[:2]] == ["soften + unexplained", "stiff"]
     assert "soften" not in [h.name for h in rows]

@@ -14,7 +14,7 @@ import sample_studies as studies
 
 from rso.discrepancy.study_diagnosis import _fitted, ask
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 HERE = Path(__file__).parent
 STUDY = """
@@ -85,12 +85,12 @@ def test_what_a_calibration_knows_is_read_with_its_unit(tmp_path):
     known = 'effects = "all"\nknown = { compliance = "20 um/N", stiff = 0 }'
     text = STUDY.replace('effects = ["stiff", "soften"]', known)
     stated = text.replace("gain = 0.01 }", 'gain = 0.01, calibration = "0.5 %" }')
-    found = {e.name: e.known for e in ask(load(write(tmp_path, stated))).effects}
+    found = {e.name: e.known for e in ask(load_study(write(tmp_path, stated))).effects}
     assert (found["compliance"], found["stiff"], found["gain"], found["offset"]) == (0.02, 0.0, 0.005, None)
-    assert {e.name: e.known for e in ask(load(write(tmp_path, text))).effects}["gain"] is None
+    assert {e.name: e.known for e in ask(load_study(write(tmp_path, text))).effects}["gain"] is None
     for wrong, said in (("grip = 1", "no such effect"), ('gain = "2 mm"', "gain"), ("gain = -0.1", "at least 0")):
         with pytest.raises(StudyError, match=said) as error:
-            ask(load(write(tmp_path, text.replace("stiff = 0", wrong))))
+            ask(load_study(write(tmp_path, text.replace("stiff = 0", wrong))))
         assert "known" in str(error.value)
 
 
@@ -105,7 +105,7 @@ def test_what_a_calibration_knows_is_read_with_its_unit(tmp_path):
 )
 def test_what_a_run_fixed_must_be_fixed_alike_and_is_not_what_it_found(tmp_path, text, d1, fitted):
     """The open ones, in the order of the study whatever the hashes of strings."""
-    asked = ask(load(write(tmp_path / "toy", text)))
+    asked = ask(load_study(write(tmp_path / "toy", text)))
     best = {"name": "search 1", "values": {"mu": 0.011, "D1": d1}}
     found = {"backend": {"settings": dict(asked.study.backend.settings)}}
     found["best"] = {"search": "s", "candidate": "search 1"}
@@ -118,7 +118,7 @@ def test_what_a_run_fixed_must_be_fixed_alike_and_is_not_what_it_found(tmp_path,
 @pytest.mark.parametrize("wrong", [None, "settings", "candidate", "values"])
 def test_parameters_that_a_run_found_are_the_model_before(tmp_path, wrong):
     """The best candidate of the same model; of another model, or of other parameters, it says nothing."""
-    asked = ask(load(write(tmp_path / "toy")))
+    asked = ask(load_study(write(tmp_path / "toy")))
     best = {"name": "search 2", "values": {"mu": 0.011, "D1": 40.0}}
     search = {"name": "search", "candidates": [{"name": "search 1", "values": {"mu": 0.02, "D1": 20.0}}, best]}
     found = {
@@ -180,7 +180,9 @@ def test_a_second_call_computes_nothing_and_says_the_same(folder):
 
 
 def test_effects_of_channels_that_were_not_measured_are_no_effects_of_the_study(tmp_path):
-    names = {e.name for e in ask(load(write(tmp_path, STUDY.replace('effects = ["stiff", "soften"]', "")))).effects}
+    names = {
+        e.name for e in ask(load_study(write(tmp_path, STUDY.replace('effects = ["stiff", "soften"]', "")))).effects
+    }
     assert "gain" in names and not names & {"cross_x", "cross_y"}
 
 
@@ -206,7 +208,7 @@ def fixing(*names: str) -> str:
 )
 def test_axes_of_simulations_are_what_is_open(tmp_path, names, axes):
     """An open D1 over 1/mu, as ever; mu itself, half as far again on each side, where D1 is fixed."""
-    asked = ask(load(write(tmp_path, fixing(*names))))
+    asked = ask(load_study(write(tmp_path, fixing(*names))))
     base = asked.base
     assert [a.name for a in base.axes] == list(axes) and base.modulus == "mu"
     for a in base.axes:
@@ -214,7 +216,7 @@ def test_axes_of_simulations_are_what_is_open(tmp_path, names, axes):
     assert (base.low == base.high == base.reference == 0.012) is ("mu" in names)
     assert {a.name: a.kept for a in base.axes if a.kept} == ({} if "D1" in names else {"D1": (15.0, 150.0)})
     loose = fixing(*names).replace("[diagnose]\n", "[diagnose]\nkeep_ranges = false\n")
-    assert not any(a.kept for a in ask(load(write(tmp_path / "loose", loose))).base.axes)
+    assert not any(a.kept for a in ask(load_study(write(tmp_path / "loose", loose))).base.axes)
     assert dict(base.held) == ({"D1": -1} if "D1" in names else {})
     assert not {"mu", "D1"} & {e.size.name for e in asked.effects}
 
@@ -224,11 +226,11 @@ def test_a_narrow_range_is_kept_too(tmp_path, scale):
     """Of mu and D1 by which their product spans less than four times."""
     text = STUDY.replace(RANGE["mu"], 'mu = { low = "10 kPa", high = "14 kPa" }')
     text = text.replace(RANGE["D1"], f'D1 = {{ low = "50 1/MPa", high = "75 1/MPa"{scale} }}')
-    (a,) = ask(load(write(tmp_path, text))).base.axes
+    (a,) = ask(load_study(write(tmp_path, text))).base.axes
     assert a.kept == (50.0, 75.0) and a.log
     np.testing.assert_allclose((a.low, a.high), (0.5, 1.05), rtol=1e-12)
     loose = text.replace("[diagnose]\n", "[diagnose]\nkeep_ranges = false\n")
-    (a,) = ask(load(write(tmp_path / "loose", loose))).base.axes
+    (a,) = ask(load_study(write(tmp_path / "loose", loose))).base.axes
     assert a.kept is None and a.log is bool(scale)
 
 
@@ -239,7 +241,7 @@ def test_whatever_is_fixed_with_a_stress_in_its_unit_moves_over_the_modulus_and_
     (old,) = re.findall(r"^D1 = .*$", text, re.M)
     new = 'D1 = { value = "4 1/MPa" }\nweight = { value = 1e-5 }\nC20 = { value = 0.0 }\nfriction = { value = 0.1 }'
     (tmp_path / "study.toml").write_text(text.replace(old, new), encoding="utf-8")
-    asked = ask(load(tmp_path / "study.toml"))
+    asked = ask(load_study(tmp_path / "study.toml"))
     names = {e.size.name for e in asked.effects}
     assert [a.name for a in asked.base.axes] == ["mu"] and "weight" not in names and {"C20", "friction"} <= names
     values = asked.base.values((np.log(0.02),))
@@ -250,7 +252,7 @@ def test_whatever_is_fixed_with_a_stress_in_its_unit_moves_over_the_modulus_and_
 
 def test_a_study_that_fixes_all_is_refused_with_what_to_write(tmp_path):
     with pytest.raises(StudyError, match=r"study\.toml:9: parameters: .*at least one parameter needs low and high"):
-        ask(load(write(tmp_path, fixing("mu", "D1"))))
+        ask(load_study(write(tmp_path, fixing("mu", "D1"))))
 
 
 def test_a_study_with_a_fixed_parameter_is_diagnosed_and_says_so(tmp_path):
@@ -284,7 +286,7 @@ def test_a_broken_study_is_refused_with_file_and_key(tmp_path, case):
     assert old in STUDY
     path = write(tmp_path, STUDY.replace(old, new))
     with pytest.raises(StudyError) as error:
-        ask(load(path))
+        ask(load_study(path))
     assert "study.toml" in str(error.value) and message in str(error.value)
 
 
@@ -299,7 +301,7 @@ def test_a_test_too_deep_for_the_backend_is_named_before_anything_is_computed(tm
     monkeypatch.setattr(type(toy.BACKEND), "check", check)
     monkeypatch.syspath_prepend(str(HERE))
     with pytest.raises(StudyError) as found:
-        ask(load(write(tmp_path)))
+        ask(load_study(write(tmp_path)))
     assert words in str(found.value) and "experiments[0].data" in str(found.value)
 
 
@@ -365,7 +367,7 @@ def test_a_record_of_minutes_has_a_lag_and_a_drift_of_minutes(tmp_path):
         path = write(tmp_path / unit, text)
         for data in path.parent.glob("*.csv"):
             data.write_text(data.read_text().replace("time_s", f"time_{unit}"))
-        asked = ask(load(path))
+        asked = ask(load_study(path))
         found.append({e.name: e.size.high for e in asked.effects} | {"times": asked.plan.times})
     (quick, longest), (slow, last) = (f["times"] for f in found)
     assert 1.5 < quick < 20.0 < slow and 5.0 < longest < 100.0 < last

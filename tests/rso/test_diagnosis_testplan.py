@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rso.data import Measurement, Noise, Repeat
-from rso.discrepancy import make_plan
+from rso.discrepancy import make_test_plan
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.library.simulations import passes, passes_of
@@ -26,7 +26,7 @@ def rng(seed: int = 0) -> np.random.Generator:
 
 def test_bins_keep_the_means_of_every_branch():
     repeats = toy.recorded(toy.TRUTH, rng(), unload=True, lateral=True, readings=97)
-    plan = make_plan([toy.experiment("a", repeats)])
+    plan = make_test_plan([toy.experiment("a", repeats)])
     (test,), (r,) = plan.tests, repeats
     for k, branch in enumerate(("loading", "unloading")):
         mine, own = test.branch == k, r.segment == branch
@@ -46,7 +46,7 @@ def test_a_bin_of_many_readings_lies_on_their_curve(power):
     """The mean force of 1500 readings is that at their depth: of a ball, and nearly so of others beyond the first."""
     u = np.linspace(0.0, 4.0, 20001)[1:]
     r = Repeat("1", u, u / 0.5, {"Fz": 0.04 * u**power}, {}, np.full(len(u), "loading"))
-    (test,) = make_plan([toy.experiment("a", (r,))]).tests
+    (test,) = make_test_plan([toy.experiment("a", (r,))]).tests
     off = test.values["Fz"] / (0.04 * test.depth**power) - 1.0
     assert np.abs(off[1:]).max() < (1e-6 if power == 1.5 else 0.03)
     assert np.abs(off[4:]).max() < 3e-3
@@ -54,7 +54,7 @@ def test_a_bin_of_many_readings_lies_on_their_curve(power):
 
 
 def test_the_data_vector_holds_every_value_in_the_order_of_its_rows():
-    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    plan = make_test_plan(toy.laboratory(toy.TRUTH, 0))
     y, used = plan.values(), np.zeros(plan.n, int)
     for item, c, at in plan.rows():
         np.testing.assert_array_equal(y[at], item.values[c])
@@ -64,7 +64,7 @@ def test_the_data_vector_holds_every_value_in_the_order_of_its_rows():
 
 def test_few_readings_are_bins_of_their_own():
     repeats = toy.recorded(toy.TRUTH, rng(), readings=9)
-    (test,) = make_plan([toy.experiment("a", repeats)]).tests
+    (test,) = make_test_plan([toy.experiment("a", repeats)]).tests
     np.testing.assert_array_equal(test.values["Fz"], repeats[0].channels["Fz"])
 
 
@@ -72,7 +72,7 @@ def test_tests_come_in_the_order_of_testing_and_know_the_deepest_travel_before()
     second = toy.experiment("second", toy.recorded(toy.TRUTH, rng(), peak=3.0), after=("first",))
     first = toy.experiment("first", toy.recorded(toy.TRUTH, rng(), peak=5.0, repeats=2))
     elsewhere = toy.experiment("elsewhere", toy.recorded(toy.TRUTH, rng()), point=(10.0, 0.0), after=("first",))
-    plan = make_plan([second, first, elsewhere])
+    plan = make_test_plan([second, first, elsewhere])
     peak = {t.label + plan.experiments[t.experiment].name: t.earlier for t in plan.tests}
     assert peak["1first"] == 0.0 and peak["1elsewhere"] == 0.0
     np.testing.assert_allclose(peak["2first"], 5.0, atol=0.05)
@@ -83,7 +83,7 @@ def test_an_experiment_that_comes_after_itself_is_refused():
     one = toy.experiment("one", toy.recorded(toy.TRUTH, rng()), after=("two",))
     two = toy.experiment("two", toy.recorded(toy.TRUTH, rng()), after=("one",))
     with pytest.raises(ValueError, match="comes after itself"):
-        make_plan([one, two])
+        make_test_plan([one, two])
 
 
 def test_experiments_of_equal_settings_share_a_place():
@@ -91,7 +91,7 @@ def test_experiments_of_equal_settings_share_a_place():
     b = toy.experiment("b", toy.recorded(toy.TRUTH, rng()), speed=0.5)
     b = dataclasses.replace(b, speed=5.0, settings={**b.settings, "speed": "5 mm/s", "unload": True})
     c = toy.experiment("c", toy.recorded(toy.TRUTH, rng()), point=(10.0, 0.0))
-    plan = make_plan([a, b, c])
+    plan = make_test_plan([a, b, c])
     assert [t.place for t in plan.tests] == [0, 0, 1] and len(plan.places) == 2
     assert all("speed" not in p.settings for p in plan.places)
 
@@ -99,7 +99,7 @@ def test_experiments_of_equal_settings_share_a_place():
 def test_the_deepest_travel_is_rounded_so_that_data_sets_share_a_library():
     deepest = []
     for peak in (3.98, 4.0, 4.04):
-        plan = make_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng(), peak=peak))])
+        plan = make_test_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng(), peak=peak))])
         deepest.append(plan.places[0].deepest)
         assert plan.places[0].deepest % STEP == 0
         assert plan.places[0].deepest > peak - 0.25 * STEP
@@ -109,7 +109,7 @@ def test_the_deepest_travel_is_rounded_so_that_data_sets_share_a_library():
 def test_a_hold_is_binned_along_the_logarithm_of_time():
     """All its readings count, at the depth where they were taken; its first bins are the shortest."""
     (r,) = toy.recorded(toy.TRUTH, rng(), hold=100.0)
-    (t,) = make_plan([toy.experiment("a", (r,))]).tests
+    (t,) = make_test_plan([toy.experiment("a", (r,))]).tests
     assert t.count[t.held].sum() == np.sum(r.segment == "hold") and not t.returns
     np.testing.assert_allclose(t.since[t.held], t.time[t.held] - np.ptp(r.time[r.segment == "loading"]), rtol=1e-9)
     assert np.all(t.since[~t.held] == 0.0) and np.all(np.diff(t.count[t.held][1:]) >= 0)
@@ -129,7 +129,7 @@ def test_time_in_a_hold_counts_from_where_the_machine_stopped_between_two_readin
         segment=r.segment[dropped],
         channels={c: v[dropped] for c, v in r.channels.items()},
     )
-    (whole,), (test,) = (make_plan([toy.experiment("a", (v,))]).tests for v in (r, cut))
+    (whole,), (test,) = (make_test_plan([toy.experiment("a", (v,))]).tests for v in (r, cut))
     # toy.recorded has no noise in its depths and times
     np.testing.assert_allclose(test.since[test.held], whole.since[whole.held], rtol=0.0, atol=1e-9)
     assert test.rest == pytest.approx(whole.rest, abs=1e-9)
@@ -142,7 +142,7 @@ def test_holds_that_nobody_can_follow_are_left_out_and_said_so(how):
     segment[-20:] = "hold"
     segment[-1] = "loading" if how == "elsewhere" else "hold"
     r = dataclasses.replace(r, segment=segment, time=None if how == "without times" else r.time)
-    plan = make_plan([toy.experiment("a", (r,))])
+    plan = make_test_plan([toy.experiment("a", (r,))])
     assert plan.tests[0].count.sum() == np.sum(segment == "loading") and not plan.tests[0].held.any()
     assert how in plan.notes[0] and f"{np.sum(segment == 'hold')} readings of a hold" in plan.notes[0]
 
@@ -154,16 +154,16 @@ def test_places_are_called_by_their_point_or_where_several_have_it_by_a_test():
     made.append(toy.experiment("c", (r,), point=(20.0, 2.5)))
     pointless = toy.experiment("d", (r,))
     made.append(dataclasses.replace(pointless, settings={"support": "held"}))
-    labels = make_plan(made).labels()
+    labels = make_test_plan(made).labels()
     assert list(labels) == ["a", "b", "(20, 2.5)", "d"]
-    assert list(labels.values()) == [p.settings for p in make_plan(made).places]
+    assert list(labels.values()) == [p.settings for p in make_test_plan(made).places]
 
 
 def test_a_tare_before_the_test_is_no_hold_in_it():
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
     top = int(np.argmax(r.depth)) + 1
     segment = np.array(["hold"] * 3 + ["loading"] * (top - 3) + ["unloading"] * (len(r.depth) - top))
-    plan = make_plan([toy.experiment("a", (dataclasses.replace(r, segment=segment),))])
+    plan = make_test_plan([toy.experiment("a", (dataclasses.replace(r, segment=segment),))])
     assert np.any(plan.tests[0].branch == 1)
 
 
@@ -183,7 +183,7 @@ def test_the_way_back_after_a_hold_is_used_where_times_tell_how_long_it_was(seco
         segment=segment,
         channels={c: put(v) for c, v in r.channels.items()},
     )
-    plan = make_plan([toy.experiment("a", (held,))])
+    plan = make_test_plan([toy.experiment("a", (held,))])
     assert plan.tests[0].returns == kept and bool(plan.places[0].peaks) == kept
     assert any("unloading after a hold" in note for note in plan.notes) != kept
     assert plan.tests[0].count[plan.tests[0].held].sum() == (4 if seconds else 0)
@@ -194,7 +194,7 @@ def test_the_way_back_after_a_hold_is_used_where_times_tell_how_long_it_was(seco
 def test_rest_and_pace_of_the_way_back_are_those_of_the_record(pace, hold):
     """A speed that is nearly that of the way there is that; rest to 2 %, what the machine needs to turn is no rest."""
     repeats = toy.recorded(toy.TRUTH, rng(), unload=True, hold=hold, pace=pace)
-    (test,) = make_plan([toy.experiment("a", repeats)]).tests
+    (test,) = make_test_plan([toy.experiment("a", repeats)]).tests
     assert test.rest == pytest.approx(hold, rel=0.02)
     assert test.pace == (1.0 if pace in (1.0, 1.05) else pytest.approx(pace, rel=0.03))
 
@@ -213,7 +213,7 @@ def test_a_pause_on_the_way_back_is_no_slow_way_and_air_before_contact_no_loadin
         segment=np.concatenate([["loading"] * n, r.segment]),
     )
     for record in (paused, late):
-        (test,) = make_plan([toy.experiment("a", (record,), speed=speed)]).tests
+        (test,) = make_test_plan([toy.experiment("a", (record,), speed=speed)]).tests
         assert test.pace == 1.0 and test.rest == pytest.approx(5.0, rel=0.03)
 
 
@@ -221,7 +221,7 @@ def test_rests_that_are_nearly_the_same_are_one_way():
     """Repeats of one programme rest and return as a machine can: one way there, one after an earlier test, and back."""
     programme = ((30.0, 0.8), (30.5, 0.79), (30.2, 0.82), (29.6, 0.81), (0.0, 1.0))
     every = [r for rest, pace in programme for r in toy.recorded(toy.TRUTH, rng(), unload=True, hold=rest, pace=pace)]
-    plan = make_plan([toy.experiment("a", tuple(every))])
+    plan = make_test_plan([toy.experiment("a", tuple(every))])
     assert len({(t.rest, t.pace) for t in plan.tests}) == 5
     back = [p for p in passes(plan, 0) if p.peak is not None]
     assert sorted((p.earlier > 0, p.rest > 0) for p in back) == [(False, True), (True, False), (True, True)]
@@ -232,8 +232,8 @@ def test_single_readings_out_of_line_are_left_out_and_said_so():
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True, readings=80)
     v = r.channels["Fz"].copy()
     v[[11, 30, 31]] += 40 * v.std(), -30 * v.std(), 1e5
-    plan = make_plan([toy.experiment("a", (dataclasses.replace(r, channels={**r.channels, "Fz": v}),))])
-    clean = make_plan([toy.experiment("a", (r,))])
+    plan = make_test_plan([toy.experiment("a", (dataclasses.replace(r, channels={**r.channels, "Fz": v}),))])
+    clean = make_test_plan([toy.experiment("a", (r,))])
     (note,) = plan.notes
     assert "repeat" in note and "3 reading(s) out of line" in note and clean.notes == ()
     # what is left lies within a bin's scatter of what was there before
@@ -249,13 +249,15 @@ def test_a_jump_that_stays_is_no_spike():
     (r,) = toy.recorded(toy.TRUTH, rng(), readings=80)
     v = r.channels["Fz"].copy()
     v[40:] -= 20 * v.std()  # a slip
-    assert make_plan([toy.experiment("a", (dataclasses.replace(r, channels={**r.channels, "Fz": v}),))]).notes == ()
+    assert (
+        make_test_plan([toy.experiment("a", (dataclasses.replace(r, channels={**r.channels, "Fz": v}),))]).notes == ()
+    )
 
 
 def test_times_follow_from_the_speed_where_none_were_recorded():
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
-    (with_time,) = make_plan([toy.experiment("a", (r,))]).tests
-    (without,) = make_plan([toy.experiment("a", (dataclasses.replace(r, time=None),))]).tests
+    (with_time,) = make_test_plan([toy.experiment("a", (r,))]).tests
+    (without,) = make_test_plan([toy.experiment("a", (dataclasses.replace(r, time=None),))]).tests
     # the turn lies between two readings, 0.1 s apart
     np.testing.assert_allclose(without.time - without.time[0], with_time.time - with_time.time[0], rtol=0, atol=0.1)
 
@@ -265,7 +267,7 @@ def test_a_profile_alone_is_no_diagnosis():
     channels = {"x": np.zeros(2), "y": np.zeros(2), "uz": -u}
     r = Repeat("1", u, None, channels, {}, np.full(2, "loading"))
     with pytest.raises(ValueError, match="no force curve"):
-        make_plan([toy.experiment("profile", (r,))])
+        make_test_plan([toy.experiment("profile", (r,))])
 
 
 # ------------------------------------------------------------------------------------------------------------ noise
@@ -294,7 +296,7 @@ def synthetic(
 
 
 def level(experiments, channel: str = "Fz") -> noise.NoiseLevel:
-    return noise.levels(make_plan(experiments))[channel]
+    return noise.noise_levels(make_test_plan(experiments))[channel]
 
 
 def test_white_noise_is_recovered_from_the_readings():
@@ -371,14 +373,14 @@ def test_a_few_noiseless_readings_still_have_a_covariance():
 
 def test_covariance_is_that_of_readings_with_such_noise():
     """White, correlated, gain and contact noise simulated reading by reading against the matrix, world error apart."""
-    plan = make_plan(synthetic(2, 0))
+    plan = make_test_plan(synthetic(2, 0))
     n, test = plan.n, plan.tests[0]
     q = noise.NoiseLevel(2e-3, 3e-3, 0.5, 0.03, 0.05, 0.01, "stated")
     F, slope = 0.03 * np.tile(test.depth, 2) ** 1.5, 0.045 * np.tile(test.depth, 2) ** 0.5
     library = type("L", (), {})()
     library.plan, library.base = plan, type("B", (), {"backend": None})()
     library.places = (type("P", (), {"u": np.array([0.0, 9.0]), "error": np.zeros((3, 2))})(),)
-    C = noise.covariance(library, {"Fz": q}, F, slope)
+    C = noise.data_covariance(library, {"Fz": q}, F, slope)
     g, found = rng(5), []
     half = n // 2
     K = q.correlated**2 * np.exp(-np.abs(test.depth[:, None] - test.depth) / q.length)
@@ -421,7 +423,7 @@ def test_bins_lie_on_the_curve_however_unevenly_it_was_read(how):
     depth = 0.5 * (np.maximum(t, 0.0) if how == "a wait" else t)
     force = 0.04 * np.maximum(depth, 0.0) ** 1.5
     r = Repeat("1", depth, t - t[0] + 1.7e9, {"Fz": force}, {}, np.full(len(t), "loading"))
-    (test,) = make_plan([toy.experiment("a", (r,))]).tests
+    (test,) = make_test_plan([toy.experiment("a", (r,))]).tests
     pressing = test.depth > 0.01
     assert pressing.sum() >= 13 and np.sum(~pressing) <= 3
     want = 0.04 * test.depth[pressing] ** 1.5
@@ -439,5 +441,5 @@ def test_a_way_back_that_has_hardly_begun_is_no_branch():
         segment=r.segment[:few],
         channels={c: v[:few] for c, v in r.channels.items()},
     )
-    plan = make_plan([toy.experiment("a", (begun,))])
+    plan = make_test_plan([toy.experiment("a", (begun,))])
     assert not plan.tests[0].returns and plan.places[0].peaks == () and "hardly begun" in plan.notes[0]

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from rso.data import Noise, Repeat
-from rso.discrepancy import build, diagnose, make_plan, story
+from rso.discrepancy import build_library, diagnose, diagnosis_data, make_test_plan
 from rso.discrepancy.diagnosis import _beyond, _sides, most_left
 from rso.discrepancy.evidence.attribution import SHARES, Comparison, Evidence, critical, set_up
-from rso.discrepancy.evidence.cross_validation import HeldOut, held_out, predicts
+from rso.discrepancy.evidence.cross_validation import HeldOut, held_out_evidence, predicts
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.evidence.shrinkage import Gap, summarise
-from rso.discrepancy.evidence.verdict import judge
-from rso.discrepancy.parameters import _outside, about, unproved
+from rso.discrepancy.evidence.verdict import judge_comparison
+from rso.discrepancy.parameters import _outside, parameter_sentences, unproved
 from rso.discrepancy.wording import (
     _alone,
     _cause,
@@ -63,9 +63,9 @@ def contest(**log_evidence: float) -> Comparison:
     ],
 )
 def test_verdicts(found, verdict, named):
-    said = judge(contest(**found), True)
+    said = judge_comparison(contest(**found), True)
     assert said.verdict == verdict and set(said.named) == set(named)
-    assert judge(contest(**found), False).verdict == "no_gap"
+    assert judge_comparison(contest(**found), False).verdict == "no_gap"
 
 
 def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
@@ -158,8 +158,8 @@ def test_the_size_of_what_scatters_is_read_from_the_data(scatter):
     (gain,) = toy.effects("gain_each")
     rng = np.random.default_rng(4)
     records = toy.recorded(toy.TRUTH, rng, repeats=8, scatter=scatter)
-    plan = make_plan([toy.experiment("a", records, noise=Noise(Fz=toy.WHITE, gain=1e-3))])
-    library = build(toy.base(axes=False), plan, (gain,), toy.run)
+    plan = make_test_plan([toy.experiment("a", records, noise=Noise(Fz=toy.WHITE, gain=1e-3))])
+    library = build_library(toy.base(axes=False), plan, (gain,), toy.run)
     y = plan.values()
     bench = set_up(library, y)
     size, low, high = Evidence(bench, library.effects).scatter(gain, y, 0.9)
@@ -200,9 +200,9 @@ UNUSUAL = {
 
 @pytest.mark.parametrize("what", UNUSUAL)
 def test_an_unusual_plan_has_a_story(what):
-    plan = make_plan(UNUSUAL[what](np.random.default_rng(0)))
-    library = build(toy.base(axes=False), plan, toy.effects("stiff", "twin", "compliance"), toy.run)
-    found = story(library, diagnose(library, 0, nulls=40), (), toy.run, "toy")
+    plan = make_test_plan(UNUSUAL[what](np.random.default_rng(0)))
+    library = build_library(toy.base(axes=False), plan, toy.effects("stiff", "twin", "compliance"), toy.run)
+    found = diagnosis_data(library, diagnose(library, 0, nulls=40), (), toy.run, "toy")
     assert found["words"]
 
 
@@ -258,12 +258,12 @@ def test_parameters_are_said_one_by_one_in_the_units_of_people():
         },
     }
     units = {"units": {"mu": "MPa", "D1": "1/MPa"}, "effects": [{"name": "friction", "label": "rubbing"}]}
-    assert about(d, units) == [
+    assert parameter_sentences(d, units) == [
         "mu moves from 14.16 kPa (90 % 13.92 to 14.39) to 13.28 kPa (90 % 12.99 to 13.55).",
         "D1 moves from 22.6 /MPa (90 % 15 to 31) to 4.77 /MPa (90 % 1.3 to 10.6).",
     ]
     same = d | {"parameters": {"before": d["parameters"]["after"], "after": d["parameters"]["after"]}}
-    assert about(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
+    assert parameter_sentences(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
 
 
 def test_how_well_a_parameter_is_known_is_said_with_what_that_hangs_on():
@@ -282,19 +282,21 @@ def test_how_well_a_parameter_is_known_is_said_with_what_that_hangs_on():
             "if_nothing_else": {"mu": band(0.0098, 0.01, 0.0102)},
         },
     }
-    assert about(d, found) == [
+    assert parameter_sentences(d, found) == [
         "mu is 10.2 kPa (90 % 9.6 to 12). It is known to 3 % (9.7 to 10.3 kPa) without compliant load train, else "
         "known to 12 % (9.6 to 12 kPa): the data neither show nor exclude it."
     ]
     proof = "That does not prove its parameters: known are mu to 2 % if nothing is missing, else to 12 %."
     assert unproved(d) == [proof]
     several = d | {"reach": {"mu": {"by": [], "without": None}}}
-    assert "known to 2 % (9.8 to 10.2 kPa) if nothing is missing" in about(several, found)[0]
+    assert "known to 2 % (9.8 to 10.2 kPa) if nothing is missing" in parameter_sentences(several, found)[0]
     shown = d | {"parameters": d["parameters"] | {"after": {"mu": band(0.0098, 0.01, 0.0102)}}}
-    assert about(shown, found) == ["mu is 10 kPa (90 % 9.8 to 10.2)."] and unproved(shown) == []
+    assert parameter_sentences(shown, found) == ["mu is 10 kPa (90 % 9.8 to 10.2)."] and unproved(shown) == []
     trusted = found | {"trusted": {"gain": {"sd": 0.02, "stated": False}}}
-    assert "the gain of the cell to 2 %" in about(shown, trusted)[-1]
-    assert about(shown, found | {"trusted": {"gain": {"sd": 0.02, "stated": True}}}) == about(shown, found)
+    assert "the gain of the cell to 2 %" in parameter_sentences(shown, trusted)[-1]
+    assert parameter_sentences(
+        shown, found | {"trusted": {"gain": {"sd": 0.02, "stated": True}}}
+    ) == parameter_sentences(shown, found)
 
 
 def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
@@ -397,8 +399,8 @@ def test_a_factor_of_every_test_that_is_a_part_may_be_the_specimen_s_too():
 def test_without_any_force_no_modulus_is_known_to_predict_forces_with():
     """Of one force curve and a profile: the curve left out had G = 1e8, and of that 75 % was said to be closed."""
     rng = np.random.default_rng(0)
-    plan = make_plan([loading(rng), toy.experiment("marks", profile(rng))])
-    library = build(toy.base(axes=False), plan, toy.effects("stiff", "skin"), toy.run)
+    plan = make_test_plan([loading(rng), toy.experiment("marks", profile(rng))])
+    library = build_library(toy.base(axes=False), plan, toy.effects("stiff", "skin"), toy.run)
     d = diagnose(library, 0, nulls=40)
     assert [c.curve for c in d.shrinkage.curves] == ["marks"] and d.shrinkage.before < 3.0
     assert d.shrinkage.how.startswith("each left out in turn where forces remain beside it, the cause")
@@ -480,12 +482,12 @@ def test_what_one_experiment_alone_can_show_is_said_to_be_unconfirmed():
 def test_an_effect_is_asked_of_what_can_show_it():
     """Backlash shows on the way back, which one of two experiments has; both say something of a stiffening."""
     rng = np.random.default_rng(2)
-    plan = make_plan([loading(rng), toy.experiment("cycle", toy.recorded(toy.TRUTH, rng, unload=True))])
-    library = build(toy.base(axes=False), plan, toy.effects("stiff", "backlash"), toy.run)
+    plan = make_test_plan([loading(rng), toy.experiment("cycle", toy.recorded(toy.TRUTH, rng, unload=True))])
+    library = build_library(toy.base(axes=False), plan, toy.effects("stiff", "backlash"), toy.run)
     y, effects = plan.values(), {e.name: e for e in library.effects}
     bench = set_up(library, y)
     hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects.values())]
-    told = {h.experiment: set(h.gain) for h in held_out(bench, y, hypotheses)}
+    told = {h.experiment: set(h.gain) for h in held_out_evidence(bench, y, hypotheses)}
     assert "stiff" in told["cycle"] and "stiff" in told["load"]
     assert [t.returns for t in plan.tests] == [False, False, True]
     assert "backlash" in told["load"] and "backlash" not in told["cycle"]
@@ -510,7 +512,7 @@ def test_a_mount_that_creeps_may_be_a_body_that_does():
     for effect in toy.effects("creep", "bias"):
         verdict = "ambiguous" if effect.name == "creep" else "measurement"
         h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
-        told = judge(Comparison(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
+        told = judge_comparison(Comparison(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
         assert (told.verdict, told.named) == (verdict, (effect.name,))
     c = {
         "effect": "creep",
@@ -533,7 +535,7 @@ def test_what_gives_way_at_one_place_may_be_a_soft_spot_of_the_body():
     there = dataclasses.replace(everywhere, place={"point": [10.0, 0.0]}, label="(10, 0)")
     for effect in (everywhere, there):
         h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
-        told = judge(Comparison(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
+        told = judge_comparison(Comparison(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
         assert told.verdict == ("ambiguous" if effect.place else "measurement")
     c = {
         "effect": "compliance at (10, 0)",

@@ -5,9 +5,9 @@ import pytest
 import sample_studies as studies
 
 from rso.calibration.plan import fe_design, full_design, make_plan
-from rso.emulation.emulator import load
+from rso.emulation.emulator import load_emulator
 from rso.study.errors import StudyError
-from rso.study.loader import load as load_study
+from rso.study.loader import load_study as load_study
 
 PLAIN = "reduce = false\nheld_out = 0\n"
 
@@ -106,7 +106,7 @@ def test_whole_curves_in_a_study_and_surrogates_on_disk(tmp_path):
     np.testing.assert_allclose(best["mu"] * 1.0, studies.MU, rtol=0.1)  # the noise of the data
     story = next(s["story"] for s in found["surrogates"] if s["output"] == "top:Fz@2")
     assert "modes" in story and "95 % band" in story
-    emulator = load(tmp_path / "results" / "surrogates")
+    emulator = load_emulator(tmp_path / "results" / "surrogates")
     surface = next(s for s in found["surfaces"] if s["output"] == "top:Fz@2")
     output = next(o for o in emulator.outputs if o.id == "top:Fz@2")
     corner = emulator.predict(output, np.array([[0.0, 0.0]]))[0][0]

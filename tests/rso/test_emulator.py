@@ -11,7 +11,7 @@ from rso.core.similarity import group
 from rso.doe import Box, design
 from rso.emulation import beyond, saving
 from rso.emulation import emulator as emulators
-from rso.emulation.emulator import Output, Sample, learn, load, relearn, save
+from rso.emulation.emulator import Output, Sample, learn_emulator, load_emulator, relearn, save_emulator
 
 PARAMETERS = (Parameter("mu", "", "MPa", 0.006, 0.02), Parameter("D1", "", "1/MPa", 10.0, 150.0))
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (False, True))
@@ -42,7 +42,7 @@ def samples(n, seed=0, slopes=True):
 
 @pytest.mark.parametrize("similar", [GROUP, FREE])
 def test_derivatives_become_those_of_the_reduced_output_over_the_reduced_cube(similar):
-    bare = learn(BOX, similar, OUTPUTS, samples(6), kind="polynomial", seed=0, degree=1)
+    bare = learn_emulator(BOX, similar, OUTPUTS, samples(6), kind="polynomial", seed=0, degree=1)
     X, columns = emulators._data(bare)
     reduced, h = bare.reduced, 1e-5
     inner = np.clip(X, 2 * h, 1 - 2 * h)
@@ -63,7 +63,7 @@ def test_derivatives_of_the_responses_are_used_where_there_are_any(kind):
     truth = np.array([force(*t, 1.5) for t in BOX.from_unit(X)])
     errors, outputs = [], OUTPUTS if kind == "whole_curve" else OUTPUTS[2:3]
     for slopes in (True, False):
-        e = learn(BOX, FREE, outputs, samples(8, slopes=slopes), kind=kind, seed=0)
+        e = learn_emulator(BOX, FREE, outputs, samples(8, slopes=slopes), kind=kind, seed=0)
         errors.append(np.sqrt(np.mean((e.mean(OUTPUTS[2], X) / truth - 1) ** 2)))
     assert errors[0] < 0.5 * errors[1]
 
@@ -87,9 +87,9 @@ def test_what_a_response_says_about_one_travel():
 @pytest.mark.parametrize("similar", [GROUP, FREE])
 def test_an_emulator_on_disk_predicts_the_same_bits(tmp_path, kind, similar):
     outputs = OUTPUTS if kind == "whole_curve" else OUTPUTS[::3]
-    e = learn(BOX, similar, outputs, samples(8, slopes=kind == "kriging"), kind=kind, seed=0)
-    save(e, tmp_path / "surrogates")
-    copy = load(tmp_path / "surrogates")
+    e = learn_emulator(BOX, similar, outputs, samples(8, slopes=kind == "kriging"), kind=kind, seed=0)
+    save_emulator(e, tmp_path / "surrogates")
+    copy = load_emulator(tmp_path / "surrogates")
     X = np.random.default_rng(0).random((50, 2))
     for o in outputs:
         for a, b in zip(copy.predict(o, X), e.predict(o, X), strict=True):
@@ -102,15 +102,15 @@ def test_an_emulator_on_disk_predicts_the_same_bits(tmp_path, kind, similar):
 
 def test_files_hold_no_objects_and_must_belong_together(tmp_path):
     with pytest.raises(ValueError, match="cannot be saved"):
-        saving.save(tmp_path / "x", {"a": np.array([object()])})
+        saving.save_arrays(tmp_path / "x", {"a": np.array([object()])})
     with pytest.raises(ValueError, match="cannot be saved"):
-        saving.save(tmp_path / "x", {"a": object()})
-    saving.save(tmp_path / "x", {"a": np.arange(3), "b": [1.5, {"c": None}]})
-    assert saving.load(tmp_path / "x")["a"].tolist() == [0, 1, 2]
-    saving.save(tmp_path / "y", {})
+        saving.save_arrays(tmp_path / "x", {"a": object()})
+    saving.save_arrays(tmp_path / "x", {"a": np.arange(3), "b": [1.5, {"c": None}]})
+    assert saving.load_arrays(tmp_path / "x")["a"].tolist() == [0, 1, 2]
+    saving.save_arrays(tmp_path / "y", {})
     (tmp_path / "y.npz").replace(tmp_path / "x.npz")
     with pytest.raises(ValueError, match="do not match"):
-        saving.load(tmp_path / "x")
+        saving.load_arrays(tmp_path / "x")
 
 
 def test_whole_curves_are_learnt_together_and_few_travels_apart():
@@ -118,7 +118,7 @@ def test_whole_curves_are_learnt_together_and_few_travels_apart():
     runs = [
         dataclasses.replace(s, outputs={**s.outputs, both[-1].id: s.values["mu"] * s.values["D1"]}) for s in samples(12)
     ]
-    e = learn(BOX, GROUP, both, runs, kind="whole_curve", seed=0)
+    e = learn_emulator(BOX, GROUP, both, runs, kind="whole_curve", seed=0)
     curves = {id(getattr(e.surrogates[o.id], "curve", None)) for o in OUTPUTS}
     assert len(curves) == 1 and e.surrogates[both[-1].id].kind != "whole_curve"
     X = np.random.default_rng(0).random((20, 2))
@@ -138,13 +138,13 @@ def test_points_outside_the_hull_are_flagged():
     line = np.column_stack([np.linspace(0, 1, 5), np.linspace(0, 1, 5)])  # no volume: the box
     assert beyond(line, np.array([[0.5, 0.9], [0.5, 1.1]])).tolist() == [False, True]
     assert beyond(np.array([[0.2], [0.7]]), np.array([[0.1], [0.5]])).tolist() == [True, False]
-    e = learn(BOX, FREE, OUTPUTS[:1], samples(12), kind="polynomial", seed=0)
+    e = learn_emulator(BOX, FREE, OUTPUTS[:1], samples(12), kind="polynomial", seed=0)
     assert e.beyond(np.array([[0.0, 0.0], [0.5, 0.5]])).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("similar", [GROUP, FREE])
 def test_the_spread_of_an_output_is_that_over_the_ranges_whether_or_not_similarity_takes_a_parameter_out(similar):
-    e = learn(BOX, similar, OUTPUTS, samples(200, slopes=False), kind="polynomial", seed=0, degree=2)
+    e = learn_emulator(BOX, similar, OUTPUTS, samples(200, slopes=False), kind="polynomial", seed=0, degree=2)
     theta = BOX.from_unit(np.random.default_rng(0).random((4000, 2)))
     truth = np.array([force(*t, 2.0) for t in theta])
     # At the reference modulus an error is as large, relatively, as the force there.
@@ -159,7 +159,7 @@ def test_a_level_hides_no_error_and_a_constant_has_none():
     moved = [dataclasses.replace(s, outputs={o.id: s.outputs[o.id] + 1e5}) for s in runs]
     level = [dataclasses.replace(s, outputs={o.id: 1e5}) for s in runs]
     plain, high, flat = (
-        learn(BOX, FREE, [o], r, kind="polynomial", seed=0, degree=1).spread(o) for r in (runs, moved, level)
+        learn_emulator(BOX, FREE, [o], r, kind="polynomial", seed=0, degree=1).spread(o) for r in (runs, moved, level)
     )
     np.testing.assert_allclose(high, plain, rtol=1e-6)  # rounding of 1e5
     assert 0 < flat <= 1e-4

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.calibration.exit_codes import ended
-from rso.cli.checking import check
+from rso.calibration.exit_codes import exit_code_of
+from rso.cli.checking import check_lines
 from rso.contract import NotFinite, Response, SimulationFailed
 from rso.core.units import spaced
 from rso.evaluation.dispatch import simulate
-from rso.optimise.targets import Constraint, Target, against, within
+from rso.optimise.targets import Constraint, Target, against, excess_over_limits
 from rso.optimise.verification import agreement
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 FE = {
     "verified": True,
@@ -67,26 +67,26 @@ def test_the_first_reason_in_the_order_4_6_5_7_3_is_the_exit_code():
         "too deep",
     ]
     for k, (code, said) in enumerate(zip([4, 6, 5, 7, 3], words, strict=True)):
-        got, reason = ended(changed(**dict.fromkeys(everything[k:], True)), ["k"], strict=True)
+        got, reason = exit_code_of(changed(**dict.fromkeys(everything[k:], True)), ["k"], strict=True)
         assert got == code and said in reason and "\n" not in reason
-    assert ended(GOOD, ["k"], strict=True) == (0, None)
-    assert ended(changed(invalid=True), [], strict=False) == (0, None)
-    assert ended(changed(open=True), [], strict=True) == (0, None)  # nobody requires it
+    assert exit_code_of(GOOD, ["k"], strict=True) == (0, None)
+    assert exit_code_of(changed(invalid=True), [], strict=False) == (0, None)
+    assert exit_code_of(changed(open=True), [], strict=True) == (0, None)  # nobody requires it
 
 
 def test_strict_asks_for_a_verdict():
     found = copy.deepcopy(GOOD)
     found["predictions"] = []
-    assert ended(found, [], strict=True)[0] == 7 and ended(found, [], strict=False)[0] == 0
+    assert exit_code_of(found, [], strict=True)[0] == 7 and exit_code_of(found, [], strict=False)[0] == 0
     found["experiments"] = []
-    assert ended(found, [], strict=True) == (0, None)
+    assert exit_code_of(found, [], strict=True) == (0, None)
 
 
 def test_runs_outside_the_ranges_or_of_before_make_no_3():
     for purpose in ("repair", "interval", "stored"):
         found = changed(failed=True)
         found["runs"][-1]["purpose"] = purpose
-        assert ended(found, [], strict=False) == (0, None)
+        assert exit_code_of(found, [], strict=False) == (0, None)
 
 
 def test_a_target_of_zero_is_verified_by_its_own_size():
@@ -108,10 +108,13 @@ def test_limits_are_kept_to_the_rounding(low, high):
     limits = Constraint("e", "G", 1.0, low, high, "1")
     for limit, out in ((low, -1), (high, 1)):
         if np.isfinite(limit):
-            assert within(limits, "e:G@1", limit).met and within(limits, "e:G@1", limit - out * 1e-3).met
-            broken = within(limits, "e:G@1", limit + out * 1e-3)
+            assert (
+                excess_over_limits(limits, "e:G@1", limit).met
+                and excess_over_limits(limits, "e:G@1", limit - out * 1e-3).met
+            )
+            broken = excess_over_limits(limits, "e:G@1", limit + out * 1e-3)
             assert not broken.met and np.sign(broken.miss) == out and "G of e at 1 mm" in str(broken)
-    assert not within(limits, "e:G@1", np.nan).met
+    assert not excess_over_limits(limits, "e:G@1", np.nan).met
 
 
 def test_a_target_read_off_noisy_data_is_met_within_three_sigma_and_the_error_a_stated_one_within_one():
@@ -145,15 +148,15 @@ def test_a_response_that_is_no_number_at_one_depth_fails_and_keeps_the_others():
 def test_a_design_with_too_few_runs_is_refused_by_check_with_how_many_are_needed(tmp_path):
     few = studies.write(tmp_path, doe="runs = 3\nheld_out = 0\nreduce = false")
     with pytest.raises(StudyError, match=r"doe.runs: 3 runs are too few .* at least 4 are needed"):
-        check(load(few), tmp_path / "results", True)
+        check_lines(load_study(few), tmp_path / "results", True)
     enough = studies.write(tmp_path, doe="runs = 4\nheld_out = 0\nreduce = false")
-    assert check(load(enough), tmp_path / "results", True)[0].endswith("good")
+    assert check_lines(load_study(enough), tmp_path / "results", True)[0].endswith("good")
 
 
 def test_a_constraint_that_leaves_next_to_nothing_is_named(tmp_path):
     doe = 'runs = 8\nheld_out = 0\nreduce = false\nconstraints = ["D1 < 140", "mu * D1 < 0.0605"]'
     with pytest.raises(StudyError, match=r"'mu \* D1 < 0.0605' leaves .* %, 'D1 < 140' leaves 9\d %"):
-        check(load(studies.write(tmp_path, doe=doe)), tmp_path / "results", True)
+        check_lines(load_study(studies.write(tmp_path, doe=doe)), tmp_path / "results", True)
 
 
 def test_no_candidate_that_violates_a_constraint_is_the_best(tmp_path):

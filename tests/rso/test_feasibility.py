@@ -7,7 +7,7 @@ import sample_studies as studies
 from rso.calibration import pipeline
 from rso.core.similarity import Group
 from rso.doe import Box, latin
-from rso.emulation.feasibility import learn
+from rso.emulation.feasibility import learn_feasibility
 
 BOX = Box(("a", "b"), ("MPa", "mm"), (1.0, 2.0), (3.0, 20.0), (False, True))
 ALONE = Group(None, 1.0, {}, {}, "")
@@ -21,7 +21,7 @@ def truth(X):
 def region(n=40, seed=0, answer=truth):
     X = latin(2, n, seed)
     values = [dict(zip(BOX.names, row, strict=True)) for row in BOX.from_unit(X)]
-    return learn(BOX, ALONE, values, answer(X), seed)
+    return learn_feasibility(BOX, ALONE, values, answer(X), seed)
 
 
 def theta(X):
@@ -51,7 +51,10 @@ def test_without_failures_everything_and_without_answers_nothing_is_feasible():
     every, none = (region(answer=lambda X, v=v: np.full(len(X), v)) for v in (True, False))
     assert np.all(every.excess(theta(X)) < 0) and every.story() == "" and every.share(BOX, 0) == 0.0
     assert np.all(none.excess(theta(X)) > 0) and none.share(BOX, 0) == 1.0
-    assert learn(None, ALONE, [{"a": 1.0}], [True], 0) is None and learn(BOX, ALONE, [], [], 0) is None
+    assert (
+        learn_feasibility(None, ALONE, [{"a": 1.0}], [True], 0) is None
+        and learn_feasibility(BOX, ALONE, [], [], 0) is None
+    )
 
 
 def test_the_region_is_told_in_the_units_of_the_parameters():
@@ -68,7 +71,7 @@ def test_similarity_carries_the_region_along():
     group = Group("a", 2.0, {"a": 1, "b": -1}, {}, "")
     reduced = Box(("b",), ("1/MPa",), (0.5,), (30.0,), (True,))
     b = np.geomspace(0.5, 30.0, 20)
-    r = learn(reduced, group, [{"a": 2.0, "b": x} for x in b], b * 2.0 > 8.0, 0)
+    r = learn_feasibility(reduced, group, [{"a": 2.0, "b": x} for x in b], b * 2.0 > 8.0, 0)
     a, c = np.random.default_rng(0).uniform([1.0, 3.0], [3.0, 40.0], (200, 2)).T
     clear = np.abs(np.log(c / 8.0)) > 0.2
     found = r.excess({"a": a, "b": c / a}) <= 0

@@ -20,12 +20,12 @@ from rso.emulation.hermite import along_one
 from rso.evaluation.store import RunStore
 from rso.inference import Model, determine, expected_sd
 from rso.inference.likelihood import Misfit
-from rso.next_experiment.design_results import ENOUGH, by_truth, results, warnings
+from rso.next_experiment.design_results import ENOUGH, by_truth, design_data, design_warnings
 from rso.next_experiment.study_design import run_next
 from rso.optimal_design import PossibleExperiment, expected_information
 from rso.report.optimal_design.report import render_next, report
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 pytestmark = pytest.mark.usefixtures("curves_learnt_once")
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
@@ -136,10 +136,10 @@ def study(folder, table=NEXT):
 def found(tmp_path_factory):
     """`rso next` on a closed form where the force is μ(1 − …): depth tells nothing of D1, as its shape has no D1."""
     path = study(tmp_path_factory.mktemp("next"))
-    plan = make_plan(load(path))
+    plan = make_plan(load_study(path))
     with RunStore(path.parent / "results") as store:
         further = run_next(plan, store, Inline())
-    return further, results(plan, further, "test"), path
+    return further, design_data(plan, further, "test"), path
 
 
 def test_every_experiment_and_pair_is_asked_at_every_truth(found):
@@ -219,7 +219,7 @@ def test_page_and_command(found, tmp_path, capsys):
 def test_what_is_wrong_with_the_table_is_said_with_its_place(tmp_path, table, message):
     with pytest.raises(StudyError, match=r"study\.toml:\d+: next") as caught:
         path = study(tmp_path, "\n" + table + "\n")
-        plan = make_plan(load(path))
+        plan = make_plan(load_study(path))
         with RunStore(tmp_path / "results") as store:
             run_next(plan, store, Inline())
     assert message in str(caught.value)
@@ -239,7 +239,7 @@ def test_a_measured_profile_and_the_force_are_fitted_together(tmp_path, monkeypa
     (tmp_path / "top.csv").write_text("\n".join(top))
     (tmp_path / "p.csv").write_text("\n".join(marks))
     (tmp_path / "study.toml").write_text(PROFILE)
-    plan = make_plan(load(tmp_path / "study.toml"))
+    plan = make_plan(load_study(tmp_path / "study.toml"))
     with RunStore(tmp_path / "results") as store:
         further = run_next(plan, store, Inline())
     sd = {j.names: j.determination.of("D1").sd_log for j in further.joint}
@@ -302,7 +302,7 @@ def test_a_cubic_through_values_and_slopes_says_how_good_it_is():
 def test_data_of_the_ladder_backend_are_what_the_climb_sees(tmp_path):
     """One model behind both commands: the fit of `rso next` is the ladder's of the level that the study states."""
     path = study(tmp_path)
-    plan = make_plan(load(path))
+    plan = make_plan(load_study(path))
     with RunStore(tmp_path / "results") as store:
         further = run_next(plan, store, Inline())
     _, data = climbed(tmp_path / "ladder", "neo", 4e-4, 'levels = ["study"]')
@@ -332,10 +332,10 @@ def bent(folder, amplitude, sigma=2e-4):
     )
     top = studies.SECTIONS["[experiments]"].replace("0.02 mN", f"{1e3 * sigma} mN")
     table = 'truths = { D1 = [20, 60] }\nexperiments = [{ name = "deeper", depth = 3, noise = { Fz = "0.2 mN" } }]'
-    plan = make_plan(load(studies.write(folder, experiments=top, next=f"runs = 10\ndraws = 10\n{table}")))
+    plan = make_plan(load_study(studies.write(folder, experiments=top, next=f"runs = 10\ndraws = 10\n{table}")))
     with RunStore(folder / "results") as store:
         further = run_next(plan, store, Inline())
-    return further, results(plan, further, "test")
+    return further, design_data(plan, further, "test")
 
 
 @pytest.fixture(scope="module")
@@ -374,7 +374,9 @@ def one_record(folder, length):
     rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
     (folder / "top.csv").write_text("depth_mm,Fz_N\n" + rows)
     top = studies.SECTIONS["[experiments]"].replace('Fz = "0.02 mN", ', "")
-    plan = make_plan(load(studies.write(folder, experiments=top, next="truths = { D1 = [60] }\nruns = 10\ndraws = 10")))
+    plan = make_plan(
+        load_study(studies.write(folder, experiments=top, next="truths = { D1 = [60] }\nruns = 10\ndraws = 10"))
+    )
     with RunStore(folder / "results") as store:
         return run_next(plan, store, Inline())
 
@@ -400,5 +402,5 @@ def test_truths_that_the_data_exclude_are_said_to_be(straight):
     against = [w for w in data["warnings"] if "speak against" in w]
     assert len(against) == 1 and "D1 = 20 1/MPa: χ² is " in against[0]
     at_end = np.array([[0.0, 0.1]]) if further.weakest else np.array([[0.1, 0.0]])
-    bound = warnings(dataclasses.replace(further, truths=at_end, rise=np.array([50.0])))
+    bound = design_warnings(dataclasses.replace(further, truths=at_end, rise=np.array([50.0])))
     assert "with mu at the end of its range" in bound[0]

@@ -6,11 +6,11 @@ import pytest
 import sample_studies as studies
 
 from rso.calibration.plan import make_plan
-from rso.cli.checking import check
+from rso.cli.checking import check_lines
 from rso.evaluation.store import RunStore
 from rso.next_experiment.study_design import run_next
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 GOOD = 'name = "a"\nnoise = { Fz = "2 mN" }'
 MARKS = 'name = "m"\nmarks = [[0, 5]]\ndepths = [1, 2]'
@@ -55,14 +55,14 @@ class Refusing(Executor):
 
 
 def study(folder, table):
-    return load(studies.write(folder, next=f"draws = 10\n{table}"))
+    return load_study(studies.write(folder, next=f"draws = 10\n{table}"))
 
 
 @pytest.mark.parametrize("what", WRONG)
 def test_it_is_refused_before_any_simulation_and_by_a_check(tmp_path, what):
     table, words = WRONG[what]
     for call in (
-        lambda loaded: check(loaded, tmp_path / "results", trust=True),
+        lambda loaded: check_lines(loaded, tmp_path / "results", trust=True),
         lambda loaded: run_next(make_plan(loaded), store, Refusing()),
     ):
         with RunStore(tmp_path / "store") as store, pytest.raises(StudyError) as caught:
@@ -75,7 +75,7 @@ def test_all_that_is_wrong_is_said_at_once(tmp_path):
     tables = ("truths = { nope = [1] }", MARKS, f"{GOOD}\nchannels = ['time']")
     wrong = "\n[[next.experiments]]\n".join(tables)
     with pytest.raises(StudyError) as caught:
-        check(study(tmp_path, wrong), tmp_path / "results", trust=True)
+        check_lines(study(tmp_path, wrong), tmp_path / "results", trust=True)
     assert len(caught.value.problems) == 4  # this backend has no marks either
 
 
@@ -88,7 +88,7 @@ def test_all_that_is_wrong_is_said_at_once(tmp_path):
     ],
 )
 def test_what_can_be_asked_is_called_good(tmp_path, table):
-    assert any("good" in line for line in check(study(tmp_path, table), tmp_path / "results", trust=True))
+    assert any("good" in line for line in check_lines(study(tmp_path, table), tmp_path / "results", trust=True))
 
 
 @pytest.mark.parametrize("noise", ['uz = "10 um"', 'gain = "1 %"', 'Fz = "2 mN", uz = "10 um"'])
@@ -96,4 +96,4 @@ def test_a_profile_with_errors_of_its_own_is_called_good(tmp_path, monkeypatch, 
     monkeypatch.setattr(studies.indentation_backend, "MARKED", studies.Marked(), raising=False)
     table = f"[[next.experiments]]\n{MARKS}\nnoise = {{ {noise} }}"
     path = studies.write(tmp_path, next=table, backend='use = "indentation_backend:MARKED"')
-    assert any("good" in line for line in check(load(path), tmp_path / "results", trust=True))
+    assert any("good" in line for line in check_lines(load_study(path), tmp_path / "results", trust=True))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rso.benchmarks import branin
-from rso.doe import design, sobol
-from rso.emulation import fit, fit_kriging, held_out
-from rso.emulation.common import legendre, legendre_slopes, powers
-from rso.emulation.kernels import KERNELS, covariance
+from rso.doe import design, sobol_sequence
+from rso.emulation import fit_kriging, fit_surrogate, held_out_scores
+from rso.emulation.common import legendre, legendre_slopes, monomial_exponents
+from rso.emulation.kernels import KERNELS, kernel_matrix
 from rso.emulation.kriging import condition
 from rso.emulation.kriging_likelihood import KrigingData, restricted
 
@@ -23,12 +23,12 @@ def wave(X):
 def test_covariances_of_slopes_are_derivatives_of_the_correlation(kernel):
     rng = np.random.default_rng(0)
     X, Y, lengths, h = rng.random((4, 3)), rng.random((5, 3)), np.array([0.4, 0.9, 1.7]), 1e-5
-    K = covariance(kernel, X, Y, lengths, left=True, right=True).reshape(4, 4, 4, 5)
+    K = kernel_matrix(kernel, X, Y, lengths, left=True, right=True).reshape(4, 4, 4, 5)
     for i in range(3):
         step = h * np.eye(3)[i]
-        right = (covariance(kernel, X, Y + step, lengths) - covariance(kernel, X, Y - step, lengths)) / (2 * h)
+        right = (kernel_matrix(kernel, X, Y + step, lengths) - kernel_matrix(kernel, X, Y - step, lengths)) / (2 * h)
         np.testing.assert_allclose(K[0, :, 1 + i], right, atol=1e-8)  # h² times third derivatives of size 10
-        ends = (covariance(kernel, X + s * step, Y, lengths, right=True).reshape(4, 4, 5) for s in (1, -1))
+        ends = (kernel_matrix(kernel, X + s * step, Y, lengths, right=True).reshape(4, 4, 5) for s in (1, -1))
         a, b = ends
         np.testing.assert_allclose(K[1 + i], (a - b) / (2 * h), atol=1e-7)  # one order more
 
@@ -36,7 +36,7 @@ def test_covariances_of_slopes_are_derivatives_of_the_correlation(kernel):
 def test_slopes_of_the_trend_are_its_derivatives():
     X, h = np.random.default_rng(0).random((6, 2)), 1e-6
     for degree in (0, 1, 2, 4):
-        e = powers(2, degree)
+        e = monomial_exponents(2, degree)
         for j in range(2):
             step = h * np.eye(2)[j]
             difference = (legendre(X + step, e) - legendre(X - step, e)) / (2 * h)
@@ -51,7 +51,9 @@ def test_the_gradient_of_the_likelihood(kernel, slopes, noisy):
     y, G = wave(X)
     keep = np.full(30 if slopes else 10, True)
     keep[12:14] = keep[12:14] & (not slopes)  # two slopes unknown
-    A = np.vstack([legendre(X, powers(2, 1)), *legendre_slopes(X, powers(2, 1)).transpose(1, 0, 2)])[: len(keep)][keep]
+    A = np.vstack(
+        [legendre(X, monomial_exponents(2, 1)), *legendre_slopes(X, monomial_exponents(2, 1)).transpose(1, 0, 2)]
+    )[: len(keep)][keep]
     z = np.concatenate([y, G.T.ravel()])[: len(keep)][keep]
     data = KrigingData(X, z, A, np.full(len(z), 0.05 if noisy else 0.0), keep, slopes)
     p = np.array([-1.6, -1.3, *([0.2, -0.5] if noisy else [])])  # short lengths: well conditioned
@@ -80,7 +82,7 @@ def test_values_and_gradients_are_interpolated(kernel, trend, log):
 
 
 def test_the_gradient_of_the_prediction_is_its_derivative():
-    X, Q, h = design("lhs", 2, 12, 0), 0.1 + 0.8 * sobol(2, 16, 1), 1e-4
+    X, Q, h = design("lhs", 2, 12, 0), 0.1 + 0.8 * sobol_sequence(2, 16, 1), 1e-4
     y, G = wave(X)
     model = fit_kriging(X, y, seed=0, gradients=G)
     for j in range(2):
@@ -91,18 +93,18 @@ def test_the_gradient_of_the_prediction_is_its_derivative():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gradients_help_and_shuffled_ones_do_harm(seed):
-    X, Q = design("lhs", 2, 16, seed), sobol(2, 512, 9)
+    X, Q = design("lhs", 2, 16, seed), sobol_sequence(2, 512, 9)
     h = 1e-6
     X = 0.001 + 0.998 * X
     y, truth = branin(X), branin(Q)
     G = np.column_stack([(branin(X + h * e) - branin(X - h * e)) / (2 * h) for e in np.eye(2)])
     shuffled = np.random.default_rng(seed).permutation(G)
-    errors = [held_out(fit_kriging(X, y, seed=0, gradients=g), Q, truth).rmse for g in (G, None, shuffled)]
+    errors = [held_out_scores(fit_kriging(X, y, seed=0, gradients=g), Q, truth).rmse for g in (G, None, shuffled)]
     assert errors[0] < 0.5 * errors[1] and errors[2] > 1.5 * errors[1]
     # `fit` notices.
-    chosen = fit("kriging", X, y, seed=0, gradients=G, log=False)
+    chosen = fit_surrogate("kriging", X, y, seed=0, gradients=G, log=False)
     assert chosen.slopes is not None and "derivatives" in chosen.story
-    refused = fit("kriging", X, y, seed=0, gradients=shuffled, log=False)
+    refused = fit_surrogate("kriging", X, y, seed=0, gradients=shuffled, log=False)
     assert refused.slopes is None and "through the derivatives had" in refused.story
 
 
@@ -155,5 +157,5 @@ def test_the_share_of_the_stated_error_that_is_scatter_is_found():
         # 55 degrees of freedom give the share to 10 %: four of these.
         assert model.share < 0.01 if share == 0 else abs(model.share / share - 1) < 0.4
     # A systematic error that all runs share is no scatter: the surrogate still interpolates.
-    chosen = fit("kriging", X, smooth, seed=0, noise_sd=stated, share=None)
+    chosen = fit_surrogate("kriging", X, smooth, seed=0, noise_sd=stated, share=None)
     np.testing.assert_allclose(chosen.mean(X), smooth, atol=1e-3)

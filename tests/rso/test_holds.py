@@ -12,31 +12,31 @@ from sample_studies import Inline, command, read
 
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
-from rso.calibration.readings import curve_data, measured, placed
+from rso.calibration.readings import curve_data, measured, places_from_contact
 from rso.contract import Case, Programme, Response, run_key
 from rso.core.curves import at_readings, rests
 from rso.core.similarity import Group
 from rso.data import Hold, Measurement, Noise, Repeat, combine, hold_of
-from rso.discrepancy import build, diagnose
+from rso.discrepancy import build_library, diagnose
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import rated
 from rso.discrepancy.study_diagnosis import ask
 from rso.doe import Box
-from rso.emulation.emulator import Output, Sample, learn, save
-from rso.emulation.emulator import load as load_emulator
+from rso.emulation.emulator import Output, Sample, learn_emulator, save_emulator
+from rso.emulation.emulator import load_emulator as load_emulator
 from rso.evaluation import dispatch
 from rso.evaluation.store import RunStore
 from rso.inference import CurvePlace, resample
 from rso.inference.models import readings_matrix
 from rso.model_selection.candidate_models import levels_of
-from rso.model_selection.ladder_results import results as ladder_results
-from rso.model_selection.ladder_results import write as write_ladder
+from rso.model_selection.ladder_results import ladder_data as ladder_results
+from rso.model_selection.ladder_results import write_ladder as write_ladder
 from rso.model_selection.study_ladder import ladder_plan, run_ladder
 from rso.report.calibration.figures import draw
 from rso.report.model_selection.report import render_ladder
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 TRUTH = {"mu": 0.012, "D1": 0.0, "g": 0.4, "tau": 2.0}
 WHITE = 2e-4  # N
@@ -98,7 +98,7 @@ def written(folder: Path, *parts: str, opened: str = RELAXING, **records: str) -
 
 
 def ran(file: Path) -> dict:
-    plan = make_plan(load(file))
+    plan = make_plan(load_study(file))
     with RunStore(file.parent / "results") as store:
         run_study(plan, store, Inline(), file.parent / "results", command="test", jobs=1)
     return read(file.parent)
@@ -284,13 +284,15 @@ def test_loading_and_hold_are_curves_of_their_own_along_depth_and_time(tmp_path)
         return Sample({"g": g}, dict(zip((o.id for o in outputs), map(float, at(g)), strict=True)))
 
     group = Group(None, 1.0, {}, {"Fz": 0}, "")
-    emulator = learn(box, group, outputs, [sample(g) for g in np.linspace(0.1, 0.6, 8)], kind="whole_curve", seed=0)
+    emulator = learn_emulator(
+        box, group, outputs, [sample(g) for g in np.linspace(0.1, 0.6, 8)], kind="whole_curve", seed=0
+    )
     curves = [emulator.surrogates[o.id].curve for o in outputs]
     assert curves[0] is curves[3] is not curves[4] and curves[4] is curves[7]
     np.testing.assert_array_equal(curves[0].at, u)
     np.testing.assert_array_equal(curves[4].at, t)
     np.testing.assert_allclose(emulator.means(outputs, np.array([[0.37]]))[0], at(0.1 + 0.5 * 0.37), rtol=1e-4)
-    save(emulator, tmp_path / "surrogates")
+    save_emulator(emulator, tmp_path / "surrogates")
     assert load_emulator(tmp_path / "surrogates").outputs == tuple(outputs)
 
 
@@ -298,11 +300,11 @@ def test_loading_and_hold_are_curves_of_their_own_along_depth_and_time(tmp_path)
 
 
 def test_a_model_that_relaxes_is_simulated_through_the_hold(tmp_path):
-    plan = make_plan(load(written(tmp_path)))
+    plan = make_plan(load_study(written(tmp_path)))
     hold, programme = plan.holds["rest"], plan.cases[0].programme
     assert programme.travel_mm == (0.0, hold.depth, hold.depth)
     np.testing.assert_allclose(np.array(programme.asked_s) - hold.depth / hold.speed, hold.since, rtol=1e-12)
-    place, curve = placed(plan, "rest", "Fz"), measured(plan, "rest", "Fz")
+    place, curve = places_from_contact(plan, "rest", "Fz"), measured(plan, "rest", "Fz")
     assert place.held.sum() == len(hold.since) == curve.held.sum()
     assert len(curve_data(plan, place).value) == len(place.depth)
     assert sum(o.since_s > 0 for o in plan.outputs) == len(hold.since)
@@ -313,10 +315,10 @@ def test_a_model_that_relaxes_is_simulated_through_the_hold(tmp_path):
 
 def test_an_elastic_model_fits_the_loading_alone_and_says_so(tmp_path):
     """Its case, and with it the key of its runs, is that of the record without the hold."""
-    held = make_plan(load(written(tmp_path / "a", opened="")))
+    held = make_plan(load_study(written(tmp_path / "a", opened="")))
     rows = record().splitlines(keepends=True)
     short = "".join(r for r in rows if ",hold" not in r)
-    plain = make_plan(load(written(tmp_path / "b", opened="", rest=short)))
+    plain = make_plan(load_study(written(tmp_path / "b", opened="", rest=short)))
     keys = [run_key(toy.BACKEND, *toy.BACKEND.canonical(TRUTH, p.cases[0])) for p in (held, plain)]
     assert keys[0] == keys[1] and held.outputs == plain.outputs and not held.holds
     first, *_, _, _ = said = held.of_hold("rest")
@@ -325,7 +327,7 @@ def test_an_elastic_model_fits_the_loading_alone_and_says_so(tmp_path):
     opened = tomllib.loads("\n".join(line.strip() for line in said[-2:]))
     assert set(opened) == {"g", "tau"}
     # the lines that it offers are those that make it fit the hold
-    assert make_plan(load(written(tmp_path / "c", opened="\n".join(said[-2:])))).holds
+    assert make_plan(load_study(written(tmp_path / "c", opened="\n".join(said[-2:])))).holds
 
 
 def test_check_says_what_of_a_hold_is_used(tmp_path, no_library):
@@ -347,20 +349,20 @@ def test_the_report_of_an_elastic_study_says_what_it_uses(tmp_path):
 
 def test_equal_holds_are_one_simulation_and_others_are_not(tmp_path):
     a, b, c = record(), record(seed=1), record(hold=10.0)
-    plan = make_plan(load(written(tmp_path, one=a, two=b, three=c)))
+    plan = make_plan(load_study(written(tmp_path, one=a, two=b, three=c)))
     assert [plan.case_of[n] for n in ("one", "two", "three")] == [0, 0, 1]
 
 
 def test_a_target_may_be_a_moment_of_a_hold(tmp_path):
     target = '[search]\ntargets = [{ experiment = "rest", depth = 2, since = "5 s" }]\n'
-    plan = make_plan(load(written(tmp_path / "a", target)))
+    plan = make_plan(load_study(written(tmp_path / "a", target)))
     (goal,), hold = plan.searches[0].goals, plan.holds["rest"]
     assert goal.since_s == min(hold.moments, key=lambda s: abs(s - 5.0)) and "into the hold" in str(goal)
     assert plan.searches[0].outputs[0] in plan.outputs
     with pytest.raises(StudyError, match="no hold of it is compared"):
-        make_plan(load(written(tmp_path / "b", target, opened="")))
+        make_plan(load_study(written(tmp_path / "b", target, opened="")))
     with pytest.raises(StudyError, match="it holds for 20 s"):
-        make_plan(load(written(tmp_path / "c", target.replace("5 s", "60 s"))))
+        make_plan(load_study(written(tmp_path / "c", target.replace("5 s", "60 s"))))
 
 
 # ------------------------------------------------------------------------------------------------------ studies
@@ -443,7 +445,7 @@ def test_a_hold_is_drawn_over_time(surfaces, name):
 
 
 def climbed(file: Path):
-    plan = ladder_plan(load(file))
+    plan = ladder_plan(load_study(file))
     with RunStore(file.parent / "results") as store:
         return ladder_results(plan, run_ladder(plan, store, Inline()), "test")
 
@@ -475,20 +477,21 @@ def test_a_ladder_fits_holds_with_every_level_where_one_relaxes(tmp_path):
 def test_a_ladder_offers_levels_that_relax_where_a_force_falls_in_a_hold(tmp_path):
     def names(opened, rows):
         return [
-            [v.name for v in rung] for rung in levels_of(make_plan(load(written(tmp_path, opened=opened, rest=rows))))
+            [v.name for v in rung]
+            for rung in levels_of(make_plan(load_study(written(tmp_path, opened=opened, rest=rows))))
         ]
 
     assert names("", record()) == [["study"], ["study+relaxation"]]
     assert names("", record({**TRUTH, "g": 0.0})) == [["study"]]
     assert names("", record(hold=0.0)) == [["study"]]
     assert names(RELAXING, record()) == [["study"]]  # which relaxes itself
-    assert ladder_plan(load(written(tmp_path, opened=""))).holds
+    assert ladder_plan(load_study(written(tmp_path, opened=""))).holds
 
 
 def test_a_ladder_without_a_hold_or_a_fall_has_none(tmp_path):
     elastic = {**TRUTH, "g": 0.0}
     for name, rows in (("a", record(elastic, hold=0.0)), ("b", record(elastic))):
-        plan = ladder_plan(load(written(tmp_path / name, opened="", rest=rows)))
+        plan = ladder_plan(load_study(written(tmp_path / name, opened="", rest=rows)))
         assert not plan.holds and plan.cases[0].programme == Programme.ramp(plan.cases[0].programme.asked_mm, 1.0)
 
 
@@ -516,11 +519,11 @@ STATED = STATED.replace('{ low = 0.4, high = 20, scale = "log" }', "{ value = 2.
 def test_a_diagnosis_follows_a_base_model_that_relaxes_at_every_rate_and_in_holds(tmp_path, opened, axes):
     """Against the toy's integral, without noise: 1 % of the largest force is what the nodes in time leave.  With the
     time of a body three times as slow it is off by more than 3 %."""
-    asked = ask(load(written(tmp_path, opened=opened, **three(white=0.0))))
+    asked = ask(load_study(written(tmp_path, opened=opened, **three(white=0.0))))
     base = asked.base
     assert [a.name for a in base.axes] == axes and base.relaxing.names == ("g", "tau")
     assert not {"g", "tau"} & {e.size.name for e in asked.effects} and not rated(base, asked.plan)
-    library = build(base, asked.plan, (), toy.run)
+    library = build_library(base, asked.plan, (), toy.run)
     y = library.plan.values()
 
     def off(**other):
@@ -536,9 +539,9 @@ def test_a_diagnosis_follows_a_base_model_that_relaxes_at_every_rate_and_in_hold
 def test_a_cause_beside_relaxation_counts_by_what_that_leaves(tmp_path):
     """A lasting share of 60 % of the force: a stiffening of 20 % adds a fifth of that, also at the end of a hold."""
     truth = {**TRUTH, "stiff": 0.4}
-    asked = ask(load(written(tmp_path, **three(truth, white=0.0))))
+    asked = ask(load_study(written(tmp_path, **three(truth, white=0.0))))
     stiff = next(e for e in asked.effects if e.name == "stiff")
-    library = build(asked.base, asked.plan, (stiff,), toy.run)
+    library = build_library(asked.base, asked.plan, (stiff,), toy.run)
     y, x = library.plan.values(), [a.coordinate(truth[a.name], truth["mu"]) for a in asked.base.axes]
     A, _ = predict(library, (stiff,), np.array([[*x, 0.4]]), truth["mu"])
     plain, _ = predict(library, (), np.array([x]), truth["mu"])
@@ -550,8 +553,8 @@ def test_a_diagnosis_fits_share_and_time_with_the_causes(tmp_path, stiff, verdic
     own = '[diagnose]\neffects = ["stiff", "offset"]\n'
     file = written(tmp_path, own, **three({**TRUTH, "stiff": stiff}))
     file.write_text(file.read_text().replace("contact = 0, gain = 0,", "contact = 0, gain = 0.01,"))
-    asked = ask(load(file))
-    found = diagnose(build(asked.base, asked.plan, asked.effects, toy.run), 0, nulls=40)
+    asked = ask(load_study(file))
+    found = diagnose(build_library(asked.base, asked.plan, asked.effects, toy.run), 0, nulls=40)
     assert found.verdict == verdict and found.named == (("stiff",) if stiff else ())
     said = found.parameters["after" if stiff else "before"]
     for name in ("g", "tau"):
@@ -569,9 +572,9 @@ class Always(type(toy.BACKEND)):
 
 def test_relaxation_that_no_parameter_states_is_refused_at_other_rates(tmp_path):
     """A library is computed at 1 mm/s, without rests."""
-    asked = ask(load(written(tmp_path, **three())))
+    asked = ask(load_study(written(tmp_path, **three())))
     base = dataclasses.replace(asked.base, backend=Always())
     with pytest.raises(ValueError, match="another speed than 1 mm/s"):
         framed(base, asked.plan)
-    plain = ask(load(written(tmp_path / "b", one=record(hold=0.0))))
+    plain = ask(load_study(written(tmp_path / "b", one=record(hold=0.0))))
     framed(dataclasses.replace(plain.base, backend=Always()), plain.plan)

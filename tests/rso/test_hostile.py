@@ -23,13 +23,13 @@ from rso.calibration.result_files import write_runs
 from rso.cli import commands, main
 from rso.contract import Case, Programme, Response
 from rso.core import disk
-from rso.core.printable import one, printable
+from rso.core.printable import as_one_entry, printable
 from rso.evaluation import Source, WorkerDied, WorkerPool, load_backend
 from rso.evaluation.cluster import _keep
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.store import Done, RunStore, StoreError
 from rso.study.confusable_text import drawn, look_alikes, too_deep
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 HERE = Path(__file__).parent
 CASE = Case("c", Programme.ramp((1.0,)))
@@ -113,7 +113,7 @@ def _lives(process: str) -> bool:
     ],
 )
 def test_the_time_out_of_a_backend_holds_for_an_object_too(tmp_path, backend, dispatch, limit):
-    study = load(studies.write(tmp_path, backend=backend, dispatch=dispatch))
+    study = load_study(studies.write(tmp_path, backend=backend, dispatch=dispatch))
     with executor(study.dispatch, 1, source_of(study), tmp_path) as pool:
         assert pool._timeout_s == limit  # a command is stopped by its own adapter
 
@@ -408,7 +408,7 @@ def test_a_file_is_replaced_whole_and_read_only_where_it_is_one(tmp_path):
         f.truncate(10**12)
     for name in ("pipe", "zero", "sparse", ".", "none"):
         with pytest.raises(OSError):
-            disk.read(tmp_path / name)
+            disk.read_bytes(tmp_path / name)
     with pytest.raises(OSError, match=r"sub'?$"):
         (tmp_path / "sub").mkdir()
         disk.replace(tmp_path / "sub", "1")
@@ -427,7 +427,7 @@ def test_only_what_is_seen_reaches_a_terminal():
     shown = printable(BAD)
     assert shown.isprintable() and shown.startswith("\\x1b[2J\\x1b]0;t\\x07\\x0d\\x9b31m\\u202e")
     assert printable("μ = 3 kPa\n\tν ≤ 0.5, 1 mm") == "μ = 3 kPa\n\tν ≤ 0.5, 1 mm"
-    assert one("a\nrso: forged\n  own") == "a\n    rso: forged\n  own"
+    assert as_one_entry("a\nrso: forged\n  own") == "a\n    rso: forged\n  own"
 
 
 @pytest.mark.parametrize(
@@ -634,7 +634,7 @@ from rso.cli import main
 code = main(sys.argv[1:])
 if code == 0:
     from fem_backend.contact import pointwise
-    print("kept", pointwise.points.stats.cache_path.startswith(os.environ["NUMBA_CACHE_DIR"]))
+    print("kept", pointwise.quadrature_points.stats.cache_path.startswith(os.environ["NUMBA_CACHE_DIR"]))
 sys.exit(code)
 """
 

@@ -15,10 +15,10 @@ from rso.contract import Response
 from rso.core.curves import metrics
 from rso.core.similarity import Group
 from rso.doe import Box
-from rso.emulation.emulator import Output, Sample, learn
+from rso.emulation.emulator import Output, Sample, learn_emulator
 from rso.inference import Data, Misfit, Model, determine, least_squares
 from rso.inference.intervals import Interval, pieces
-from rso.inference.verdict import judge, sentences
+from rso.inference.verdict import judge_parameter, verdict_sentences
 
 TRUTH = (0.01, 20.0)  # mu D1 = 0.2
 
@@ -56,7 +56,7 @@ def test_covariance_is_that_of_simulated_repeats():
     y, slope = u**1.5, 1.5 * np.sqrt(u)
     sizes = {"white": 0.1, "correlated": 0.2, "length": 1.0, "gain": 0.03, "depth_noise": 0.04}
     s = 0.05 * y
-    C = inference.covariance(u, y, slope, repeats=r, numerical=s, **sizes)
+    C = inference.error_covariance(u, y, slope, repeats=r, numerical=s, **sizes)
     L = np.linalg.cholesky(np.exp(-np.abs(u[:, None] - u)))
     one = (
         0.1 * rng.standard_normal((n, r, 4))
@@ -68,7 +68,9 @@ def test_covariance_is_that_of_simulated_repeats():
     # Standard error of a covariance: √((C_ii C_jj + C_ij²)/n); four of them.
     spread = np.sqrt((np.outer(np.diag(C), np.diag(C)) + C**2) / n)
     np.testing.assert_array_less(np.abs(np.cov(drawn.T) - C), 4 * spread)
-    assert inference.covariance(u, y, slope, repeats=100, numerical=s, **sizes)[3, 3] > s[3] ** 2  # repeats do not help
+    assert (
+        inference.error_covariance(u, y, slope, repeats=100, numerical=s, **sizes)[3, 3] > s[3] ** 2
+    )  # repeats do not help
 
 
 def test_chi2_is_minus_twice_the_log_density():
@@ -93,7 +95,7 @@ def test_the_gradient_is_the_derivative_of_the_misfit():
         (lambda: Data("c", "N", np.ones(2), np.ones(3), np.eye(2)), "do not fit"),
         (lambda: Misfit(linear([[1.0]]), (curve([1.0]),), "best"), "choose one of noise, absolute, relative"),
         (lambda: Misfit(linear([[1.0]] * 2), (curve([1, 1], -np.eye(2)),)), "not positive definite"),
-        (lambda: inference.covariance([1.0], [1.0], [1.0], white=-1), ">= 0"),
+        (lambda: inference.error_covariance([1.0], [1.0], [1.0], white=-1), ">= 0"),
     ],
 )
 def test_misuse_is_refused_in_words(make, words):
@@ -175,7 +177,7 @@ def test_a_bound_is_kept_and_named():
 
 def test_many_starts_at_once_end_where_gauss_newton_ends():
     m = ball(0.003)
-    X = inference.descend(m, np.random.default_rng(0).random((12, 2)))
+    X = inference.levenberg_marquardt(m, np.random.default_rng(0).random((12, 2)))
     one = inference.gauss_newton(m, np.array([0.5, 0.5]))
     np.testing.assert_allclose(X, np.tile(one.x, (12, 1)), atol=1e-4)
 
@@ -213,7 +215,7 @@ def test_a_backend_with_derivatives_costs_one_run_per_iteration():
     place = inference.CurvePlace("top", "Fz", u)
     fits = {}
     for kind in calls:
-        model = inference.simulated(soft_ball.BOX, run(kind), [place])
+        model = inference.simulated_curves(soft_ball.BOX, run(kind), [place])
         fits[kind] = inference.gauss_newton(Misfit(model, data), np.array([0.5, 0.5]), tolerance=1e-8)
     assert calls["with"] <= fits["with"].evaluations + 1 <= 15  # one more where the end point is put on a bound
     assert calls["without"] > 2 * calls["with"]
@@ -229,7 +231,7 @@ def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
     for mu, D1 in box.from_unit(X):
         F = soft_ball.force(mu, D1, travel)
         samples.append(Sample({"mu": mu, "D1": D1}, {o.id: float(f) for o, f in zip(outputs, F, strict=True)}))
-    emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), outputs, samples, kind="polynomial", seed=0)
+    emulator = learn_emulator(box, Group(None, 1.0, {}, {"Fz": 0}, ""), outputs, samples, kind="polynomial", seed=0)
     model, band = inference.emulated(emulator, inference.CurvePlace("top", "Fz", soft_ball.DEPTH))
     x = np.array([[0.4, 0.6]])
     exact = soft_ball.model().predict(x)
@@ -246,12 +248,12 @@ def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
 
 
 def test_the_gaussian_in_the_box_is_a_truncated_normal():
-    X = inference.intervals.gaussian(np.array([0.2]), np.array([[1 / 0.3**2]]), seed=0)
+    X = inference.intervals.gaussian_draws(np.array([0.2]), np.array([[1 / 0.3**2]]), seed=0)
     p = [0.05, 0.5, 0.95]
     expected = truncnorm(-0.2 / 0.3, 0.8 / 0.3, 0.2, 0.3).ppf(p)
     np.testing.assert_allclose(np.quantile(X[:, 0], p), expected, atol=1e-3)  # 16384 quasi-random points
     # A direction that nothing is known of is uniform.
-    blind = inference.intervals.gaussian(np.array([0.5, 0.5]), np.diag([1e4, 0.0]), seed=0)
+    blind = inference.intervals.gaussian_draws(np.array([0.5, 0.5]), np.diag([1e4, 0.0]), seed=0)
     np.testing.assert_allclose(np.quantile(blind[:, 1], p), p, atol=2e-3)
 
 
@@ -342,7 +344,7 @@ def test_the_same_seed_gives_the_same_draws():
 def test_a_profile_follows_the_valley_and_says_what_the_curve_does_there():
     m = ball(0.06)
     fit = inference.all_minima(m, seed=0)[0]
-    p = inference.profile(m, fit, 1)
+    p = inference.profile_likelihood(m, fit, 1)
     for t, rise, x in zip(p.at[::8], p.rise[::8], p.path[::8], strict=True):
         grid = np.stack([np.linspace(0.2, 0.8, 20001), np.full(20001, t)], axis=1)
         assert rise == pytest.approx(m.chi2(grid).min() - fit.chi2, abs=2e-3) and x[1] == t
@@ -397,19 +399,23 @@ def test_mu_is_determined_in_both_cases():
 )
 def test_the_word_follows_the_interval(low, high, word):
     interval = Interval(low, high, low == 0.0, high == 1.0)
-    assert judge(soft_ball.BOX, 1, interval).word == word
+    assert judge_parameter(soft_ball.BOX, 1, interval).word == word
 
 
 def test_a_refuted_model_pressed_against_a_bound_determines_nothing():
     pressed = Interval(0.0, 0.08, at_low=True)
-    assert [judge(soft_ball.BOX, 1, pressed, scale=s).word for s in (1.0, 2.0, 5.0)] == ["weakly", "weakly", "not"]
-    assert judge(soft_ball.BOX, 1, Interval(0.45, 0.55), scale=5.0).word == "weakly"  # it fits best there
+    assert [judge_parameter(soft_ball.BOX, 1, pressed, scale=s).word for s in (1.0, 2.0, 5.0)] == [
+        "weakly",
+        "weakly",
+        "not",
+    ]
+    assert judge_parameter(soft_ball.BOX, 1, Interval(0.45, 0.55), scale=5.0).word == "weakly"  # it fits best there
 
 
 def test_most_of_a_narrow_range_is_no_answer():
     narrow = Box(["p"], ["1"], [2.0], [4.0], [False])
-    assert judge(narrow, 0, Interval(0.02, 0.98)).word == "not"
-    assert judge(narrow, 0, Interval(0.3, 0.7)).word == "determined"
+    assert judge_parameter(narrow, 0, Interval(0.02, 0.98)).word == "not"
+    assert judge_parameter(narrow, 0, Interval(0.3, 0.7)).word == "determined"
 
 
 @pytest.mark.parametrize(
@@ -418,7 +424,7 @@ def test_most_of_a_narrow_range_is_no_answer():
 def test_digits_end_at_the_size_of_the_error(low, high, digits):
     box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
     x = box.to_unit(np.array([[low], [high]]))[:, 0]
-    assert judge(box, 0, Interval(*map(float, x))).digits == digits
+    assert judge_parameter(box, 0, Interval(*map(float, x))).digits == digits
 
 
 @pytest.mark.parametrize(
@@ -434,10 +440,10 @@ def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):
     """Three digits of 0.011949 to 0.012043, 0.0119 to 0.012, end before the middle of the interval."""
     box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
     interval = Interval(*map(float, box.to_unit(np.array([[low], [high]]))[:, 0]))
-    verdict = judge(box, 0, interval)
+    verdict = judge_parameter(box, 0, interval)
     assert verdict.word == "determined"
     profile = None  # is asked only where nothing is determined
-    text, _ = sentences(box, 0, verdict, interval, profile, unit="N", places=["1 mm"])
+    text, _ = verdict_sentences(box, 0, verdict, interval, profile, unit="N", places=["1 mm"])
     assert f"confidence {said} (" in text
 
 
@@ -449,7 +455,9 @@ def test_a_model_that_does_not_fit_widens_the_intervals_and_says_so():
     assert right.scale == 1.0 and "within their errors" in right.story
     assert wrong.scale == pytest.approx(np.sqrt(wrong.fit.chi2 / 38)) and wrong.scale > 2 and "widened" in wrong.story
     np.testing.assert_allclose(
-        wrong.of("mu").sd_log, wrong.scale * inference.spread(wrong.fit.fisher)[0] * np.log(37 / 3.4), rtol=1e-6
+        wrong.of("mu").sd_log,
+        wrong.scale * inference.standard_deviations(wrong.fit.fisher)[0] * np.log(37 / 3.4),
+        rtol=1e-6,
     )
 
 
@@ -594,8 +602,8 @@ def test_a_gain_common_to_all_curves_does_not_average_out(names, right):
     for _ in range(200):
         g = 0.1 * rng.standard_normal()
         found = [dataclasses.replace(d, value=d.value * (1 + g) + 0.02 * rng.standard_normal(20)) for d in data]
-        fit = inference.fit_at(m := Misfit(model, tuple(found)), inference.descend(m, np.array([[0.5]]))[0])
-        held += abs(fit.theta[0] - 1.0) <= 1.645 * inference.spread(fit.fisher)[0] * 2.0
+        fit = inference.fit_at(m := Misfit(model, tuple(found)), inference.levenberg_marquardt(m, np.array([[0.5]]))[0])
+        held += abs(fit.theta[0] - 1.0) <= 1.645 * inference.standard_deviations(fit.fisher)[0] * 2.0
     assert (0.83 <= held / 200 <= 0.97) if right else held / 200 < 0.8
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.data import read
+from rso.data import read_measurement
 
 T = np.round(np.arange(61) * 0.1, 6)
 U = np.round(np.linspace(0.0, 1.2, 61), 6)  # mm
@@ -54,7 +54,7 @@ MACHINES = {  # text of the file
 def test_the_numbers_of_an_instrument_come_back(tmp_path, machine):
     path = tmp_path / "data.txt"
     path.write_text(MACHINES[machine], encoding="utf-8")
-    (r,) = read(path).repeats
+    (r,) = read_measurement(path).repeats
     assert len(r.depth) == len(U)
     np.testing.assert_allclose(np.diff(r.depth), np.diff(U), atol=2e-6)
     np.testing.assert_allclose(r.channels["Fz"] - r.channels["Fz"][0], F, atol=2e-5)
@@ -77,18 +77,18 @@ def two_blocks(tmp_path: Path) -> Path:
 def test_blocks_that_are_no_repeats_are_named(tmp_path):
     path = two_blocks(tmp_path)
     with pytest.raises(ValueError, match=r'2 tables .* no repeats .*#1 from line .*#2 from line .*data = "mach.txt#2"'):
-        read(path)
-    r = read(f"{path}#2").repeats[0]
+        read_measurement(path)
+    r = read_measurement(f"{path}#2").repeats[0]
     assert len(r.depth) == 61 and abs(float(r.depth[0])) < 0.02
     np.testing.assert_allclose(r.channels["Fz"], F, atol=1e-4)
     with pytest.raises(ValueError, match="has no block 3; it holds 2"):
-        read(f"{path}#3")
+        read_measurement(f"{path}#3")
 
 
 def test_blocks_of_one_file_are_different_readings(tmp_path):
     text = table(["depth_mm,Fz_N"], [U, F], ",")
     (tmp_path / "a.csv").write_text(text + text.replace("0.8", "0.8"))
-    m = read([f"{tmp_path}/a.csv#1", f"{tmp_path}/a.csv#2"])
+    m = read_measurement([f"{tmp_path}/a.csv#1", f"{tmp_path}/a.csv#2"])
     assert [r.label for r in m.repeats] == ["a#1", "a#2"]
 
 
@@ -98,7 +98,7 @@ def test_a_ball_taken_off_further_than_it_was_pressed_keeps_its_sign(tmp_path):
     time = np.arange(len(depth)) * 0.1
     path = tmp_path / "data.txt"
     path.write_text(table(["Time (s)\tPd (mm)\tFn (N)"], [time, depth, force]))
-    (r,) = read(path).repeats
+    (r,) = read_measurement(path).repeats
     loading = r.segment == "loading"
     assert float(r.depth.max()) == pytest.approx(1.2, abs=0.02) and r.channels["Fz"][loading].max() > 1.0
 
@@ -106,14 +106,14 @@ def test_a_ball_taken_off_further_than_it_was_pressed_keeps_its_sign(tmp_path):
 def test_a_word_below_the_readings_that_may_be_one_is_told(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(table(["depth_mm,Fz_N"], [U, F], ",") + "Max,1.05\n")
-    assert any("'Max 1.05'" in d and "note" in d for d in read(path).doubts)
+    assert any("'Max 1.05'" in d and "note" in d for d in read_measurement(path).doubts)
 
 
 def test_a_reading_cut_short_is_still_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(table(["time_s,depth_mm,Fz_N"], [T, U, F], ",") + "6.1,1.25\n")
     with pytest.raises(ValueError, match="2 values in a table of 3 columns"):
-        read(path)
+        read_measurement(path)
 
 
 @pytest.mark.parametrize("segments", [False, True])
@@ -126,7 +126,7 @@ def test_a_hold_at_constant_force_is_never_loading(tmp_path, segments):
         for k, (u, f) in enumerate(zip(depth, force, strict=True))
     ]
     path.write_text("\n".join(["time_s,depth_mm,Fz_N" + ",segment" * segments, *rows, ""]))
-    m = read(path)
+    m = read_measurement(path)
     assert m.repeats[0].depth.max() <= 1.2001 and any("readings are those of creep" in d for d in m.doubts)
     held = m.repeats[0].creep
     assert len(held.depth) in (38, 39) and held.depth[-1] == pytest.approx(1.29)
@@ -136,20 +136,20 @@ def test_a_record_that_says_that_it_was_pulled_is_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("Test type,Tensile\n" + table(["Extension (mm),Load (N)"], [U, U], ","))
     with pytest.raises(ValueError, match="'Test type Tensile' says that the specimen was pulled"):
-        read(path)
+        read_measurement(path)
     path.write_text(
         "Test type,Compression\nFixture,tensile and compression\n" + table(["Extension (mm),Load (N)"], [U, F], ",")
     )
-    assert len(read(path).repeats[0].depth) == 61
+    assert len(read_measurement(path).repeats[0].depth) == 61
 
 
 def test_a_double_turn_is_marked_as_a_guess(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(table(["Position (mm),Load (N)"], [-U, -F], ","))
-    m = read(path)
+    m = read_measurement(path)
     assert any("both signs were turned, which is a guess: a pull looks the same" in d for d in m.doubts) and m.guessed
     path.write_text(table(["Position (mm),Load (N)"], [U, -F], ","))
-    assert not any("guess" in d for d in read(path).doubts) and not read(path).guessed
+    assert not any("guess" in d for d in read_measurement(path).doubts) and not read_measurement(path).guessed
 
 
 WORDS = {
@@ -175,7 +175,7 @@ def segmented(tmp_path: Path, words: tuple[str, ...], first: bool, name: str = "
 @pytest.mark.parametrize("first", [False, True])
 @pytest.mark.parametrize("language", WORDS)
 def test_words_of_segments_are_read_and_said(tmp_path, language, first, name):
-    m = read(segmented(tmp_path, WORDS[language], first, name))
+    m = read_measurement(segmented(tmp_path, WORDS[language], first, name))
     assert m.repeats[0].segment.tolist() == np.array(["loading", "hold", "unloading"])[PARTS].tolist()
     assert any(f"{name!r} is read as segment: {WORDS[language][0]!r} is loading, " in d for d in m.doubts)
     assert m.unread == ()
@@ -183,7 +183,7 @@ def test_words_of_segments_are_read_and_said(tmp_path, language, first, name):
 
 @pytest.mark.parametrize("codes", [("1", "2", "3"), ("Load", "Plateau", "Unload")])
 def test_codes_of_segments_are_asked_about_and_not_guessed(tmp_path, codes):
-    m = read(segmented(tmp_path, codes, False, "SegmentID"))
+    m = read_measurement(segmented(tmp_path, codes, False, "SegmentID"))
     assert "SegmentID" in m.unread and any(f'values = {{ "{codes[0]}" = "…", ' in d for d in m.doubts)
     assert m.repeats[0].segment.tolist() != np.array(["loading", "hold", "unloading"])[PARTS].tolist()
 
@@ -191,4 +191,4 @@ def test_codes_of_segments_are_asked_about_and_not_guessed(tmp_path, codes):
 def test_a_penetration_counts_from_contact_as_it_says(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(table(["Time (s)\tPd (mm)\tFn (N)"], [T, U, F]))
-    np.testing.assert_allclose(read(path).repeats[0].depth, U, atol=2e-6)
+    np.testing.assert_allclose(read_measurement(path).repeats[0].depth, U, atol=2e-6)

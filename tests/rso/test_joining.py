@@ -5,11 +5,11 @@ import dataclasses
 import pytest
 import sample_studies as studies
 
-from rso.calibration.joined_runs import find
+from rso.calibration.joined_runs import find_stored_points
 from rso.calibration.plan import make_plan
-from rso.calibration.stored_runs import answers, points
+from rso.calibration.stored_runs import stored_points, stored_responses
 from rso.evaluation.store import RunStore
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 # What joins is all that is asked here: one target, no sensitivities.
 SMALL = {
@@ -62,14 +62,19 @@ def test_going_on_changes_nothing(changed):
 
 def test_what_joins_does_not_hang_on_the_order_of_storing(changed, tmp_path):
     """With more jobs, or a faster machine, runs are stored in another order."""
-    plan = make_plan(load(studies.write(changed[0], **FULL)))
+    plan = make_plan(load_study(studies.write(changed[0], **FULL)))
     with RunStore(changed[0] / "results", read_only=True) as store, RunStore(tmp_path) as other:
         for row in reversed(store.rows()):
             other.put_done(store.get(row.key))
-        known = points(plan, store)
-        assert len(known) > 20 and points(plan, other) == known and find(plan, other) == find(plan, store)
+        known = stored_points(plan, store)
         assert (
-            answers(other, known[3])[0].channels["Fz"].tolist() == answers(store, known[3])[0].channels["Fz"].tolist()
+            len(known) > 20
+            and stored_points(plan, other) == known
+            and find_stored_points(plan, other) == find_stored_points(plan, store)
+        )
+        assert (
+            stored_responses(other, known[3])[0].channels["Fz"].tolist()
+            == stored_responses(store, known[3])[0].channels["Fz"].tolist()
         )
     studies.write(changed[0], **FULL, parameters=NARROW.format(16))
 
@@ -77,7 +82,7 @@ def test_what_joins_does_not_hang_on_the_order_of_storing(changed, tmp_path):
 @pytest.mark.verification
 def test_a_study_that_was_killed_goes_on_as_it_would_have(changed, tmp_path):
     first = studies.run(tmp_path, **FULL)
-    plan = make_plan(load(studies.write(tmp_path, **FULL, parameters=NARROW.format(16))))
+    plan = make_plan(load_study(studies.write(tmp_path, **FULL, parameters=NARROW.format(16))))
     left = 9  # simulations that it may still do
 
     class Killed(studies.Inline):
@@ -99,13 +104,13 @@ def test_a_study_that_was_killed_goes_on_as_it_would_have(changed, tmp_path):
 def test_another_model_does_not_join(changed):
     folder = changed[0]
     with RunStore(folder / "results", read_only=True) as store:
-        plan = make_plan(load(studies.write(folder, **FULL)))
-        assert len(find(plan, store).points) > 20
-        thinner = make_plan(load(studies.write(folder, **FULL, backend__settings="thickness = 7")))
-        found = find(thinner, store)
+        plan = make_plan(load_study(studies.write(folder, **FULL)))
+        assert len(find_stored_points(plan, store).points) > 20
+        thinner = make_plan(load_study(studies.write(folder, **FULL, backend__settings="thickness = 7")))
+        found = find_stored_points(thinner, store)
         assert found.points == () and found.other == len(store.rows()) and "other settings" in found.story
         newer = dataclasses.replace(plan, backend=type("Newer", (type(plan.backend),), {"numerics": 99})())
-        assert find(newer, store).points == ()
+        assert find_stored_points(newer, store).points == ()
     studies.write(folder, **FULL, parameters=NARROW.format(16))
 
 

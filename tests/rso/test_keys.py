@@ -8,7 +8,7 @@ import sample_studies as studies
 from rso.cli import main
 from rso.study.errors import StudyError
 from rso.study.keys import reference
-from rso.study.loader import load
+from rso.study.loader import load_study
 from rso.study.schema import Study
 
 PAGE = Path(__file__).parents[2] / "docs" / "study_file.md"
@@ -40,10 +40,10 @@ def test_bounds_units_and_defaults_are_those_that_hold(tmp_path):
     for value, fine in (("0.5", True), ("1.0", False), ("0.0", False)):
         path = studies.write(tmp_path, verify=f"tolerance = {value}")
         if fine:
-            assert load(path).verify.tolerance == 0.5
+            assert load_study(path).verify.tolerance == 0.5
         else:
             with pytest.raises(StudyError, match="tolerance"):
-                load(path)
+                load_study(path)
 
 
 def test_a_table_alone_and_one_that_is_not_there(capsys):

@@ -12,9 +12,9 @@ import pytest
 
 from rso.cli import main
 from rso.data import Measurement, Repeat, recorded_speed
-from rso.study.laboratory_folder import files_of, in_words, study_text, unread
+from rso.study.laboratory_folder import file_line, files_of, study_text, unread
 from rso.study.laboratory_nominal import read_nominal
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 NOMINAL = {
     "specimen": {"semi_axes_mm": [60, 35, 35]},
@@ -263,7 +263,7 @@ def test_what_each_file_was_taken_for_is_said(tmp_path):
     (lab / "mp_load.csv").write_text("time_s,depth_mm,Fz_N\n" + rows)
     (lab / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n1,0,5,-0.2\n1,4,5,-0.1\n")
     (lab / "study.toml").write_text(text(lab))
-    found = files_of(load(lab / "study.toml"))
+    found = files_of(load_study(lab / "study.toml"))
     assert [(f["file"], f["kind"], f["place_mm"], f["role"], f["cycle"]) for f in found] == [
         ("mp_load.csv", "force", [0.0, 0.0], "fit", False),
         ("mp_cycle_100.csv", "force", [0.0, 0.0], "fit", True),
@@ -272,14 +272,14 @@ def test_what_each_file_was_taken_for_is_said(tmp_path):
     ]
     assert [f["speed_from"] for f in found] == ["times", "stated", "assumed", None]
     np.testing.assert_allclose([f["speed_mm_per_min"] for f in found[:3]], [48, 100, 30])
-    first, second, third, last = map(in_words, found)
+    first, second, third, last = map(file_line, found)
     assert first == "mp_load.csv: force curve at (0, 0) mm, role fit, 48 mm/min by its times, 1 repeat(s)"
     assert "a cycle at (0, 0) mm" in second and "100 mm/min as stated" in second
     assert "(2.5, -3) mm" in third and "30 mm/min assumed" in third
     assert last == "profile.csv: surface marks while pressed at (0, 0) mm, role fit, 1 repeat(s)"
     # clocks of two records of one test differ in the third digit, what is stated does not
-    assert " 100 mm/min by its times" in in_words(found[0] | {"speed_mm_per_min": 99.6})
-    assert "99.6 mm/min as stated" in in_words(found[1] | {"speed_mm_per_min": 99.6})
+    assert " 100 mm/min by its times" in file_line(found[0] | {"speed_mm_per_min": 99.6})
+    assert "99.6 mm/min as stated" in file_line(found[1] | {"speed_mm_per_min": 99.6})
 
 
 MACHINE = {"depth": {"header": 'Weg "roh" Ä', "unit": "0.01 mm", "flip": True, "zero": 35}}
@@ -296,7 +296,7 @@ def test_columns_of_a_machine_are_named_in_nominal_json(tmp_path):
     machine(lab, "mp_load.csv")
     (lab / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n0.8,0,5,-0.2\n0.8,4,5,-0.1\n")
     (lab / "study.toml").write_text(text(lab), encoding="utf-8")
-    study = load(lab / "study.toml")
+    study = load_study(lab / "study.toml")
     (r,) = study.measurement("mp_load").repeats
     np.testing.assert_allclose(r.depth, 0.1 * np.arange(9), atol=1e-12)
     np.testing.assert_allclose(r.channels["Fz"], 1e-3 * np.arange(9.0) ** 2, atol=1e-12)
@@ -309,7 +309,7 @@ def test_codes_of_segments_are_explained_in_nominal_json(tmp_path):
     rows = "0;-1;0\n" + "".join(f"1;{k / 4};{k * k}\n" for k in range(9)) + "ü 2;1;9\nü 2;0;0\n"
     (lab / "mp_load.csv").write_text("Phase;Weg [mm];Fz [N]\n" + rows, encoding="utf-8")
     (lab / "study.toml").write_text(text(lab), encoding="utf-8")
-    (r,) = load(lab / "study.toml").measurement("mp_load").repeats
+    (r,) = load_study(lab / "study.toml").measurement("mp_load").repeats
     assert r.segment.tolist() == ["loading"] * 9 + ["unloading"] * 2 and r.depth[0] == 0.0
 
 

@@ -18,13 +18,13 @@ from rso.doe import Box
 from rso.evaluation.store import RunStore
 from rso.inference import Data, Misfit, Model, emulated, fit_at
 from rso.model_selection import Added, Goodness, GoodnessOfFit, Judged, Left, ModelLevel, goodness_of_fit, study_ladder
-from rso.model_selection.ladder_results import results, write
-from rso.model_selection.simulations import design
+from rso.model_selection.ladder_results import ladder_data, write_ladder
+from rso.model_selection.simulations import level_design
 from rso.model_selection.study_ladder import ladder_plan, run_ladder
 from rso.report.layout.digits import Unit
 from rso.report.model_selection.report import render_ladder, report, value_text
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 pytestmark = pytest.mark.usefixtures("curves_learnt_once")
 MU, D1 = 0.01, 8.0
@@ -73,10 +73,10 @@ def climbed(folder, law, scatter, table="", seed=0, deep="", deepest=6.0, noise=
     (folder / "top.csv").write_text(curve(law, scatter, seed, **more))
     (folder / "deep.csv").write_text(curve(law, scatter, seed + 1, deepest, 31, 1, **more))
     (folder / "study.toml").write_text(study + (DEEP.replace("ROLE", deep) if deep else "") + f"{LADDER}\n{table}\n")
-    plan = ladder_plan(load(folder / "study.toml"))
+    plan = ladder_plan(load_study(folder / "study.toml"))
     with RunStore(folder / "results") as store:
         found = run_ladder(plan, store, Inline())
-    return found, results(plan, found, "test")
+    return found, ladder_data(plan, found, "test")
 
 
 def verdicts(found):
@@ -90,7 +90,7 @@ def verdicts(found):
 def stiff(tmp_path_factory):
     """Strong stiffening, with a deeper curve to select by."""
     folder = tmp_path_factory.mktemp("stiff")
-    return *climbed(folder, "stiff", 4e-4, deep="select", C20=1e-4), ladder_plan(load(folder / "study.toml"))
+    return *climbed(folder, "stiff", 4e-4, deep="select", C20=1e-4), ladder_plan(load_study(folder / "study.toml"))
 
 
 def test_a_truth_of_the_middle_is_not_climbed_over(tmp_path):
@@ -127,7 +127,7 @@ def test_runs_of_the_level_below_are_learnt_too(stiff):
     above, below = (stiff[0].climb.of(n).detail for n in ("stiff", "neo"))
     neutral = [s for s in above.emulator.samples if s.values["C20/mu"] == 0.0]
     assert len(neutral) == len(below.emulator.samples)
-    assert len(design(above.axes, None, 0, 5)) == 11 and len(design(above.axes, None, 0, 100)) == 8
+    assert len(level_design(above.axes, None, 0, 5)) == 11 and len(level_design(above.axes, None, 0, 100)) == 8
 
 
 def test_the_numerical_error_is_counted_once(stiff):
@@ -195,10 +195,10 @@ def test_a_curve_to_select_by_can_fail_what_fits(tmp_path):
         (folder / "top.csv").write_text(curve("stiff", 4e-4, 0, 0.6, 13, C20=1e-4))
         (folder / "deep.csv").write_text(curve("stiff", 4e-4, 1, 6.0, 31, 1, C20=1e-4))
         (folder / "study.toml").write_text(STUDY + DEEP.replace("ROLE", deep) + f"{LADDER}\n{levels}\n")
-        plan = ladder_plan(load(folder / "study.toml"))
+        plan = ladder_plan(load_study(folder / "study.toml"))
         with RunStore(folder / "results") as store:
             found = run_ladder(plan, store, Inline())
-        return found, results(plan, found, "test")
+        return found, ladder_data(plan, found, "test")
 
     found, data = study(tmp_path / "kept", "validate")
     assert found.climb.chosen == "neo" and found.climb.adequate
@@ -226,9 +226,9 @@ def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(t
             )
             deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', ", gain = 0")
             (folder / "study.toml").write_text(f"{study}{deep}{LADDER}\n{levels}\n")
-            plan = ladder_plan(load(folder / "study.toml"))
+            plan = ladder_plan(load_study(folder / "study.toml"))
             with RunStore(folder / "results") as store:
-                data = results(plan, run_ladder(plan, store, Inline()), "test")
+                data = ladder_data(plan, run_ladder(plan, store, Inline()), "test")
             (v,) = found_level(data, "neo")["validated"]
             assert v["why"] is None
             missed[law] += not v["verdict"]["passes"]
@@ -321,7 +321,7 @@ def test_again_from_the_store_is_the_same(tmp_path):
 
 def test_file_and_page(stiff, tmp_path):
     _, data, _ = stiff
-    text = write(tmp_path, data).read_text()
+    text = write_ladder(tmp_path, data).read_text()
     assert json.loads(text, parse_constant=lambda s: pytest.fail(s)) == data
     files = render_ladder(data, tmp_path)
     page = files[0].read_text()
@@ -409,7 +409,7 @@ def line(n=30, sigma=0.1, seed=0, gain=0.0):
 def test_simulated_misfits_of_a_line_are_chi_squared():
     """Against the distribution that theory gives: n − 2 degrees of freedom."""
     misfit, fit, *_ = line(gain=0.1)
-    found = model_selection.simulate(misfit, fit, seed=1, draws=4000)
+    found = model_selection.bootstrap_refits(misfit, fit, seed=1, draws=4000)
     assert found.chi2.mean() == pytest.approx(28, abs=4 * np.sqrt(2 * 28 / 4000))
     assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) == pytest.approx(0.05, abs=0.015)
 
@@ -418,7 +418,7 @@ def test_simulated_misfits_of_errors_known_from_few_readings_are_fisher_s():
     """χ²/ν is F(28, m) where the size of the errors is known from m = 12, and with it the threshold is higher."""
     misfit, fit, *_ = line(gain=0.1)
     known = replace(misfit, data=tuple(replace(d, freedom=12.0) for d in misfit.data))
-    found = model_selection.simulate(known, fit, seed=1, draws=4000)
+    found = model_selection.bootstrap_refits(known, fit, seed=1, draws=4000)
     assert np.mean(found.chi2 / 28 > f.ppf(0.95, 28, 12)) == pytest.approx(0.05, abs=0.015)
     assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) > 0.15  # the control: the size is not known that well
 
@@ -438,7 +438,7 @@ def test_simulated_errors_that_curves_share_are_the_same_in_both():
 def test_the_nrmse_of_simulated_data_is_that_of_noise():
     """Of white noise σ a line leaves σ √(1 − 2/n) in the mean square, over the mean of the curve."""
     misfit, fit, *_ = line()
-    found = model_selection.simulate(misfit, fit, seed=1, draws=4000)
+    found = model_selection.bootstrap_refits(misfit, fit, seed=1, draws=4000)
     expected = 0.1 * np.sqrt(1 - 2 / 30) / float(np.mean(misfit.data[0].value))
     assert np.sqrt(np.mean(found.nrmse[0] ** 2)) == pytest.approx(expected, rel=0.03)
 
@@ -489,7 +489,7 @@ def wave(share, seed, n=40, draws=199, sigma=0.01):
     W = np.linalg.inv(np.linalg.cholesky(C))
     theta = np.linalg.lstsq(W @ A, W @ y, rcond=None)[0]
     fit = fit_at(misfit, box.to_unit(theta))
-    drawn = model_selection.simulate(misfit, fit, seed, draws)
+    drawn = model_selection.bootstrap_refits(misfit, fit, seed, draws)
     return model_selection.assess([Left(A @ theta - y, misfit, drawn, ("fit",))])
 
 
@@ -530,7 +530,7 @@ def test_each_criterion_sees_what_the_other_is_blind_to():
         (Data("ball", "1", u, f, C),),
     )
     fit = fit_at(misfit, np.array([1 / 3]))
-    drawn = model_selection.simulate(misfit, fit, 3, 400)
+    drawn = model_selection.bootstrap_refits(misfit, fit, 3, 400)
     jagged = np.where(u < 0.15, 0.012 * (-1.0) ** np.arange(50), 0.0)
     smooth = 2.4 * np.sqrt(np.diag(C)) * np.clip(u - 0.5, 0, None) ** 0.5
     of_jagged, of_smooth = (model_selection.assess([Left(r, misfit, drawn, ("fit",))]) for r in (jagged, smooth))
@@ -543,8 +543,8 @@ def test_the_share_of_each_limit_follows_from_how_the_criteria_hang_together():
     rng = np.random.default_rng(8)
     same = np.repeat(rng.standard_normal((1, 4001)), 3, axis=0)
     apart = rng.standard_normal((3, 4001))
-    assert goodness_of_fit.together(same, 0.05)[3] == pytest.approx(0.05, abs=5e-4)
-    assert goodness_of_fit.together(apart, 0.05)[3] == pytest.approx(1 - 0.95 ** (1 / 3), rel=0.15)
+    assert goodness_of_fit.combined_p_value(same, 0.05)[3] == pytest.approx(0.05, abs=5e-4)
+    assert goodness_of_fit.combined_p_value(apart, 0.05)[3] == pytest.approx(1 - 0.95 ** (1 / 3), rel=0.15)
 
 
 def fake(name, p, evidence, added=(), select=None, problem=""):
@@ -615,10 +615,10 @@ def remembering_record(folder, law, length, seed, **more):
     )
     text = STUDY.replace('gain = "0.2 %"', "gain = 0")
     (folder / "study.toml").write_text(f"{text}{LADDER}\nlevels = ['neo']\n")
-    plan = ladder_plan(load(folder / "study.toml"))
+    plan = ladder_plan(load_study(folder / "study.toml"))
     with RunStore(folder / "results") as store:
         found = run_ladder(plan, store, Inline())
-    return found, results(plan, found, "test")["warnings"]
+    return found, ladder_data(plan, found, "test")["warnings"]
 
 
 def test_a_level_that_memory_of_the_noise_may_have_given_up_is_named(tmp_path):

@@ -16,7 +16,7 @@ from rso.data import (
     Repeat,
     combine,
     correct,
-    read,
+    read_measurement,
     record,
     value_at,
     without_spikes,
@@ -48,7 +48,7 @@ def test_dialects_read_the_same(tmp_path, encoding, separator, newline):
     content = newline.join(lines).replace(";", separator)
     if separator != ",":
         content = content.replace(".", ",")
-    m = read(write(tmp_path, content, encoding))
+    m = read_measurement(write(tmp_path, content, encoding))
     (r,) = m.repeats
     assert m.notes == ("Prüfstand",) and m.kind == "force" and m.channels == ("Fz",)
     np.testing.assert_allclose(r.depth, [0.1, 0.2, 0.4], rtol=1e-15, atol=0)
@@ -57,12 +57,12 @@ def test_dialects_read_the_same(tmp_path, encoding, separator, newline):
 
 
 def test_single_row_sigma_and_profile(tmp_path):
-    m = read(write(tmp_path, "depth_mm,Fz_N,Fz_sigma_mN\n8,1.283,2\n"))
+    m = read_measurement(write(tmp_path, "depth_mm,Fz_N,Fz_sigma_mN\n8,1.283,2\n"))
     assert m.repeats[0].sigma["Fz"].tolist() == [0.002]
     curve = combine(m, Noise(**NONE))
     assert (curve.depth.tolist(), curve.value.tolist(), curve.sigma.tolist()) == ([8.0], [1.283], [0.002])
     assert value_at(curve, 8.0) == (1.283, 0.002)
-    p = read(write(tmp_path, "depth_mm,x_mm,y_mm,uz_mm\n1,5,5,-0.1\n1,-5,5,-0.2\n2,0,5,-0.3\n"))
+    p = read_measurement(write(tmp_path, "depth_mm,x_mm,y_mm,uz_mm\n1,5,5,-0.1\n1,-5,5,-0.2\n2,0,5,-0.3\n"))
     c = combine(p, Noise(uz=0.05), "uz")
     assert p.kind == "profile" and c.position.tolist() == [[-5, 5], [5, 5], [0, 5]]
     np.testing.assert_allclose(c.sigma, 0.05, rtol=1e-12, atol=0)
@@ -71,15 +71,15 @@ def test_single_row_sigma_and_profile(tmp_path):
 def test_segments_follow_the_direction_of_travel(tmp_path):
     up, down = np.arange(0, 5.0), np.arange(3.0, -1, -1)
     depth = np.r_[up, down]
-    m = read(write(tmp_path, table("depth_mm,Fz_N", zip(depth, depth, strict=True))))
+    m = read_measurement(write(tmp_path, table("depth_mm,Fz_N", zip(depth, depth, strict=True))))
     assert m.repeats[0].segment.tolist() == ["loading"] * 5 + ["unloading"] * 4
     jitter = np.r_[up, 3.99]  # the last reading falls back by less than the noise: still loading
-    m = read(write(tmp_path, table("depth_mm,Fz_N", zip(jitter, jitter, strict=True))))
+    m = read_measurement(write(tmp_path, table("depth_mm,Fz_N", zip(jitter, jitter, strict=True))))
     assert set(m.repeats[0].segment) == {"loading"}
     stacked = np.r_[up, up]
     with pytest.raises(ValueError, match=r"turns back more than once .* Add a column 'repeat'"):
-        read(write(tmp_path, table("depth_mm,Fz_N", zip(stacked, stacked, strict=True))))
-    m = read(write(tmp_path, "depth_mm,Fz_N,segment\n1,1,loading\n1,0.9,hold\n0.5,0.2,unloading\n"))
+        read_measurement(write(tmp_path, table("depth_mm,Fz_N", zip(stacked, stacked, strict=True))))
+    m = read_measurement(write(tmp_path, "depth_mm,Fz_N,segment\n1,1,loading\n1,0.9,hold\n0.5,0.2,unloading\n"))
     assert m.repeats[0].segment.tolist() == ["loading", "hold", "unloading"]
 
 
@@ -92,7 +92,7 @@ def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, r
     u = np.minimum(u, 4.0 - 0.02 * np.exp(-np.abs(t - 8.0) / 0.1))
     u = u + 0.005 * np.random.default_rng(3).normal(size=len(t))
     rows = table("time_s,depth_mm,Fz_N", zip(t, u, u, strict=True))
-    (r,) = read(write(tmp_path, rows)).repeats
+    (r,) = read_measurement(write(tmp_path, rows)).repeats
     held = r.segment == "hold"
     if rest_s == 0.0:
         assert not held.any()
@@ -105,9 +105,9 @@ def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, r
         assert np.all(r.time[returning] > r.time[held][-1]) and returning.any() == back
     timeless = write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))
     if rest_s == 0.0:
-        assert "hold" not in read(timeless).repeats[0].segment
+        assert "hold" not in read_measurement(timeless).repeats[0].segment
     elif rest_s > 10.0:
-        assert any("If that is a hold" in doubt for doubt in read(timeless).doubts)
+        assert any("If that is a hold" in doubt for doubt in read_measurement(timeless).doubts)
 
 
 T_WAY = np.linspace(0.0, 16.0, 401)
@@ -126,17 +126,21 @@ WAYS = {  # depth over time without any rest at the top
 def test_what_slows_down_or_turns_is_no_hold(tmp_path, name, noise):
     t, u = WAYS[name]
     u = u + noise * np.random.default_rng(4).normal(size=len(u))
-    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, np.maximum(u, 0), strict=True)))).repeats
+    (r,) = read_measurement(
+        write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, np.maximum(u, 0), strict=True)))
+    ).repeats
     assert "hold" not in r.segment
 
 
 def test_a_hold_of_two_readings_by_hand_and_one_after_a_fast_way_through_air(tmp_path):
     rows = "0,0,0\n2,1,1\n4,2,2\n6,3,3\n8,4,4\n68,4,3\n70,3,2\n72,2,1\n"
-    (r,) = read(write(tmp_path, "time_s,depth_mm,Fz_N\n" + rows)).repeats
+    (r,) = read_measurement(write(tmp_path, "time_s,depth_mm,Fz_N\n" + rows)).repeats
     assert r.segment.tolist() == ["loading"] * 5 + ["hold"] + ["unloading"] * 2
     t, u = WAYS["through air"]
     t, u = np.r_[t, t[-1] + np.arange(1, 201) * 0.1], np.r_[u, np.full(200, 4.0)]
-    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, np.maximum(u, 0), strict=True)))).repeats
+    (r,) = read_measurement(
+        write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, np.maximum(u, 0), strict=True)))
+    ).repeats
     assert np.sum(r.segment == "hold") == 200
 
 
@@ -172,7 +176,7 @@ def test_a_hold_of_two_readings_by_hand_and_one_after_a_fast_way_through_air(tmp
 def test_bad_tables_are_answered_with_place_and_choices(tmp_path, content, words):
     path = write(tmp_path, content)
     with pytest.raises(ValueError) as caught:
-        read(path)
+        read_measurement(path)
     for word in [str(path), *words]:
         assert word in str(caught.value)
 
@@ -182,15 +186,15 @@ def test_bad_files(tmp_path, monkeypatch):
     for content, word in [(b"\xff\xfed", "UTF-16"), *binary]:
         (tmp_path / "x.csv").write_bytes(content)
         with pytest.raises(ValueError, match=word):
-            read(tmp_path / "x.csv")
+            read_measurement(tmp_path / "x.csv")
     with pytest.raises(ValueError, match="no such file"):
-        read(tmp_path / "none.csv")
+        read_measurement(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="is not a file"):
-        read(tmp_path)
+        read_measurement(tmp_path)
     assert lines_module.MAX_BYTES == 200_000_000
     monkeypatch.setattr(lines_module, "MAX_BYTES", 10)
     with pytest.raises(ValueError, match="is more than the"):
-        read(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
+        read_measurement(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
 
 
 # ---- averaging
@@ -202,7 +206,7 @@ def repeats(tmp_path, rng, n=5, white=0.003, gain=0.0, depth_noise=0.0, p=1.4):
         g = 1 + gain * rng.standard_normal()
         u = U + depth_noise * rng.standard_normal(U.size)
         rows += [(k, d, g * 0.06 * x**p + white * rng.standard_normal()) for d, x in zip(u, U, strict=True)]
-    return read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows)))
+    return read_measurement(write(tmp_path, table("repeat,depth_mm,Fz_N", rows)))
 
 
 def test_identical_repeats_average_to_themselves(tmp_path):
@@ -242,13 +246,13 @@ def test_one_repeat_shows_its_white_noise(tmp_path):
 def test_white_noise_of_one_repeat_does_not_hang_on_where_the_readings_are(tmp_path, depth):
     """A smooth curve without noise has none; with noise it is found to the scatter of 30 files of 40 readings."""
     rows = table("depth_mm,Fz_N", zip(depth, 0.1 * depth**1.4, strict=True))
-    smooth = combine(read(write(tmp_path, rows)), Noise(**NONE))
+    smooth = combine(read_measurement(write(tmp_path, rows)), Noise(**NONE))
     assert smooth.sigma.max() < 1e-4 * smooth.value.max()
     rng, found = np.random.default_rng(0), []
     for _ in range(30):
         noisy = 0.1 * depth**1.4 + 0.003 * rng.standard_normal(len(depth))
         rows = table("depth_mm,Fz_N", zip(depth, noisy, strict=True))
-        found.append(combine(read(write(tmp_path, rows)), Noise(**NONE)))
+        found.append(combine(read_measurement(write(tmp_path, rows)), Noise(**NONE)))
     np.testing.assert_allclose(np.sqrt(np.mean([c.sigma[0] ** 2 for c in found])), 0.003, rtol=0.12, atol=0)
 
 
@@ -267,7 +271,7 @@ def test_a_gain_error_neither_pulls_a_fit_nor_spoils_its_interval(tmp_path, coun
     u = np.linspace(0.02, 4.0, 200)
     shape, rng, found, spoilt = 0.08 * u**1.5, np.random.default_rng(2), [], []
     text = table("depth_mm,Fz_N,repeat", [(d, f, i) for i in range(count) for d, f in zip(u, shape, strict=True)])
-    empty = read(write(tmp_path, text))  # of the same depths
+    empty = read_measurement(write(tmp_path, text))  # of the same depths
     for _ in range(120):
         gains = 1.0 + 0.03 * rng.standard_normal(count)
         forces = [g * shape + 0.002 * rng.standard_normal(len(u)) for g in gains]
@@ -287,7 +291,9 @@ def test_a_gain_error_neither_pulls_a_fit_nor_spoils_its_interval(tmp_path, coun
 def test_noise_that_is_stated_and_seen_counts_once(tmp_path):
     rng = np.random.default_rng(3)
     u = np.linspace(0.02, 4.0, 200)
-    m = read(write(tmp_path, table("depth_mm,Fz_N", zip(u, 0.1 * u + 0.003 * rng.standard_normal(200), strict=True))))
+    m = read_measurement(
+        write(tmp_path, table("depth_mm,Fz_N", zip(u, 0.1 * u + 0.003 * rng.standard_normal(200), strict=True)))
+    )
     seen = combine(m, Noise(**NONE)).sigma[0]
     for stated, counted in ((0.001, seen), (seen, seen), (0.02, 0.02)):
         np.testing.assert_allclose(combine(m, Noise(Fz=stated, **NONE)).sigma, counted, rtol=1e-12, atol=0)
@@ -306,23 +312,23 @@ def test_stated_noise_adds_as_written(tmp_path):
 
 def test_grid_is_what_all_repeats_reach(tmp_path):
     rows = [(1, d, d) for d in np.linspace(0, 3, 31)] + [(2, d, d) for d in np.linspace(0.55, 4, 30)]
-    curve = combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise(**NONE))
+    curve = combine(read_measurement(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise(**NONE))
     assert (curve.depth[0], curve.depth[-1]) == (0.55, 3.0)
     np.testing.assert_allclose(curve.value, curve.depth, rtol=1e-12, atol=0)
     rows = [(1, d, d) for d in (0.0, 1.0)] + [(2, d, d) for d in (2.0, 3.0)]
     with pytest.raises(ValueError, match="share no range"):
-        combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise(**NONE))
+        combine(read_measurement(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise(**NONE))
 
 
 def test_dense_records_shrink_without_bias(tmp_path):
     u = np.linspace(0, 4, 8001)
-    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))), Noise(**NONE))
+    curve = combine(read_measurement(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))), Noise(**NONE))
     assert len(curve.depth) == 200
     np.testing.assert_allclose(curve.value, curve.depth, rtol=0, atol=1e-12)
 
 
 def test_value_at_grants_half_a_spacing(tmp_path):
-    m = read(write(tmp_path, table("depth_mm,Fz_N", [(d, 2 * d) for d in np.linspace(0.2, 3.99, 20)])))
+    m = read_measurement(write(tmp_path, table("depth_mm,Fz_N", [(d, 2 * d) for d in np.linspace(0.2, 3.99, 20)])))
     curve = combine(m, Noise(**NONE))
     assert value_at(curve, 1.0)[0] == pytest.approx(2.0, rel=1e-12)
     assert value_at(curve, 4.0)[0] == pytest.approx(8.0, rel=1e-9)
@@ -336,7 +342,7 @@ def test_between_readings_the_force_of_a_ball_is_read(tmp_path, n):
     """Straight lines are 4 % above it in the second interval, whatever the step: targets are missed by less."""
     u = np.linspace(4 / n, 4, n)
     rows = zip(u, 0.07 * u**1.5, strict=True)
-    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", rows))), Noise(**NONE))
+    curve = combine(read_measurement(write(tmp_path, table("depth_mm,Fz_N", rows))), Noise(**NONE))
     middle = 0.5 * (u[0] + u[1])
     straight = float(np.interp(middle, u, curve.value))
     assert value_at(curve, middle)[0] == pytest.approx(0.07 * middle**1.5, rel=1e-9)
@@ -351,7 +357,7 @@ def test_repeats_at_other_depths_are_averaged_as_the_force_of_a_ball(tmp_path, n
     for k in range(3):
         u = np.linspace(step, 4, n) - step * rng.uniform(0.1, 0.9)
         rows += [(v, 0.07 * v**1.5, k) for v in u]
-    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))), Noise(**NONE))
+    curve = combine(read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))), Noise(**NONE))
     np.testing.assert_allclose(curve.value, 0.07 * curve.depth**1.5, rtol=1e-9)
     each = [[r for r in rows if r[2] == k] for k in range(3)]
     straight = np.mean([np.interp(curve.depth, *np.array(e)[:, :2].T) for e in each], axis=0)
@@ -369,7 +375,7 @@ def test_between_noisy_readings_nothing_is_amplified():
 
 
 def test_combine_names_choices(tmp_path):
-    m = read(write(tmp_path, "depth_mm,Fz_N\n1,1\n2,2\n3,3\n"))
+    m = read_measurement(write(tmp_path, "depth_mm,Fz_N\n1,1\n2,2\n3,3\n"))
     with pytest.raises(ValueError, match="no channel 'Fx'; there are Fz"):
         combine(m, Noise(**NONE), "Fx")
     with pytest.raises(ValueError, match="no segment 'unloading'; there are loading"):
@@ -595,7 +601,7 @@ IMPOSSIBLE = {  # content, words of the answer
 def test_what_cannot_be_a_test_is_refused_with_the_reason(tmp_path, what):
     content, words = IMPOSSIBLE[what]
     with pytest.raises(ValueError) as caught:
-        read(write(tmp_path, content))
+        read_measurement(write(tmp_path, content))
     for word in words:
         assert word in str(caught.value)
 
@@ -614,7 +620,7 @@ def test_profiles_of_another_sign_or_unit_are_remarked_upon(tmp_path, what):
     factor, more, words = DISPLACED[what]
     places = [(d, float(x)) for d in (2.0, 4.0) for x in range(-20, 21, 5)]
     rows = [(d, x, 0.0, factor * -0.5 * d / (1.0 + (x / 5.0) ** 2) + more) for d, x in places]
-    doubts = read(write(tmp_path, table("depth_mm,x_mm,y_mm,uz_mm", rows))).doubts
+    doubts = read_measurement(write(tmp_path, table("depth_mm,x_mm,y_mm,uz_mm", rows))).doubts
     assert [words in doubt for doubt in doubts] == [True] if words else doubts == ()
 
 
@@ -633,7 +639,7 @@ def test_tables_by_hand_have_sign_order_and_tare(tmp_path, what, fine):
     at = np.linspace(0, 3, 3 * fine + 1)
     rows = curve(np.interp(at, range(4), depth), np.interp(at, range(4), force))
     with pytest.raises(ValueError, match=r"repeat '1': column") as caught:
-        read(write(tmp_path, rows))
+        read_measurement(write(tmp_path, rows))
     assert words in str(caught.value)
 
 
@@ -648,7 +654,7 @@ def test_tables_by_hand_have_sign_order_and_tare(tmp_path, what, fine):
     ],
 )
 def test_good_tables_by_hand_are_not_doubted(tmp_path, depth, force):
-    assert read(write(tmp_path, curve(np.array(depth), np.array(force)))).doubts == ()
+    assert read_measurement(write(tmp_path, curve(np.array(depth), np.array(force)))).doubts == ()
 
 
 @pytest.mark.parametrize("n", [4, 5, 7])
@@ -664,7 +670,7 @@ def test_a_decimal_point_that_slipped_in_a_table_by_hand_is_remarked_upon(tmp_pa
         if len(depth) > 7:
             continue
         try:
-            doubts = read(write(tmp_path, curve(depth, force))).doubts
+            doubts = read_measurement(write(tmp_path, curve(depth, force))).doubts
         except ValueError as error:
             assert "turns back" in str(error) or "depth" in str(error)
             continue
@@ -677,7 +683,7 @@ def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
     rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
     rows += [(u, factor * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
     with pytest.raises(ValueError, match="another sign, unit or tare"):
-        read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
+        read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
 
 
 DOUBTFUL = {
@@ -703,7 +709,7 @@ DOUBTFUL = {
 def test_what_is_doubtful_is_said(tmp_path, what):
     force, words = DOUBTFUL[what]
     depth = np.linspace(0.0, 4.0, len(force))
-    assert any(words in doubt for doubt in read(write(tmp_path, curve(depth, force))).doubts)
+    assert any(words in doubt for doubt in read_measurement(write(tmp_path, curve(depth, force))).doubts)
 
 
 @pytest.mark.parametrize("air, noise, n", [(0.3, 1e-3, 41), (0.3, 3e-3, 400), (0.6, 3e-3, 81), (0.9, 3e-3, 41)])
@@ -711,7 +717,7 @@ def test_air_counted_as_depth_is_said_with_where_the_force_begins(tmp_path, air,
     """7 to 18 % of the travel, which a fit would take for a softer body; noise as a share of the largest force."""
     u = np.linspace(0.0, 4.0 + air, n)
     force = 0.6 * (np.maximum(u - air, 0.0) / 4.0) ** 1.4 + 0.6 * noise * np.random.default_rng(7).normal(size=n)
-    (doubt,) = read(write(tmp_path, curve(u, force))).doubts
+    (doubt,) = read_measurement(write(tmp_path, curve(u, force))).doubts
     assert abs(float(doubt.split("contact lies near ")[1].split(" mm")[0]) - air) < 0.1
     assert "subtract" in doubt and "'offset'" in doubt
 
@@ -721,7 +727,7 @@ def test_air_counted_as_depth_is_said_with_where_the_force_begins(tmp_path, air,
 def test_a_record_whose_first_readings_were_left_out_is_no_position(tmp_path, power, start):
     depth = np.linspace(start, 4.0, 41)
     force = 0.32 * (depth / 4.0) ** power + 0.001 * np.random.default_rng(4).normal(size=41)
-    assert len(read(write(tmp_path, curve(depth, force))).repeats[0].depth) == 41
+    assert len(read_measurement(write(tmp_path, curve(depth, force))).repeats[0].depth) == 41
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -741,7 +747,7 @@ def test_curves_from_contact_on_are_not_said_to_be_late(tmp_path, seed, noise, n
     curves["coarse"] = (u, np.round(ball / 0.01) * 0.01)
     for what, (depth, force) in curves.items():
         scatter = 0.32 * noise * rng.normal(size=len(force))
-        doubts = read(write(tmp_path, curve(depth, force + scatter))).doubts
+        doubts = read_measurement(write(tmp_path, curve(depth, force + scatter))).doubts
         words = ("contact", "tared", "stays at", *(() if "spike" in what else ("falls from",)))
         assert not [doubt for doubt in doubts if any(word in doubt for word in words)], what
 
@@ -751,8 +757,12 @@ BEFORE = "before its deepest point"
 
 def test_a_block_before_the_test_is_remarked_upon(tmp_path):
     block = (0.0, 0.5, 11), (0.5, 0.0, 11), (0.0, 4.0, 81)
-    assert [doubt for doubt in read(write(tmp_path, along(*block))).doubts if "back by 0.5 mm " + BEFORE in doubt]
-    assert [doubt for doubt in read(write(tmp_path, along(*block, noise=0.005))).doubts if BEFORE in doubt]
+    assert [
+        doubt
+        for doubt in read_measurement(write(tmp_path, along(*block))).doubts
+        if "back by 0.5 mm " + BEFORE in doubt
+    ]
+    assert [doubt for doubt in read_measurement(write(tmp_path, along(*block, noise=0.005))).doubts if BEFORE in doubt]
 
 
 def stairs(rest_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -765,12 +775,12 @@ def stairs(rest_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_steps_with_rests_are_remarked_upon(tmp_path):
     time, depth, force = stairs(30.0)
-    (doubt,) = read(write(tmp_path, curve(depth, force, time))).doubts
+    (doubt,) = read_measurement(write(tmp_path, curve(depth, force, time))).doubts
     assert "rests for 30 s near " in doubt and "one loading at a steady speed" in doubt
     time, depth, force = stairs(0.5)
-    assert read(write(tmp_path, curve(depth, force, time))).doubts == ()
+    assert read_measurement(write(tmp_path, curve(depth, force, time))).doubts == ()
     time, depth, force = (v[-1200:] for v in stairs(30.0))
-    assert not [d for d in read(write(tmp_path, curve(depth, force))).doubts if "falls from" in d]
+    assert not [d for d in read_measurement(write(tmp_path, curve(depth, force))).doubts if "falls from" in d]
 
 
 ONE_WAY = {  # ways of depth and their noise, none of them with a block before the test
@@ -784,13 +794,15 @@ ONE_WAY = {  # ways of depth and their noise, none of them with a block before t
 @pytest.mark.parametrize("what", ONE_WAY)
 def test_one_way_there_is_not_remarked_upon(tmp_path, what):
     ways, noise = ONE_WAY[what]
-    assert not [doubt for doubt in read(write(tmp_path, along(*ways, noise=noise))).doubts if BEFORE in doubt]
+    assert not [
+        doubt for doubt in read_measurement(write(tmp_path, along(*ways, noise=noise))).doubts if BEFORE in doubt
+    ]
 
 
 def test_nothing_is_doubtful_in_the_records_of_the_studies():
     records = sorted((Path(__file__).parents[2] / "studies").glob("**/measured/*.csv"))
     assert len(records) > 10
-    said = [(path.parent.parent.name, doubt) for path in records for doubt in read(path).doubts]
+    said = [(path.parent.parent.name, doubt) for path in records for doubt in read_measurement(path).doubts]
     assert [study for study, doubt in said if "are those of creep" in doubt] == [
         "creep"
     ] * 2  # held by force, knowingly
@@ -803,7 +815,7 @@ def test_good_curves_are_neither_refused_nor_doubted(tmp_path, power, level):
     """From a flat punch to a stiffening body, with a little adhesion, noise and decimal commas."""
     force = 0.32 * (PRESS / 4.0) ** power + level + 0.003 * np.random.default_rng(2).normal(size=81)
     text = curve(force=force, head="depth_mm;Fz_N").replace(",", ";").replace(".", ",")
-    m = read(write(tmp_path, text))
+    m = read_measurement(write(tmp_path, text))
     assert m.doubts == ()
     np.testing.assert_allclose(m.repeats[0].channels["Fz"], force, rtol=0, atol=1e-6)
 
@@ -814,7 +826,7 @@ def test_up_again_on_the_way_is_no_rest_and_steps_of_an_encoder_neither(tmp_path
     steps = np.round(np.linspace(0, 4, 801) / 0.1) * 0.1
     for depth in (up, steps):
         text = curve(depth, 0.04 * np.maximum(depth, 0) ** 1.5, 0.05 * np.arange(len(depth)))
-        assert "hold" not in read(write(tmp_path, text)).repeats[0].segment
+        assert "hold" not in read_measurement(write(tmp_path, text)).repeats[0].segment
 
 
 FINE = {  # what laboratories do, none of it wrong
@@ -830,7 +842,7 @@ FINE = {  # what laboratories do, none of it wrong
 @pytest.mark.parametrize("what", FINE)
 def test_ways_of_laboratories_are_not_refused(tmp_path, what):
     depth = FINE[what]
-    m = read(write(tmp_path, curve(depth, 0.04 * np.maximum(depth, 0.0) ** 1.5)))
+    m = read_measurement(write(tmp_path, curve(depth, 0.04 * np.maximum(depth, 0.0) ** 1.5)))
     (r,) = m.repeats
     assert not [doubt for doubt in m.doubts if BEFORE in doubt]
     assert np.ptp(r.depth[r.segment == "loading"]) > 3.0
@@ -841,11 +853,11 @@ def test_repeats_of_noise_and_repeats_with_a_spike_are_not_told_to_have_another_
     silent = [(u, f, k) for k in range(3) for u, f in zip(0.1 * PRESS, 0.003 * rng.normal(size=81), strict=True)]
     spiked = [(u, f, k) for k in range(2) for u, f in zip(PRESS, once(PULL, 60, 5.0 if k else PULL[60]), strict=True)]
     for rows in (silent, spiked):
-        assert len(read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))).repeats) > 1
+        assert len(read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))).repeats) > 1
 
 
 def test_whole_numbers_beside_decimals_part_no_thousands(tmp_path):
-    m = read(write(tmp_path, "depth_mm;Fz_N\n0.0;0\n1.0;0,04\n2.0;0,1\n"))
+    m = read_measurement(write(tmp_path, "depth_mm;Fz_N\n0.0;0\n1.0;0,04\n2.0;0,1\n"))
     assert m.channels == ("Fz",) and m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0]
 
 
@@ -861,7 +873,7 @@ def test_a_hold_begins_where_the_machine_stops_between_two_readings(tmp_path, st
     u = np.where(t < stop_s, t, stop_s) - np.where(t >= stop_s, settling * np.exp(stop_s - t), 0.0)
     u = np.minimum(u, stop_s - 0.5 * brake_s * np.clip(1.0 - (t - stop_s) / max(brake_s, 1e-9), 0.0, 1.0) ** 2)
     F = 0.1 * np.minimum(u, 6.7) ** 2 * np.where(t > stop_s, 0.6 + 0.4 * np.exp(-np.maximum(t - stop_s, 0) / 0.4), 1.0)
-    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, F, strict=True)))).repeats
+    (r,) = read_measurement(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, F, strict=True)))).repeats
     loading = r.segment == "loading"
     # where it stops less than half a step before a reading, that reading is its way's last
     assert r.time[loading][-1] == pytest.approx(6.8 if stop_s > 6.75 else 6.7)
@@ -872,13 +884,13 @@ def test_a_hold_begins_where_the_machine_stops_between_two_readings(tmp_path, st
 @pytest.mark.parametrize("rest", [10, 20, 30])
 def test_a_stage_that_rests_exactly_is_no_encoder(tmp_path, rest, back):
     u = np.r_[np.linspace(0, 4, 9), np.full(rest, 4.0), np.linspace(3.5, 0, 8) if back else []]
-    (r,) = read(write(tmp_path, curve(u, 0.04 * u**1.5, np.arange(len(u)) * 1.0))).repeats
+    (r,) = read_measurement(write(tmp_path, curve(u, 0.04 * u**1.5, np.arange(len(u)) * 1.0))).repeats
     assert np.sum(r.segment == "hold") == rest and np.sum(r.segment == "loading") == 9
 
 
 def test_spikes_are_left_out_of_the_mean_too(tmp_path):
     """As in a diagnosis: one reading of 9 N in 81 changes nothing."""
-    clean, spiked = (read(write(tmp_path, curve(force=f))) for f in (PULL, once(PULL, 40, 9.0)))
+    clean, spiked = (read_measurement(write(tmp_path, curve(force=f))) for f in (PULL, once(PULL, 40, 9.0)))
     a, b = (combine(m, Noise(**NONE)) for m in (clean, spiked))
     np.testing.assert_allclose(np.interp(a.depth, b.depth, b.value), a.value, rtol=0, atol=0.01)
     assert b.sigma.max() < 2.0 * a.sigma.max()
@@ -887,7 +899,7 @@ def test_spikes_are_left_out_of_the_mean_too(tmp_path):
 @pytest.mark.parametrize("at, to", [(0, 5.0), (-1, 0.0), (-1, 5.0)])
 def test_a_first_or_last_reading_out_of_line_is_left_out_and_not_its_neighbour(tmp_path, at, to):
     """A last row of zeros, a first one before the amplifier settled; how far a stop goes is no matter."""
-    m, (note,) = without_spikes(read(write(tmp_path, curve(force=once(PULL, at, to)))))
+    m, (note,) = without_spikes(read_measurement(write(tmp_path, curve(force=once(PULL, at, to)))))
     assert "1 reading(s) out of line" in note and m.repeats[0].depth.tolist() == np.delete(PRESS, at).tolist()
 
 
@@ -896,13 +908,13 @@ def test_what_stands_beside_a_last_reading_out_of_line_is_kept(tmp_path, seed):
     depth = 0.05 * np.arange(46)
     force = 1.9 * depth**1.6 + 0.004 * np.random.default_rng(seed).normal(size=46)
     force[-1] *= 0.4
-    m, _ = without_spikes(read(write(tmp_path, curve(depth, force))))
+    m, _ = without_spikes(read_measurement(write(tmp_path, curve(depth, force))))
     np.testing.assert_allclose(m.repeats[0].depth, depth[:-1], rtol=0, atol=1e-12)
 
 
 def test_a_last_reading_at_a_deeper_point_is_no_spike(tmp_path):
     depth = np.r_[np.linspace(0.0, 1.0, 21), 1.38]
-    assert without_spikes(read(write(tmp_path, curve(depth, 0.04 * depth**4))))[1] == []
+    assert without_spikes(read_measurement(write(tmp_path, curve(depth, 0.04 * depth**4))))[1] == []
 
 
 @pytest.mark.parametrize("n", [100, 400])
@@ -931,14 +943,16 @@ def test_waves_of_a_filtered_signal_are_no_spikes(tmp_path):
     t = np.linspace(0.0, 6.0, 6001)
     depth, swing = np.maximum(t - 4.0, 0.0), 1e-3 * np.sin(2 * np.pi * (60 * t + 20 * np.sin(t))) * (t > 4.5)
     noise = 1e-6 * np.random.default_rng(5).normal(size=len(t))
-    assert without_spikes(read(write(tmp_path, curve(depth, 0.04 * depth**1.5 + swing + noise, t))))[1] == []
+    assert (
+        without_spikes(read_measurement(write(tmp_path, curve(depth, 0.04 * depth**1.5 + swing + noise, t))))[1] == []
+    )
 
 
 def test_toggles_of_a_coarse_sensor_are_no_spikes(tmp_path):
     """Steps of 20 mN in 801 readings with 1 mN of noise: a reading on the next step stands out of line by one step."""
     u = np.linspace(0.0, 4.0, 801)
     force = np.round((0.04 * u**1.5 + 1e-3 * np.random.default_rng(3).normal(size=801)) / 0.02) * 0.02
-    assert without_spikes(read(write(tmp_path, curve(u, force))))[1] == []
+    assert without_spikes(read_measurement(write(tmp_path, curve(u, force))))[1] == []
 
 
 def test_a_repeat_whose_force_has_another_sign_to_the_same_depth_is_refused(tmp_path):
@@ -947,7 +961,7 @@ def test_a_repeat_whose_force_has_another_sign_to_the_same_depth_is_refused(tmp_
     rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
     rows += [(u, f - 0.6, 2) for u, f in zip(PRESS[late], PULL[late], strict=True)]
     with pytest.raises(ValueError, match="another sign, unit or tare"):
-        read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
+        read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
 
 
 def test_what_a_column_states_of_each_reading_is_averaged_with_them(tmp_path):
@@ -956,7 +970,7 @@ def test_what_a_column_states_of_each_reading_is_averaged_with_them(tmp_path):
     u = np.linspace(0.001, 4.0, 4000)
     rows = [(r + 1, d, 0.1 * d**1.5 + 0.003 * rng.standard_normal()) for r in range(5) for d in u]
     text = "".join(f"{r},{d:.6f},{f:.8f},3\n" for r, d, f in rows)
-    m = read(write(tmp_path, "repeat,depth_mm,Fz_N,Fz_sigma_mN\n" + text))
+    m = read_measurement(write(tmp_path, "repeat,depth_mm,Fz_N,Fz_sigma_mN\n" + text))
     white = combine(m, Noise(**NONE))
     true = 0.1 * white.depth**1.5
     honest = float(np.sqrt(np.mean(((white.value - true) / white.sigma)[20:] ** 2)))
@@ -979,7 +993,7 @@ def test_a_few_rows_without_a_value_are_left_out_and_said(tmp_path, cell):
     """Samples lost on a bus: what remains is read as if they had never been, in one curve."""
     path = tmp_path / "top.csv"
     path.write_text(lossy({40: (1, cell), 70: (0, cell)}))
-    m = read(path)
+    m = read_measurement(path)
     (repeat,) = m.repeats
     keep = np.delete(np.arange(101), [40, 70])
     np.testing.assert_array_equal(repeat.depth, np.round(np.linspace(0.0, 4.0, 101), 3)[keep])
@@ -999,4 +1013,4 @@ def test_many_gaps_and_what_says_something_are_refused(tmp_path, cells):
     path = tmp_path / "top.csv"
     path.write_text(lossy(cells))
     with pytest.raises(ValueError, match=f"{path}:{min(cells) + 2}: "):
-        read(path)
+        read_measurement(path)

@@ -9,7 +9,7 @@ from fem_backend.backend import BACKEND
 from fem_backend.specimens import SPECIMENS
 from rso.cli import main
 from rso.contract import NewStudies, Option, capability
-from rso.study.new_study import NewTest, begin
+from rso.study.new_study import NewTest, study_text
 
 CURVE = "depth_mm,Fz_N\n" + "".join(f"{0.05 * k:.2f},{0.02 * (0.05 * k) ** 1.5:.6f}\n" for k in range(1, 11))
 
@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch):
 
 def settings(folder, **given):
     """The settings of a study begun with these options."""
-    text = begin(
+    text = study_text(
         folder / "study.toml", BACKEND, NewTest({k.replace("_", "-"): v for k, v in given.items()}), ["curve.csv"]
     )
     return tomllib.loads(text)["backend"]["settings"]
@@ -73,7 +73,7 @@ def test_older_names_mean_the_same(folder):
 
 def test_a_bowl_is_chosen_and_its_friction_is_marked_as_a_guess(folder):
     given = {"ellipsoid": (60.0, 35.0, 35.0), "ball": (3.0,), "bowl": (1.5,)}
-    text = begin(folder / "study.toml", BACKEND, NewTest(given), ["curve.csv"])
+    text = study_text(folder / "study.toml", BACKEND, NewTest(given), ["curve.csv"])
     assert 'support = { kind = "bowl", clearance = 1.5, friction = 0.2 }  # <- its friction' in text
 
 
@@ -130,7 +130,7 @@ def test_a_member_brings_its_own_option(folder, monkeypatch, capsys):
     assert "gel" not in [o.name for o in BACKEND.options()]
     monkeypatch.setattr(member, "options", (*member.options, own))
     assert "gel" in [o.name for o in BACKEND.options()]
-    text = begin(folder / "study.toml", BACKEND, NewTest({"gel": (5.0,), "ball": (1.0,)}), ["curve.csv"])
+    text = study_text(folder / "study.toml", BACKEND, NewTest({"gel": (5.0,), "ball": (1.0,)}), ["curve.csv"])
     assert "# <- the ratio of its skin" in text
     with pytest.raises(SystemExit):
         main(["new", "--help"])
@@ -166,7 +166,7 @@ def test_a_study_holds_the_path_of_a_file_as_it_finds_it(folder):
     (folder / "tip.csv").write_text("r_mm,z_mm\n" + "".join(f"{0.02 * k},{0.5 * (0.02 * k) ** 2}\n" for k in range(40)))
     (folder / "studies").mkdir()
     given = {"slab": (5.0,), "profile": (str(folder / "tip.csv"),)}
-    text = begin(folder / "studies" / "study.toml", BACKEND, NewTest(given), ["curve.csv"])
+    text = study_text(folder / "studies" / "study.toml", BACKEND, NewTest(given), ["curve.csv"])
     assert tomllib.loads(text)["backend"]["settings"]["indenter"] == {"shape": "profile", "file": "../tip.csv"}
 
 
@@ -180,7 +180,7 @@ def test_a_study_holds_the_path_of_a_file_as_it_finds_it(folder):
     ],
 )
 def test_each_indenter_has_its_options_and_what_was_left_out_is_a_guess(folder, given, indenter, guess):
-    text = begin(folder / "study.toml", BACKEND, NewTest({"slab": (5.0,), **given}), ["curve.csv"])
+    text = study_text(folder / "study.toml", BACKEND, NewTest({"slab": (5.0,), **given}), ["curve.csv"])
     assert tomllib.loads(text)["backend"]["settings"]["indenter"] == indenter
     (line,) = [v for v in text.splitlines() if v.startswith("indenter")]
     assert line.partition("# <- ")[2].startswith(guess) and ("<-" in line) is bool(guess)
@@ -190,7 +190,7 @@ def test_each_indenter_has_its_options_and_what_was_left_out_is_a_guess(folder, 
 def test_a_tip_that_nobody_said_goes_with_the_depth_of_the_record(folder, deepest, tip):
     rows = "".join(f"{deepest * k / 20!r},{1e-3 * (k / 20) ** 2!r}\n" for k in range(1, 21))
     (folder / "curve.csv").write_text("depth_mm,Fz_N\n" + rows)
-    text = begin(folder / "study.toml", BACKEND, NewTest({"half-space": (), "cone": (60.0,)}), ["curve.csv"])
+    text = study_text(folder / "study.toml", BACKEND, NewTest({"half-space": (), "cone": (60.0,)}), ["curve.csv"])
     assert tomllib.loads(text)["backend"]["settings"]["indenter"]["tip_radius"] == tip
     (line,) = [v for v in text.splitlines() if v.startswith("indenter")]
     assert "a twentieth of the depth of the record" in line
@@ -206,7 +206,7 @@ def test_the_range_of_a_slab_is_about_the_modulus_of_a_layer(folder):
         factor = 1 + 1.133 * x + 1.283 * x**2 + 0.769 * x**3 + 0.0975 * x**4
         rows.append(f"{d:.3f},{16 / 3 * mu * R**0.5 * d**1.5 * factor:.9g}")
     (folder / "curve.csv").write_text("depth_mm,Fz_N\n" + "\n".join(rows) + "\n")
-    text = begin(folder / "study.toml", BACKEND, NewTest({"slab": (h,), "ball": (R,)}), ["curve.csv"])
+    text = study_text(folder / "study.toml", BACKEND, NewTest({"slab": (h,), "ball": (R,)}), ["curve.csv"])
     mu_ = tomllib.loads(text)["parameters"]["mu"]
     low, high = (float(mu_[k].split()[0]) for k in ("low", "high"))
     assert (low * high) ** 0.5 == pytest.approx(10.0, rel=0.02)  # two digits are written; Hertz alone is 6 % above

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from rso.core.curves import baseline, metrics
-from rso.norms import Printed, TrilaterationProblem, TrilaterationShape, fit, log_evidence, norm, sample, shared_votes
+from rso.norms import (
+    Printed,
+    TrilaterationProblem,
+    TrilaterationShape,
+    fit_trilateration,
+    norm,
+    sample_trilateration,
+    shared_votes,
+    trilateration_log_evidence,
+)
 
 U = np.arange(1, 41) / 10
 K = 30
@@ -71,7 +80,7 @@ def test_known_curves_are_found_within_their_band():
     inside, error, ratio = [], [], []
     for seed in range(10):
         p, y, _ = problem(seed)
-        found = fit(p, seed, starts=2)
+        found = fit_trilateration(p, seed, starts=2)
         drawn = p.shape(p.split(found.draws(1000, seed))[0])
         r = (drawn.mean(axis=0) - y)[:-1] / drawn.std(axis=0)[:-1]
         inside.append(np.abs(r) < 1.645)
@@ -87,7 +96,7 @@ def test_one_list_predicts_the_other():
     inside = []
     for seed in range(6):
         p, y, made = problem(seed, kinds=("nrmse",))
-        found = fit(p, seed, starts=2)
+        found = fit_trilateration(p, seed, starts=2)
         other = Printed("mre", np.arange(K), norm("mre", y, made), 0.0003)
         drawn = p.predict(found.draws(1000, seed), [other])[0]
         inside.append(np.abs(drawn.mean(axis=0) - other.value) < 2.0 * np.hypot(drawn.std(axis=0), NOISE))
@@ -100,7 +109,7 @@ def test_norms_of_other_curves_are_rejected(made, other):
     gain, left = [], []
     for seed in range(3):
         right, wrong = problem(seed, made, made)[0], problem(seed, made, other)[0]
-        a, b = fit(right, seed, starts=2), fit(wrong, seed, starts=2)
+        a, b = fit_trilateration(right, seed, starts=2), fit_trilateration(wrong, seed, starts=2)
         gain.append(a.log_evidence - b.log_evidence)
         left.append(right.split(a.x[None])[2].sum() < wrong.split(b.x[None])[2].sum())
     assert np.min(gain) > 5.0 and all(left)
@@ -108,14 +117,14 @@ def test_norms_of_other_curves_are_rejected(made, other):
 
 def test_gaussian_and_chain_agree():
     p, _, _ = problem(3)
-    found = fit(p, 0)
-    a, x = p.shape(p.split(found.draws(2000, 1))[0]), sample(p, found, 1, steps=500, burn=300, keep=1000)
+    found = fit_trilateration(p, 0)
+    a, x = p.shape(p.split(found.draws(2000, 1))[0]), sample_trilateration(p, found, 1, steps=500, burn=300, keep=1000)
     b = p.shape(p.split(x)[0])
-    np.testing.assert_array_equal(*(sample(p, found, 1, steps=20, burn=5, keep=50) for _ in range(2)))
+    np.testing.assert_array_equal(*(sample_trilateration(p, found, 1, steps=20, burn=5, keep=50) for _ in range(2)))
     wide = b.std(axis=0)[:-1]
     assert np.max(np.abs(a.mean(axis=0) - b.mean(axis=0))[:-1] / wide) < 1.0
     assert np.median(a.std(axis=0)[:-1] / wide) == pytest.approx(1.0, abs=0.3)
-    assert log_evidence(p, x, found.log_posterior) == pytest.approx(found.log_evidence, abs=2.0)
+    assert trilateration_log_evidence(p, x, found.log_posterior) == pytest.approx(found.log_evidence, abs=2.0)
 
 
 def test_outliers_do_not_move_the_curve():
@@ -126,7 +135,7 @@ def test_outliers_do_not_move_the_curve():
     spoiled = TrilaterationProblem(
         p.shape, p.known, 1, (Printed("nrmse", q.rows, value, q.sigma, q.scale), *p.printed[1:])
     )
-    a, b = fit(p), fit(spoiled)
+    a, b = fit_trilateration(p), fit_trilateration(spoiled)
     y, z = (p.shape(p.split(f.x[None])[0])[0] for f in (a, b))
     sd = p.shape(p.split(a.draws(1000, 0))[0]).std(axis=0)
     assert np.max(np.abs(y - z)[:-1] / sd[:-1]) < 1.5

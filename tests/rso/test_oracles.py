@@ -14,7 +14,7 @@ from SALib.sample import morris as salib_trajectories
 from SALib.sample import sobol as salib_points
 from smt.surrogate_models import KRG
 
-from rso.doe import design, sobol
+from rso.doe import design, sobol_sequence
 from rso.emulation import sensitivity
 from rso.emulation.kriging import condition
 from rso.inference import Misfit, all_minima, determine
@@ -87,7 +87,7 @@ def test_sobol_indices_are_those_of_salib():
     """Both of some 2 × 10⁴ points; the standard error of either is 0.005 to 0.01."""
     X = salib_points.sample(PROBLEM, 4096, calc_second_order=False, seed=1)
     theirs = salib_sobol.analyze(PROBLEM, ishigami(X), calc_second_order=False, seed=1)
-    mine = sensitivity.sobol(ishigami, 3, seed=0, n=1024)
+    mine = sensitivity.saltelli_indices(ishigami, 3, seed=0, n=1024)
     np.testing.assert_allclose(mine.first, theirs["S1"], atol=0.03)
     np.testing.assert_allclose(mine.total, theirs["ST"], atol=0.03)
 
@@ -106,7 +106,7 @@ def test_elementary_effects_are_those_of_salib():
 def test_kriging_is_that_of_smt_on_the_same_design():
     """Ordinary kriging with the same correlation lengths; standard deviations over that of the process, which SMT
     estimates: its nugget costs 1e-5 of either."""
-    X, Q = design("lhs", 2, 20, 0), sobol(2, 128, 1)
+    X, Q = design("lhs", 2, 20, 0), sobol_sequence(2, 128, 1)
     y = np.sin(3 * X[:, 0]) + X[:, 1] ** 2
     lengths = np.array([0.35, 0.5])
     mine = condition(X, y, np.zeros(20), 0, float(y.var()), lengths, False, kernel="squared_exponential")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import soft_ball
 
-from rso.core.correlation import exponential, gaussian, of_neighbours, restored
+from rso.core.correlation import exponential, gaussian_correlation, of_neighbours, restored
 from rso.inference import Data, Misfit, Model, determine, fit_at, with_model_errors
 from rso.inference.error_model import (
     EMULATOR,
@@ -15,8 +15,8 @@ from rso.inference.error_model import (
     OF_THE_MODEL,
     ModelErrors,
     correlated_along,
-    covariance,
-    joined,
+    error_covariance,
+    joined_errors,
     shares,
 )
 
@@ -33,7 +33,7 @@ def errors(**sizes):
     return ModelErrors(each.pop("numerical", np.zeros(len(DEPTH))), spacing=1.0, **each)
 
 
-@pytest.mark.parametrize("kernel", [exponential, gaussian])
+@pytest.mark.parametrize("kernel", [exponential, gaussian_correlation])
 def test_a_correlated_error_has_its_size_everywhere_and_its_correlation_by_the_distance(kernel):
     """Drawn by its Cholesky factor, 40 000 curves: standard deviations within 3 %, correlation within 0.02."""
     size, length = 0.02 * (1.0 + DEPTH), 1.3
@@ -83,7 +83,7 @@ def test_rows_in_another_order_keep_their_parts():
 
 
 def test_curves_of_one_block_have_the_errors_of_each():
-    both = joined([errors(numerical=0.01), errors(numerical=0.02, emulator=0.003)])
+    both = joined_errors([errors(numerical=0.01), errors(numerical=0.02, emulator=0.003)])
     np.testing.assert_array_equal(both.numerical, np.repeat([0.01, 0.02], len(DEPTH)))
     np.testing.assert_array_equal(both.emulator, np.repeat([0.0, 0.003], len(DEPTH)))
     assert both.interpolation is None
@@ -91,7 +91,7 @@ def test_curves_of_one_block_have_the_errors_of_each():
 
 def test_a_negative_size_is_refused():
     with pytest.raises(ValueError, match="sizes must be >= 0"):
-        covariance(DEPTH, DEPTH, DEPTH, gain=-0.01)
+        error_covariance(DEPTH, DEPTH, DEPTH, gain=-0.01)
 
 
 # ------------------------------------------------------------------------------------------- slopes of a surrogate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rso.inference.predictive_test import limit, open_by, predictive_test
+from rso.inference.predictive_test import chi2_limit, open_by, predictive_test
 
 N, SETS = 12, 4000
 
@@ -43,7 +43,7 @@ def test_errors_known_from_few_readings_refuse_no_more_often():
 
 def test_the_limit_is_where_the_p_value_is_the_false_alarm():
     for freedom, law in ((math.inf, stats.chi2(N)), (7.0, None)):
-        top = limit(N, 0.95, freedom)
+        top = chi2_limit(N, 0.95, freedom)
         expected = law.ppf(0.95) if law else N * stats.f(N, 7).ppf(0.95)
         assert top == pytest.approx(expected, rel=1e-9)
         y = np.zeros(N)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.data import preload
-from rso.data.files.reading import read
+from rso.data.files.reading import read_measurement
 
 PRELOAD, DEEPEST = 0.01, 1.5  # N, mm
 
@@ -34,7 +34,7 @@ def written(path, first=0.0, taken=0.0, noise=1e-4, stiffens=0.1, count=60, seed
 @pytest.mark.parametrize("taken", [0.0, PRELOAD])
 @pytest.mark.parametrize("stiffens", [-0.1, 0.0, 0.3])
 def test_contact_is_found_before_the_preload(tmp_path, taken, stiffens):
-    m = read(written(tmp_path / "a.csv", taken=taken, stiffens=stiffens), {}, PRELOAD)
+    m = read_measurement(written(tmp_path / "a.csv", taken=taken, stiffens=stiffens), {}, PRELOAD)
     found = m.repeats[0].depth[0]
     assert abs(found - contact_of(stiffens)) < 3.0 * m.contact < 0.15 * DEEPEST
     assert m.repeats[0].channels["Fz"][0] == pytest.approx(PRELOAD, abs=5e-4)
@@ -53,7 +53,7 @@ def test_deviation_covers_the_error():
 
 
 def test_an_approach_tells_it_where_the_record_has_one(tmp_path):
-    m = read(written(tmp_path / "a.csv", first=-0.8, count=100), {}, PRELOAD)
+    m = read_measurement(written(tmp_path / "a.csv", first=-0.8, count=100), {}, PRELOAD)
     assert "by its approach" in m.doubts[0]
     depth, F = m.repeats[0].depth, m.repeats[0].channels["Fz"]
     assert abs(np.interp(PRELOAD, F[depth > 0], depth[depth > 0]) - contact_of()) < 4.0 * m.contact
@@ -61,4 +61,4 @@ def test_an_approach_tells_it_where_the_record_has_one(tmp_path):
 
 def test_a_force_that_is_neither_is_refused(tmp_path):
     with pytest.raises(ValueError, match="neither that nor 0"):
-        read(written(tmp_path / "a.csv"), {}, 2.0 * PRELOAD)
+        read_measurement(written(tmp_path / "a.csv"), {}, 2.0 * PRELOAD)

@@ -10,7 +10,7 @@ import pytest
 from fem_backend.backend import BACKEND
 from rso.calibration.cost_model import GUESS, pace
 from rso.contract import Case, Programme
-from rso.discrepancy import build, corrected_library, make_plan, planned_rerun
+from rso.discrepancy import build_library, corrected_library, make_test_plan, planned_rerun
 from rso.evaluation import Task
 from rso.evaluation.store import RunStore
 
@@ -78,9 +78,9 @@ def test_finite_elements_say_that_what_has_less_symmetry_takes_longer(support):
 
 def test_computing_a_cause_anew_takes_as_many_runs_as_said():
     effects = toy.effects("stiff", "g", "bias")
-    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    plan = make_test_plan(toy.laboratory(toy.TRUTH, 0))
     tasks, each = planned_rerun(toy.base(), plan, effects)
-    library = build(toy.base(), plan, effects, toy.run)
+    library = build_library(toy.base(), plan, effects, toy.run)
     at = {"stiff": [0.0, 0.3], "g": [0.0, 0.2, np.log(3.0)]}
     runs = [corrected_library(library, {e: np.array(at[e.name])}, toy.run)[1].runs for e in effects if e.name in at]
     assert len(tasks) == sum(runs) and each == pytest.approx(np.mean(runs))

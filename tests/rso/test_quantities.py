@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.contract import FreeCurve, NotFinite, Response
-from rso.core.quantities import Unread, of_unit, read_limits, read_quantity
+from rso.core.quantities import Unread, limit_in_unit, read_limits, read_quantity
 
 X = np.linspace(-2.0, 3.0, 501)
 CURVE = FreeCurve(X, X**3 - 4.0, "MPa", "stretch", "1")
@@ -96,11 +96,11 @@ def test_what_is_no_limit_is_refused(text):
 
 
 def test_ends_of_limits_have_the_unit_of_the_quantity():
-    assert of_unit("250 kPa", "MPa", 0.0) == 0.25
-    assert of_unit("3.5 EUR", "EUR", 0.0) == 3.5  # a unit that no table has
-    assert of_unit(None, "MPa", np.inf) == np.inf
+    assert limit_in_unit("250 kPa", "MPa", 0.0) == 0.25
+    assert limit_in_unit("3.5 EUR", "EUR", 0.0) == 3.5  # a unit that no table has
+    assert limit_in_unit(None, "MPa", np.inf) == np.inf
     with pytest.raises(ValueError):
-        of_unit("250 mm", "MPa", 0.0)
+        limit_in_unit("250 mm", "MPa", 0.0)
 
 
 def test_a_response_keeps_its_curves_through_json():

@@ -5,9 +5,9 @@ import pytest
 import sample_studies as studies
 
 from rso.cli import main
-from rso.data import CONTACT, Column, read
+from rso.data import CONTACT, Column, read_measurement
 from rso.study.errors import StudyError
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 K = 8.76e-5  # N/mm, 0.0876 N/m
 MODULUS = 1e-4  # N/mm^1.5: F = MODULUS δ^1.5 of a ball of 5 µm on some kPa
@@ -44,7 +44,7 @@ def test_a_cantilever_gives_the_indentation_and_the_force(tmp_path, up, bends):
         "depth": Column(Z, flip=up < 0, zero=up * 1e6 * PARKED, minus=Column(D, flip=bends < 0)),
         "Fz": Column(D, flip=bends < 0, zero=bends * 1e6 * LIGHT, stiffness=K),
     }
-    m = read(afm(tmp_path, up, bends), columns)
+    m = read_measurement(afm(tmp_path, up, bends), columns)
     _, d, depth = approach()
     (r,) = m.repeats
     np.testing.assert_allclose(r.depth, depth - LIGHT, atol=1e-11)  # the written digits
@@ -56,12 +56,12 @@ def test_contact_is_found_on_what_is_left_of_the_travel(tmp_path):
     z, d, depth = approach(noise=2e-7)
     path = write(tmp_path / "afm.csv", f"{Z},{D}", 1e6 * (z + PARKED), 1e6 * (d + LIGHT))
     columns = {"depth": Column(Z, zero=CONTACT, minus=Column(D)), "Fz": Column(D, zero=CONTACT, stiffness=K)}
-    m = read(path, columns)
+    m = read_measurement(path, columns)
     r = m.repeats[0]
     off = r.depth - depth - (z - d - depth)  # the deflection's noise is in both
     assert np.ptp(off) < 1e-9 and abs(off[0]) < 3.0 * m.contact < 1e-4
     np.testing.assert_allclose(np.median(r.channels["Fz"][z < -2e-4]), 0.0, atol=1e-12)
-    plain = read(
+    plain = read_measurement(
         write(tmp_path / "b.csv", "Z (nm),F (mN)", 1e6 * (z - d), 1e3 * K * d),
         {"depth": Column("Z (nm)", zero=CONTACT), "Fz": Column("F (mN)", zero=CONTACT)},
     )
@@ -72,7 +72,9 @@ def test_contact_is_found_on_what_is_left_of_the_travel(tmp_path):
 def test_a_force_is_subtracted_by_what_bends_under_it(tmp_path, by):
     z, d, depth = approach()
     path = write(tmp_path / "a.csv", "Position (nm),Load (nN)", 1e6 * z, 1e9 * K * d)
-    m = read(path, {"depth": Column("Position (nm)", minus=Column("Load (nN)", **by)), "Fz": Column("Load (nN)")})
+    m = read_measurement(
+        path, {"depth": Column("Position (nm)", minus=Column("Load (nN)", **by)), "Fz": Column("Load (nN)")}
+    )
     np.testing.assert_allclose(m.repeats[0].depth, depth, atol=1e-11)
     np.testing.assert_allclose(m.repeats[0].channels["Fz"], K * d, atol=1e-14)
 
@@ -84,7 +86,7 @@ def test_one_count_of_a_photodiode_is_a_length(tmp_path):
         "depth": Column("Z (nm)", minus=Column("Defl (V)", "62 nm")),
         "Fz": Column("Defl (V)", "62 nm", stiffness=K),
     }
-    np.testing.assert_allclose(read(path, columns).repeats[0].depth, depth, atol=1e-10)
+    np.testing.assert_allclose(read_measurement(path, columns).repeats[0].depth, depth, atol=1e-10)
 
 
 def test_what_is_mostly_subtracted_is_said_and_what_is_not_is_not(tmp_path):
@@ -93,12 +95,12 @@ def test_what_is_mostly_subtracted_is_said_and_what_is_not_is_not(tmp_path):
         "depth": Column(Z, zero=1e6 * (PARKED - LIGHT), minus=Column(D)),
         "Fz": Column(D, zero=1e6 * LIGHT, stiffness=K),
     }
-    soft = [v for v in read(afm(tmp_path), zero).doubts if "1 % of what is subtracted" in v]
+    soft = [v for v in read_measurement(afm(tmp_path), zero).doubts if "1 % of what is subtracted" in v]
     assert not soft and d[-1] < 0.5 * (z - d)[-1]
     stiff = write(tmp_path / "b.csv", f"{Z},{D}", 1e6 * (z + 40.0 * d), 40e6 * d)
     (said,) = (
         v
-        for v in read(stiff, {"depth": Column(Z, minus=Column(D)), "Fz": Column(D, stiffness=K)}).doubts
+        for v in read_measurement(stiff, {"depth": Column(Z, minus=Column(D)), "Fz": Column(D, stiffness=K)}).doubts
         if "1 % of what is subtracted" in v
     )
     ratio = 40.0 * d[-1] / z[-1]
@@ -124,7 +126,7 @@ def test_what_cannot_be_is_refused_in_words(tmp_path, wrong):
         "Fz": Column(**{"header": D, "zero": 1e6 * LIGHT, "stiffness": K, **Fz}),
     }
     with pytest.raises(ValueError, match=words) as error:
-        read(afm(tmp_path), columns)
+        read_measurement(afm(tmp_path), columns)
     assert "afm.csv" in str(error.value)
 
 
@@ -134,9 +136,9 @@ def test_a_force_has_no_stiffness_and_a_force_alone_is_no_deflection(tmp_path):
     with pytest.raises(
         ValueError, match=r"'nN' is not a unit of the kind 'mm'.*stiffness makes a force of a deflection"
     ):
-        read(path, {"depth": Column("Z (nm)"), "Fz": Column("Load (nN)", stiffness=K)})
+        read_measurement(path, {"depth": Column("Z (nm)"), "Fz": Column("Load (nN)", stiffness=K)})
     with pytest.raises(ValueError, match=r"'depth\.minus'.*a force is subtracted with the stiffness or compliance"):
-        read(path, {"depth": Column("Z (nm)", minus=Column("Load (nN)")), "Fz": Column("Load (nN)")})
+        read_measurement(path, {"depth": Column("Z (nm)", minus=Column("Load (nN)")), "Fz": Column("Load (nN)")})
 
 
 DEPTH = f'depth = {{ header = "{Z}", zero = "contact", minus = {{ header = "{D}" }} }}'
@@ -175,12 +177,12 @@ def test_a_study_says_which_key_is_wrong(tmp_path, line):
     other = FZ if line.startswith("depth") else DEPTH
     path = study(tmp_path, line, other)
     with pytest.raises(StudyError) as error:
-        load(path)
+        load_study(path)
     assert all(words in str(error.value) for words in ["study.toml:", *KEYS[line]])
 
 
 def test_a_study_reads_what_it_says(tmp_path):
-    m = load(study(tmp_path, DEPTH, FZ)).measurement("top")
+    m = load_study(study(tmp_path, DEPTH, FZ)).measurement("top")
     np.testing.assert_allclose(m.repeats[0].depth, approach()[2], atol=4.0 * m.contact)
     assert any(f"depth is {Z!r} − {D!r}" in v for v in m.doubts) and 0.0 < m.contact < 1e-4
 

@@ -11,12 +11,12 @@ import sample_studies as studies
 
 from rso.calibration import pipeline, range_extension, stages
 from rso.calibration.plan import make_plan
-from rso.calibration.range_ends import RangeEnd, Stated, limit, ordinary
+from rso.calibration.range_ends import RangeEnd, Stated, end_limit, ordinary
 from rso.contract import knob, parameters_of
 from rso.evaluation import Evaluator
 from rso.evaluation.store import RunStore
 from rso.report.calibration.numbers import report as document
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
 ONE_MU = "mu = {{ low = {}, high = {} }}\nD1 = {{ value = 60 }}"
@@ -53,7 +53,7 @@ USUAL = UsualLayer()
 
 def repair(folder, **changes):
     """Design, surrogates and repair alone."""
-    plan = make_plan(load(studies.write(folder, **{"search": SEARCH, **changes})))
+    plan = make_plan(load_study(studies.write(folder, **{"search": SEARCH, **changes})))
     with RunStore(folder / "results") as store:
         bench = stages.Runner(plan, Evaluator(plan.backend, store, studies.Inline()))
         design = stages.run_design(bench)
@@ -186,7 +186,7 @@ def test_wider_ranges_keep_to_what_is_usual_unless_the_stated_ones_do_not(tmp_pa
 
 def test_a_fixed_parameter_counts_as_its_value_and_functions_are_no_names(tmp_path):
     text = {"parameters": ONE_MU.format(0.003, 0.006), "backend": 'use = "test_repairing:USUAL"'}
-    (condition,) = ordinary(make_plan(load(studies.write(tmp_path, **text))))
+    (condition,) = ordinary(make_plan(load_study(studies.write(tmp_path, **text))))
     np.testing.assert_array_equal(condition.holds({"mu": np.array([0.0083, 0.0084])}), [True, False])  # 0.5 / 60
 
 
@@ -213,11 +213,11 @@ def test_nobody_asked_for_more_than_one_width_on_the_scale_of_the_range(tmp_path
 
 @pytest.mark.parametrize("low, high", [(0.2, 1.0), (0.0, 1.0), (-1.0, -0.2), (-0.2, 1.0)])
 def test_a_range_of_one_sign_keeps_it_however_wide_it_may_become(tmp_path, low, high):
-    plan = make_plan(load(studies.write(tmp_path, search=f"{SEARCH}\nrepair_limit = 5")))
+    plan = make_plan(load_study(studies.write(tmp_path, search=f"{SEARCH}\nrepair_limit = 5")))
     offset = dataclasses.replace(plan.searches[0].axes[1].parameter, low=-1e3, high=1e3)
     axis = dataclasses.replace(plan.searches[0].axes[1], parameter=offset, low=low, high=high, scale="linear")
     axes = (plan.searches[0].axes[0], axis)
-    found = [limit(plan, axes, Stated(axes, ()), RangeEnd(1, side)) for side in (0, 1)]
+    found = [end_limit(plan, axes, Stated(axes, ()), RangeEnd(1, side)) for side in (0, 1)]
     widest = 5.0 * (high - low)
     np.testing.assert_allclose(
         [far for far, _ in found],
@@ -284,4 +284,4 @@ def test_targets_that_contradict_each_other_move_nothing(tmp_path):
 @pytest.mark.parametrize("key", ["repair = 1", "repair_limit = 1.0", 'repair = "yes"', "repair_limit = -3"])
 def test_bad_keys_are_refused(tmp_path, key):
     with pytest.raises(ValueError, match="repair"):
-        load(studies.write(tmp_path, search=f"{SEARCH}\n{key}"))
+        load_study(studies.write(tmp_path, search=f"{SEARCH}\n{key}"))

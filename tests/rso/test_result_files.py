@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from rso.cli import main
 from rso.result_types import FILES, NextFile, ResultBlock
-from rso.result_types.reference import page, schema
+from rso.result_types.reference import page, result_schema
 
 PAGE = Path(__file__).parents[2] / "docs" / "results.md"
 
@@ -41,7 +41,7 @@ def test_every_key_has_a_meaning_and_stands_in_the_page():
 def test_the_schema_of_each_file_is_printed_and_has_units(name, capsys):
     assert main(["keys", name, "--schema"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed == schema(name) and set(printed["required"]) <= set(printed["properties"])
+    assert printed == result_schema(name) and set(printed["required"]) <= set(printed["properties"])
     assert "schema" in printed["properties"] and "schema_" not in printed["properties"]
     assert any(v.get("unit") == "s" for v in printed["properties"].values())
 

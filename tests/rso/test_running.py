@@ -31,7 +31,7 @@ from rso.evaluation import (
     WorkerDied,
     WorkerPool,
     WorkersCannotStart,
-    begin,
+    begin_ahead,
     load_backend,
     run_all,
 )
@@ -291,11 +291,11 @@ def test_what_was_begun_is_taken_over_not_computed_again(tmp_path):
     tasks = [task(float(x), log=log, mesh=f"m{x % 2}@{log}") for x in range(4)]
     ahead = {}
     with RunStore(tmp_path / "a") as store, WorkerPool(2, source=SOURCE) as pool:
-        begin(dummy.BACKEND, tasks, store, pool, ahead)
+        begin_ahead(dummy.BACKEND, tasks, store, pool, ahead)
         until(lambda: all(f.done() for f in ahead.values()))
         assert dummy.calls(log, "make") == 2 and dummy.calls(log, "begin") == 0  # artefacts come first
-        begin(dummy.BACKEND, tasks, store, pool, ahead)
-        begin(dummy.BACKEND, tasks, store, pool, ahead)  # once more changes nothing
+        begin_ahead(dummy.BACKEND, tasks, store, pool, ahead)
+        begin_ahead(dummy.BACKEND, tasks, store, pool, ahead)  # once more changes nothing
         until(lambda: dummy.calls(log, "end") == 4)
         found = run_all(dummy.BACKEND, tasks, store, pool, ahead=ahead)
         assert not ahead
@@ -307,7 +307,7 @@ def test_what_was_begun_is_taken_over_not_computed_again(tmp_path):
 def test_executors_that_are_no_pool_begin_nothing(tmp_path):
     log, ahead = str(tmp_path / "log"), {}
     with RunStore(tmp_path / "a") as store:
-        begin(dummy.BACKEND, [task(log=log)], store, InlineExecutor(), ahead)
+        begin_ahead(dummy.BACKEND, [task(log=log)], store, InlineExecutor(), ahead)
     assert not ahead and dummy.calls(log, "begin") == 0
 
 
@@ -315,7 +315,7 @@ def test_a_crash_of_what_was_begun_is_retried(tmp_path):
     log, ahead = str(tmp_path / "log"), {}
     wanted = [task(1.0, log=log, do="crash once"), task(2.0, log=log, do="kill"), task(3.0, log=log, do="fail")]
     with RunStore(tmp_path / "a") as store, WorkerPool(2, source=SOURCE) as pool:
-        begin(dummy.BACKEND, wanted, store, pool, ahead)
+        begin_ahead(dummy.BACKEND, wanted, store, pool, ahead)
         found = run_all(dummy.BACKEND, wanted, store, pool, ahead=ahead)
     assert [type(o) for o in found] == [Done, Crashed, Failed] and dummy.calls(log, "begin 1 ") == 2
 

@@ -4,10 +4,10 @@ from scipy.spatial.distance import pdist
 
 from rso.benchmarks import ZDT1_HYPERVOLUME, ZDT2_HYPERVOLUME, branin, indentation, zdt1, zdt2
 from rso.doe import Box
-from rso.optimise import Front, choose, nsga2, story
-from rso.optimise.acceptable import shortest
+from rso.optimise import Front, choice_sentences, choose_candidates, nsga2
+from rso.optimise.acceptable import shortest_steps
 from rso.optimise.basins import basins
-from rso.optimise.targets import Constraint, Target, residuals, violations
+from rso.optimise.targets import Constraint, Target, target_residuals, violations
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 1.0), (0.015, 160.0), (False, True))
 TRUTH = np.array([[0.0099, 30.0]])
@@ -23,12 +23,12 @@ def problem(depths, offset=0.0, thickness=20.0):
     """Targets at the truth (plus an offset in N), and the residuals of any points."""
     values = forces(BOX.to_unit(TRUTH), depths, thickness)[0] + offset
     targets = [Target("mid", "Fz", h, float(v), 0.001, "N") for h, v in zip(depths, values, strict=True)]
-    return targets, lambda X: residuals(targets, forces(X, depths, thickness))
+    return targets, lambda X: target_residuals(targets, forces(X, depths, thickness))
 
 
 def searched(r, tolerance, violation=None, **bounds):
     front = nsga2(lambda X: np.abs(r(X)), 2, seed=3, constraints=violation, population=40, generations=30, **bounds)
-    return front, choose(front, r, np.atleast_1d(tolerance), seed=1, violations=violation, **bounds)
+    return front, choose_candidates(front, r, np.atleast_1d(tolerance), seed=1, violations=violation, **bounds)
 
 
 def area(F, reference=1.1):
@@ -114,7 +114,7 @@ def test_one_force_gives_a_valley_with_three_far_apart_candidates():
     np.testing.assert_allclose([low[0], high[0]], [mu_at(1.0), 0.015], rtol=0.01)  # 0.4 % tolerance on force
     assert low[1] < 1.05 and abs(indentation(1.0, 0.015, high[1]) / modulus - 1) < 0.02
     assert choice.together == ((0, 1, 1),)
-    text = story(choice, BOX, targets)
+    text = choice_sentences(choice, BOX, targets)
     assert text.startswith("A valley") and "MPa" in text and "mu up as D1 goes up" in text
 
 
@@ -125,9 +125,9 @@ def test_forces_at_three_depths_find_the_truth():
     # Quadratic convergence of Gauss–Newton on a consistent system; differences of 1e-5 of the range.
     np.testing.assert_allclose(BOX.from_unit(choice.X[:1]), TRUTH, rtol=1e-6)
     assert choice.extent.max() < 0.05
-    assert "compact" in story(choice, BOX, targets)
+    assert "compact" in choice_sentences(choice, BOX, targets)
     if len(choice.X) < 3:
-        assert f"Only {len(choice.X)} of " in story(choice, BOX, targets)
+        assert f"Only {len(choice.X)} of " in choice_sentences(choice, BOX, targets)
     # Half-space forces at any depths are proportional: three targets leave the valley open.
     assert searched(problem((1.0, 2.0, 3.0), thickness=None)[1], [1e-3] * 3)[1].kind == "valley"
 
@@ -162,7 +162,7 @@ def test_steps_do_not_press_against_the_faces():
         return X @ np.array([[1.0], [3.0]]) - 3.5
 
     X = np.array([[0.2, 1.0]])
-    step = shortest(X, excess(X), excess, np.zeros(2), np.ones(2))
+    step = shortest_steps(X, excess(X), excess, np.zeros(2), np.ones(2))
     # The shortest step would mostly raise x2, which is at its bound; finite differences of 1e-5.
     np.testing.assert_allclose(step, [[0.3, 0.0]], atol=1e-8)
 
@@ -173,7 +173,7 @@ def test_an_unreachable_force_is_said_with_its_distance():
     assert not choice.reachable and choice.kind == "single" and len(choice.X) == 1
     strongest = forces(np.array([[1.0, 0.0]]), (2.0,), 20.0)[0, 0]
     np.testing.assert_allclose(choice.residual[0, 0], strongest - targets[0].value, rtol=1e-6)
-    text = story(choice, BOX, targets)
+    text = choice_sentences(choice, BOX, targets)
     assert "not reachable" in text and f"{choice.residual[0, 0]:+.3g} N" in text and "Only 1 of 3 requested" in text
 
 
@@ -186,7 +186,7 @@ def test_contradicting_forces_give_distinct_compromises_and_the_extremes():
     assert choice.F[1, 0] < choice.F[0, 0] < choice.F[2, 0]
     assert choice.F[0].max() == choice.F.max(axis=1).min()
     assert choice.F[1:].min(axis=0).max() < choice.F[0].min()
-    assert "0.0" in story(choice, BOX, targets)
+    assert "0.0" in choice_sentences(choice, BOX, targets)
 
 
 def test_a_constraint_on_an_output_is_respected():
@@ -201,14 +201,14 @@ def test_a_constraint_on_an_output_is_respected():
     assert violation(bound.X).max() == 0 and bound.F.max() <= 0.002 and bound.reachable
     assert len(bound.X) == 3 and np.any(bound.extent < 0.95 * free.extent)
     never = searched(r, 0.002, lambda X: np.ones((len(X), 1)))[1]
-    assert not never.feasible and not never.reachable and "No point" in story(never, BOX, targets)
+    assert not never.feasible and not never.reachable and "No point" in choice_sentences(never, BOX, targets)
 
 
 def test_points_are_moved_into_a_feasible_strip_too_thin_to_be_sampled():
     _, r = problem((2.0,), thickness=None)
     corner = np.zeros((1, 2))
     front = Front(corner, np.abs(r(corner)), False, np.zeros(1), 1)
-    choice = choose(front, r, np.array([0.002]), seed=0, violations=lambda X: np.abs(X[:, :1] - 0.5) - 1e-5)
+    choice = choose_candidates(front, r, np.array([0.002]), seed=0, violations=lambda X: np.abs(X[:, :1] - 0.5) - 1e-5)
     assert choice.reachable and np.abs(choice.X[:, 0] - 0.5).max() <= 1e-5
 
 
@@ -227,7 +227,7 @@ def test_separate_solutions_are_islands_and_not_a_valley():
         return branin(X)[:, None]
 
     front = nsga2(lambda X: np.abs(r(X)), 2, seed=0, population=40, generations=20)
-    choice = choose(front, r, np.array([0.6]), seed=0)
+    choice = choose_candidates(front, r, np.array([0.6]), seed=0)
     assert choice.kind == "islands" and len(choice.X) == 3
     minima = (np.array([[-np.pi, 12.275], [np.pi, 2.275], [3 * np.pi, 2.475]]) + np.array([5, 0])) / 15
     nearest = np.linalg.norm(choice.X[:, None] - minima, axis=2)
@@ -240,13 +240,13 @@ def test_one_parameter_and_values_that_are_not_finite():
         return np.where(X[:, :1] > 0.8, np.nan, y)
 
     front = nsga2(lambda X: np.abs(r(X)), 1, seed=0, population=20, generations=20)
-    choice = choose(front, r, np.array([1e-4]), seed=0)
+    choice = choose_candidates(front, r, np.array([1e-4]), seed=0)
     assert choice.kind == "single" and choice.reachable
     np.testing.assert_allclose(choice.X, [[0.5]], atol=1e-4)  # tolerance / slope
     with pytest.raises(ValueError, match="finite"):
-        choose(front, lambda X: np.full((len(X), 1), np.nan), np.array([1.0]), seed=0)
+        choose_candidates(front, lambda X: np.full((len(X), 1), np.nan), np.array([1.0]), seed=0)
     with pytest.raises(ValueError, match="tolerances > 0"):
-        choose(front, r, np.array([0.0]), seed=0)
+        choose_candidates(front, r, np.array([0.0]), seed=0)
 
 
 def test_an_optimum_0_03_wide_in_four_dimensions_is_found_beside_a_broad_one():

@@ -4,7 +4,7 @@ from scipy.stats import sobol_indices, uniform
 
 from rso.benchmarks import ishigami, ishigami_indices, sobol_g, sobol_g_indices
 from rso.doe import Box
-from rso.emulation.sensitivity import curve, local, morris, sobol
+from rso.emulation.sensitivity import local, morris, response_curve, saltelli_indices
 
 A = np.array([0.0, 1.0, 4.5, 9.0])
 
@@ -18,7 +18,7 @@ def standard_error(interval):
     "f,d,exact", [(ishigami, 3, ishigami_indices()), (lambda X: sobol_g(X, A), 4, sobol_g_indices(A))]
 )
 def test_sobol_indices_within_three_standard_errors_of_the_exact_ones(f, d, exact, seed):
-    r = sobol(f, d, seed)
+    r = saltelli_indices(f, d, seed)
     for found, interval, truth in zip((r.first, r.total), (r.first_interval, r.total_interval), exact, strict=True):
         assert np.all(np.abs(found - truth) < 3 * standard_error(interval) + 1e-12)
         assert standard_error(interval).max() < 0.03
@@ -26,22 +26,22 @@ def test_sobol_indices_within_three_standard_errors_of_the_exact_ones(f, d, exac
 
 
 def test_sobol_agrees_with_scipy_and_repeats_to_the_bit():
-    mine = sobol(ishigami, 3, 0, n=4096)
+    mine = saltelli_indices(ishigami, 3, 0, n=4096)
     theirs = sobol_indices(func=lambda x: ishigami(x.T), n=4096, dists=[uniform(0, 1)] * 3, rng=1)
     # Two independent low-discrepancy estimates: each within about 0.01 of the truth at n = 4096.
     np.testing.assert_allclose(mine.first, theirs.first_order, atol=0.03)
     np.testing.assert_allclose(mine.total, theirs.total_order, atol=0.03)
-    again = sobol(ishigami, 3, 0, n=4096)
+    again = saltelli_indices(ishigami, 3, 0, n=4096)
     assert np.array_equal(mine.first_interval, again.first_interval) and np.array_equal(mine.total, again.total)
 
 
 def test_sobol_on_a_triangle_has_its_own_exact_answer():
     # y = x1 + x2 uniform on x1 + x2 < 1: Var = 1/18, E[y|x1] = (1 + x1)/2, Var(y|x2) = (1 − x2)²/12: S = 1/4, T = 3/4.
-    r = sobol(lambda X: X.sum(axis=1), 2, 0, constraint=lambda X: X.sum(axis=1) < 1)
+    r = saltelli_indices(lambda X: X.sum(axis=1), 2, 0, constraint=lambda X: X.sum(axis=1) < 1)
     assert np.all(np.abs(r.first - 0.25) < 3 * standard_error(r.first_interval))
     assert np.all(np.abs(r.total - 0.75) < 3 * standard_error(r.total_interval))
     np.testing.assert_allclose([r.excluded, r.variance], [0.5, 1 / 18], rtol=0.05)  # 8192 points: 1 to 2 %
-    free = sobol(lambda X: X.sum(axis=1), 2, 0)  # negative control: independent inputs give 1/2 each
+    free = saltelli_indices(lambda X: X.sum(axis=1), 2, 0)  # negative control: independent inputs give 1/2 each
     np.testing.assert_allclose(free.first, 0.5, atol=0.02)  # 4096 points
 
 
@@ -50,15 +50,15 @@ def test_sobol_never_looks_at_infeasible_points_and_refuses_empty_sets():
         assert np.all(X[:, 0] < 0.5)
         return X[:, 0]
 
-    sobol(f, 2, 0, n=256, constraint=lambda X: X[:, 0] < 0.5)
+    saltelli_indices(f, 2, 0, n=256, constraint=lambda X: X[:, 0] < 0.5)
     with pytest.raises(ValueError, match="less than 1 %"):
-        sobol(f, 2, 0, n=64, constraint=lambda X: X[:, 0] < 1e-4)
+        saltelli_indices(f, 2, 0, n=64, constraint=lambda X: X[:, 0] < 1e-4)
     with pytest.raises(ValueError, match="power of two"):
-        sobol(f, 2, 0, n=100)
+        saltelli_indices(f, 2, 0, n=100)
 
 
 def test_sobol_of_a_constant_is_undefined():
-    r = sobol(lambda X: np.full(len(X), 2.0), 2, 0, n=64)
+    r = saltelli_indices(lambda X: np.full(len(X), 2.0), 2, 0, n=64)
     assert np.isnan(r.first).all() and r.variance == 0
 
 
@@ -103,7 +103,7 @@ def test_local_sees_a_bump_that_the_ends_do_not():
     (bar,) = local(lambda X: X[:, 0] * (1 - X[:, 0]), np.array([0.5]), ("x",))
     assert bar.at_low == bar.at_high == 0
     np.testing.assert_allclose(bar.change, 0.25, rtol=1e-12)  # the middle is one of the 41 points
-    x, y = curve(lambda X: X[:, 0] + X[:, 1], np.array([0.2, 0.4]), 1, n=5)
+    x, y = response_curve(lambda X: X[:, 0] + X[:, 1], np.array([0.2, 0.4]), 1, n=5)
     np.testing.assert_allclose(y, 0.2 + x, rtol=1e-12)
 
 
@@ -128,7 +128,7 @@ def test_morris_keeps_to_the_feasible_set():
     ],
 )
 def test_intervals_are_as_wide_as_the_estimates_scatter(f, d, exact):
-    found = [sobol(f, d, seed, n=1024) for seed in range(25)]
+    found = [saltelli_indices(f, d, seed, n=1024) for seed in range(25)]
     for name, truth in zip(("first", "total"), exact, strict=True):
         ends = np.array([getattr(r, f"{name}_interval") for r in found])
         inside = (ends[..., 0] <= truth + 1e-12) & (truth - 1e-12 <= ends[..., 1])
@@ -142,7 +142,7 @@ def test_intervals_are_as_wide_as_the_estimates_scatter(f, d, exact):
 
 def test_indices_and_their_intervals_stay_between_0_and_1_whatever_the_level():
     for level in (0.0, 1e5):
-        r = sobol(lambda X: X[:, 0] + 1e-3 * X[:, 1] + level, 2, 0, n=64)  # noqa: B023
+        r = saltelli_indices(lambda X: X[:, 0] + 1e-3 * X[:, 1] + level, 2, 0, n=64)  # noqa: B023
         values = np.concatenate([r.first, r.total, r.first_interval.ravel(), r.total_interval.ravel()])
         assert values.min() >= 0 and values.max() <= 1
         np.testing.assert_allclose(r.first, [1, 0], atol=5e-3)  # 8 times 64 points: 0.003
@@ -158,9 +158,9 @@ def test_the_intervals_hold_the_error_of_the_surrogate():
     def sd(X):
         return np.full(len(X), 0.4 / np.sqrt(12))
 
-    blind, told = sobol(surrogate, 2, 0, n=512), sobol(surrogate, 2, 0, n=512, sd=sd)
+    blind, told = saltelli_indices(surrogate, 2, 0, n=512), saltelli_indices(surrogate, 2, 0, n=512, sd=sd)
     assert np.array_equal(blind.first, told.first)
     for ends, holds in ((blind.first_interval, False), (told.first_interval, True)):
         assert np.all((ends[:, 0] <= truth) & (truth <= ends[:, 1])) == holds
-    exact = sobol(surrogate, 2, 0, n=512, sd=lambda X: np.zeros(len(X)))  # negative control
+    exact = saltelli_indices(surrogate, 2, 0, n=512, sd=lambda X: np.zeros(len(X)))  # negative control
     np.testing.assert_allclose(exact.first_interval, blind.first_interval, atol=1e-12)

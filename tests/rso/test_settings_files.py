@@ -7,20 +7,20 @@ from indentation_backend import BACKEND
 
 from rso.contract import Case, Programme, run_key
 from rso.contract.plain_data import by_contents
-from rso.study.loader import load
-from rso.study.settings_files import located, named, written
+from rso.study.loader import load_study
+from rso.study.settings_files import named_files, with_absolute_paths, with_relative_paths
 
 
 def test_a_path_beside_the_study_is_found_from_anywhere(tmp_path):
     (tmp_path / "scans").mkdir()
     (tmp_path / "scans" / "organ.stl").write_text("solid")
     settings = {"body": {"file": "scans/organ.stl", "held": {"file": "gone.stl"}}, "file": 3, "depth": 1.0}
-    found = located(settings, tmp_path)
+    found = with_absolute_paths(settings, tmp_path)
     assert found["body"]["file"] == str(tmp_path / "scans" / "organ.stl")
     assert found["body"]["held"] == {"file": "gone.stl"}  # whoever reads it says that there is none
     assert (found["file"], found["depth"]) == (3, 1.0)
-    assert written(found, tmp_path) == settings
-    assert named(found) == [found["body"]["file"], "gone.stl"]
+    assert with_relative_paths(found, tmp_path) == settings
+    assert named_files(found) == [found["body"]["file"], "gone.stl"]
 
 
 def test_a_study_names_files_from_its_own_folder(tmp_path, monkeypatch):
@@ -28,7 +28,7 @@ def test_a_study_names_files_from_its_own_folder(tmp_path, monkeypatch):
     studies.write(folder, **{"backend.settings": f"thickness = {studies.THICKNESS}\nbody = {{ file = 'organ.stl' }}"})
     (folder / "organ.stl").write_text("solid")
     monkeypatch.chdir(tmp_path)
-    study = load(folder)
+    study = load_study(folder)
     assert study.settings_of("top")["body"] == {"file": str(folder / "organ.stl")}
     assert folder / "organ.stl" in study.inputs()
     assert study.written(study.backend.settings)["body"] == {"file": "organ.stl"}

@@ -11,7 +11,7 @@ from rso.calibration import confirmed_optimum, identification_stage, readings
 from rso.calibration.confirmed_optimum import ConfirmedOptimum
 from rso.core.similarity import Group
 from rso.doe import Box
-from rso.emulation.emulator import Output, Sample, learn
+from rso.emulation.emulator import Output, Sample, learn_emulator
 from rso.inference import Data, Misfit, Model, determine
 
 BOX = Box(("a", "b"), ("", ""), (0.0, 0.0), (1.0, 1.0), (False, False))
@@ -65,7 +65,9 @@ def test_what_a_surrogate_may_miss_is_a_share_of_the_spread_whatever_the_level(m
     """A parabola of spread 1 on a level of 1e5 by a straight line: 7 % of the spread, 1e-6 of the level."""
     box, out = Box(("x",), ("",), (0.0,), (1.0,), (False,)), Output("e", "Fz", 1.0, "N")
     samples = [Sample({"x": x}, {out.id: 1e5 + x**2}) for x in np.linspace(0.0, 1.0, 9)]
-    emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), [out], samples, kind="polynomial", seed=0, degree=1)
+    emulator = learn_emulator(
+        box, Group(None, 1.0, {}, {"Fz": 0}, ""), [out], samples, kind="polynomial", seed=0, degree=1
+    )
     monkeypatch.setattr(confirmed_optimum, "_fitted", lambda plan: [("e", "Fz")])
     plan = SimpleNamespace(study=SimpleNamespace(surrogate=SimpleNamespace(tolerance=tolerance)))
     assert bool(confirmed_optimum._poor(plan, emulator)) is poor

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.cli.checking import check
-from rso.data import Column, read
-from rso.study.loader import load
+from rso.cli.checking import check_lines
+from rso.data import Column, read_measurement
+from rso.study.loader import load_study
 
 U = np.linspace(0.0, 4.0, 41)
 F = 0.04 * U**1.5
@@ -84,7 +84,7 @@ READ = {  # text, encoding, columns
 @pytest.mark.parametrize("what", READ)
 def test_read_as_meant(tmp_path, what):
     text, encoding, columns = READ[what]
-    m = read(write(tmp_path, text, encoding), columns)
+    m = read_measurement(write(tmp_path, text, encoding), columns)
     (r,) = m.repeats
     np.testing.assert_allclose(r.depth, U, rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(r.channels["Fz"], F, rtol=1e-4, atol=1e-9)
@@ -95,7 +95,7 @@ def test_a_quote_in_a_remark_takes_no_readings_with_it(tmp_path):
     """Opened in one row and closed some rows on, as where somebody writes of inches."""
     notes = ['"slipped' if k == 5 else 'again"' if k == 11 else "" for k in range(41)]
     path = write(tmp_path, table("depth_mm;Fz_N;Bemerkung", U, F, notes, separator=";"))
-    assert len(read(path, PLAIN).repeats[0].depth) == 41
+    assert len(read_measurement(path, PLAIN).repeats[0].depth) == 41
 
 
 REFUSED = {  # text, columns, place and words
@@ -191,7 +191,7 @@ def test_refused_with_its_place_and_a_way_out(tmp_path, what):
     text, columns, words = REFUSED[what]
     path = write(tmp_path, text)
     with pytest.raises(ValueError) as caught:
-        read(path, columns)
+        read_measurement(path, columns)
     for word in (str(path), *words):
         assert word in str(caught.value)
 
@@ -221,13 +221,13 @@ SOUND = {
 
 @pytest.mark.parametrize("what", SOUND)
 def test_gaps_coarse_scales_and_other_speeds_are_no_jumps(tmp_path, what):
-    assert not any("jumps" in doubt for doubt in read(write(tmp_path, SOUND[what])).doubts)
+    assert not any("jumps" in doubt for doubt in read_measurement(write(tmp_path, SOUND[what])).doubts)
 
 
 @pytest.mark.parametrize("what", REMARKED)
 def test_read_and_remarked_upon(tmp_path, what):
     text, words = REMARKED[what]
-    assert any(words in doubt for doubt in read(write(tmp_path, text)).doubts)
+    assert any(words in doubt for doubt in read_measurement(write(tmp_path, text)).doubts)
 
 
 def test_what_is_no_such_thing_is_not_remarked_upon(tmp_path):
@@ -237,7 +237,7 @@ def test_what_is_no_such_thing_is_not_remarked_upon(tmp_path):
     body = 0.04 * np.maximum(air, 0) ** 1.5 + 0.002 * rng.normal(size=len(air)) + 0.002 * air
     rest = np.r_[U, U[::-1], np.zeros(9)]
     for depth, force in ((air, body), (rest, 0.04 * rest**1.5), (U, 0.1 * U), (U, F * (0.4 + 0.6 * np.exp(-2 * U)))):
-        doubts = read(write(tmp_path, table("depth_mm,Fz_N", depth, force))).doubts
+        doubts = read_measurement(write(tmp_path, table("depth_mm,Fz_N", depth, force))).doubts
         assert not [d for d in doubts if any(w in d for w in ("grows by", "exchanged", "filled up"))]
 
 
@@ -247,5 +247,5 @@ def test_days_taken_for_seconds_are_remarked_upon_by_a_check(tmp_path, start, un
     time = [f"{start + t / (86400.0 if unit == 'd' else 1.0):.11f}" for t in T]
     write(tmp_path, table("time_s,depth_mm,Fz_N", time, U, F))
     experiment = 'name = "top"\nrole = "fit"\ndata = "data.csv"\n'
-    loaded = load(studies.write(tmp_path, experiments=experiment))
-    assert ("is the unit of its time right?" in " ".join(check(loaded, tmp_path, trust=True))) == said
+    loaded = load_study(studies.write(tmp_path, experiments=experiment))
+    assert ("is the unit of its time right?" in " ".join(check_lines(loaded, tmp_path, trust=True))) == said

@@ -12,8 +12,8 @@ from rso.calibration.plan import make_plan
 from rso.contract import Parameter
 from rso.study import cases
 from rso.study.errors import StudyError
-from rso.study.line_numbers import line_of, lines_of
-from rso.study.loader import load
+from rso.study.line_numbers import line_of, toml_lines
+from rso.study.loader import load_study
 from rso.study.resolve import resolve
 from rso.study.schema import Study
 
@@ -82,12 +82,12 @@ def save(folder: Path, text: str) -> Path:
 
 def problems(folder: Path, text: str) -> tuple[str, ...]:
     with pytest.raises(StudyError) as caught:
-        load(save(folder, text))
+        load_study(save(folder, text))
     return caught.value.problems
 
 
 def test_a_good_study(folder):
-    study = load(save(folder, GOOD))
+    study = load_study(save(folder, GOOD))
     assert isinstance(study, Study)
     assert study.backend.timeout == 600.0
     assert study.search.targets[1].value == 0.5 and study.search.targets[0].value is None
@@ -104,24 +104,24 @@ def test_a_good_study(folder):
     assert study.experiment("profile").compared == ("uz",)
     assert study.measurement("top").channels == ("Fz",)
     assert (study.file, study.folder) == (folder / "study.toml", folder)
-    assert load(folder).model_dump() == study.model_dump()  # the folder stands for the study.toml inside
+    assert load_study(folder).model_dump() == study.model_dump()  # the folder stands for the study.toml inside
 
 
 def test_seed_zero_is_a_seed_and_defaults_are_there(folder):
-    study = load(save(folder, GOOD))
+    study = load_study(save(folder, GOOD))
     assert study.study.seed == 0
     assert (study.doe.kind, study.doe.runs, study.doe.reduce) == ("lhs", 40, True)
     assert (study.search.metric, study.search.candidates, study.diagnose.effects) == ("nrmse", 3, "all")
 
 
 def test_models_are_frozen(folder):
-    study = load(save(folder, GOOD))
+    study = load_study(save(folder, GOOD))
     with pytest.raises(ValueError, match="frozen"):
         study.doe.runs = 3
 
 
 def test_resolve_gives_units(folder):
-    r = resolve(load(save(folder, GOOD)), KNOWN)
+    r = resolve(load_study(save(folder, GOOD)), KNOWN)
     assert [(a.name, a.low, a.high, a.scale) for a in r.axes] == [
         ("mu", 0.003356, 0.036765, "log"),
         ("D1", 1.0, 168.0, "linear"),
@@ -209,7 +209,7 @@ def test_one_mistake_is_one_problem_at_its_line(folder, old, new, key, words):
         assert word in match[0]
     # The key itself where it is written down, else the table that lacks it.
     path = tuple(int(k) if k.isdigit() else k for k in re.findall(r"\w+", key))
-    assert f"study.toml:{line_of(lines_of(text), path)}: " in match[0]
+    assert f"study.toml:{line_of(toml_lines(text), path)}: " in match[0]
     # A misspelt required key is also missing, a wrong role leaves nothing to fit; nothing else may cascade.
     assert len(found) == (2 if key in ("study.titel", "experiments[0].role") else 1), found
 
@@ -248,7 +248,7 @@ def test_all_problems_at_once_in_order_of_lines(folder):
     lines = [int(re.search(r"study\.toml:(\d+):", p)[1]) for p in found]
     assert lines == sorted(lines)
     with pytest.raises(StudyError) as caught:
-        load(folder)
+        load_study(folder)
     assert str(caught.value).count("\n") == 5 and "Traceback" not in str(caught.value)
 
 
@@ -279,7 +279,7 @@ def test_a_bad_data_file_is_reported_with_its_own_line(folder):
 def test_files_that_are_no_study(folder, content, words):
     (folder / "study.toml").write_bytes(content)
     with pytest.raises(StudyError) as caught:
-        load(folder / "study.toml")
+        load_study(folder / "study.toml")
     for word in [str(folder / "study.toml"), *words]:
         assert word in str(caught.value)
 
@@ -287,17 +287,17 @@ def test_files_that_are_no_study(folder, content, words):
 def test_missing_files_name_their_neighbours(folder):
     save(folder, GOOD)
     with pytest.raises(StudyError, match=r"no such study file; did you mean 'study\.toml'"):
-        load(folder / "stud.toml")
+        load_study(folder / "stud.toml")
     with pytest.raises(StudyError, match="no such study file"):
-        load(folder / "nowhere" / "study.toml")
+        load_study(folder / "nowhere" / "study.toml")
     with pytest.raises(StudyError, match=r"not a path|no such"):
-        load("a\0b")
+        load_study("a\0b")
 
 
 def test_byte_order_mark_and_windows_line_ends_do_not_matter(folder):
-    expected = load(save(folder, GOOD))
+    expected = load_study(save(folder, GOOD))
     (folder / "study.toml").write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
-    study = load(folder)
+    study = load_study(folder)
     assert study.model_dump() == expected.model_dump() and study.lines == expected.lines
 
 
@@ -316,7 +316,7 @@ def test_byte_order_mark_and_windows_line_ends_do_not_matter(folder):
 def test_resolve_answers_at_the_line(folder, old, new, key, words):
     text = GOOD.replace(old, new, 1)
     with pytest.raises(StudyError) as caught:
-        resolve(load(save(folder, text)), KNOWN)
+        resolve(load_study(save(folder, text)), KNOWN)
     match = [p for p in caught.value.problems if f"study.toml:{at(text, new)}: {key}" in p]
     assert len(match) == 1, caught.value.problems
     for word in words:
@@ -327,7 +327,7 @@ def test_log_scale_needs_a_positive_start(folder):
     text = GOOD.replace("D1 = { low = 1,", 'D1 = { scale = "log", low = 0,')
     zero = Parameter("D1", "compressibility", "1/MPa", 0.0, 1e4)
     with pytest.raises(StudyError, match="a log scale needs low > 0 1/MPa"):
-        resolve(load(save(folder, text)), (MU, zero, FRICTION))
+        resolve(load_study(save(folder, text)), (MU, zero, FRICTION))
 
 
 def places(value, place=()):
@@ -364,13 +364,13 @@ k = 2
 @pytest.mark.parametrize("text", [GOOD, TRICKY])
 def test_scanner_finds_every_place_that_the_parser_finds(text):
     """Oracle: tomllib.  Lines: deleting nothing, the key must be written in the line it is said to be in."""
-    lines = lines_of(text)
+    lines = toml_lines(text)
     assert set(places(tomllib.loads(text))) == set(lines)
     for place, line in lines.items():
         key = next(k for k in reversed(place) if isinstance(k, str))
         if isinstance(place[-1], str):
             assert key in text.split("\n")[line - 1]
-    assert lines_of(GOOD)[("search", "targets", 1, "depth")] == at(GOOD, "depth = 3.9")
+    assert toml_lines(GOOD)[("search", "targets", 1, "depth")] == at(GOOD, "depth = 3.9")
 
 
 # ------------------------------------------------------------------------------------------------------ laboratory
@@ -387,7 +387,7 @@ def laboratory(folder: Path, experiments: str, surface: str = SURFACE, **changes
 
 def refused(folder: Path, experiments: str, **changes: str) -> str:
     with pytest.raises(StudyError) as caught:
-        make_plan(load(laboratory(folder, experiments, **changes)))
+        make_plan(load_study(laboratory(folder, experiments, **changes)))
     (problem,) = caught.value.problems
     return problem
 
@@ -440,14 +440,14 @@ def test_other_channels_and_constraints_are_none_of_a_profile(tmp_path, marked):
 
 def test_a_profile_asks_for_its_depths_and_marks(tmp_path, marked):
     """Where depths scatter from mark to mark, as many travels as for a curve are enough."""
-    plan = make_plan(load(laboratory(tmp_path, also(more="settings = { thickness = 6, speed = 2 }"), **marked)))
+    plan = make_plan(load_study(laboratory(tmp_path, also(more="settings = { thickness = 6, speed = 2 }"), **marked)))
     case = plan.validation["surface"]
     assert case.settings == {"thickness": 6, "speed": 2, "profile": [[-5.0, 5.0], [0.0, 5.0], [5.0, 5.0]]}
     assert (case.programme.asked_mm, case.programme.time_s) == ((1.0, 2.0), (0.0, 1.0))
     assert set(plan.case_of) == {"top"} and not any("profile" in c.settings for c in plan.cases)
     u = 2 + 0.5 * np.sort(np.random.default_rng(0).random(40))
     rows = [f"{a!r},{x},-0.0,-0.1\n" for x, a in enumerate(u.tolist())] + ["-0.01,0,0,0\n", "2.50001,41,0,0\n"]
-    plan = make_plan(load(laboratory(tmp_path, also(), "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows), **marked)))
+    plan = make_plan(load_study(laboratory(tmp_path, also(), "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows), **marked)))
     case = plan.validation["surface"]
     assert len(case.programme.asked_mm) == cases.STEPS and case.programme.asked_mm[-1] == 2.50001
     assert case.settings["profile"][0] == [0.0, 0.0] and "-0.0" not in str(case.settings["profile"])
@@ -455,7 +455,7 @@ def test_a_profile_asks_for_its_depths_and_marks(tmp_path, marked):
 
 def test_a_depth_that_is_read_twice_is_asked_for_once(tmp_path, marked):
     surface = "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(f"{u},{k},0,-.1\n" for k, u in enumerate((1, 1.0005, 2, 1.9995)))
-    plan = make_plan(load(laboratory(tmp_path, also(), surface, **marked)))
+    plan = make_plan(load_study(laboratory(tmp_path, also(), surface, **marked)))
     assert plan.validation["surface"].programme.asked_mm == (1.0005, 2.0)
 
 
@@ -465,13 +465,13 @@ def test_that_a_test_also_unloads_is_no_matter_of_the_simulation(tmp_path, where
     unload = {"experiments": TOP + "\nsettings = { unload = true }", "backend__settings": "thickness = 8"}
     if where == "backend":
         unload = {"experiments": TOP, "backend__settings": "thickness = 8\nunload = true"}
-    plan = make_plan(load(studies.write(tmp_path, **unload)))
+    plan = make_plan(load_study(studies.write(tmp_path, **unload)))
     (case,) = plan.cases
     assert case.settings == {"thickness": 8} and case.programme.travel_mm == (0.0, 2.0)
     assert len(plan.curves["top"].depth) == 20 and np.all(np.diff(plan.curves["top"].value) > 0)
     assert cases.remarks(plan.study, "top") == [cases.LOADING]
     (tmp_path / "top.csv").write_text(studies.measured())
-    assert cases.remarks(load(studies.write(tmp_path)), "top") == []
+    assert cases.remarks(load_study(studies.write(tmp_path)), "top") == []
 
 
 def recorded(speed: float) -> str:
@@ -494,7 +494,7 @@ def test_a_test_is_simulated_as_fast_as_its_record_says(tmp_path, stated, own, s
     """One that took 300 s was simulated in 6, and what relaxes came out fifty times too quick, without a word."""
     (tmp_path / "top.csv").write_text(studies.measured() if own is None else recorded(own))
     experiments = TOP + (f'\nsettings = {{ speed = "{stated}" }}' if stated else "")
-    study = load(studies.write(tmp_path, experiments=experiments))
+    study = load_study(studies.write(tmp_path, experiments=experiments))
     assert cases.speed_of(study, "top") == (pytest.approx(speed, rel=1e-3), whose)
     (case,) = make_plan(study).cases
     assert case.programme.time_s[-1] == pytest.approx(2.0 / speed, rel=1e-3)
@@ -504,4 +504,4 @@ def test_a_test_is_simulated_as_fast_as_its_record_says(tmp_path, stated, own, s
 def test_a_speed_that_is_none_is_refused_where_it_stands(tmp_path, speed):
     (tmp_path / "top.csv").write_text(studies.measured())
     with pytest.raises(StudyError, match=r"study\.toml:\d+: experiments\[0\]\.settings\.speed"):
-        make_plan(load(studies.write(tmp_path, experiments=f"{TOP}\nsettings = {{ speed = {speed} }}")))
+        make_plan(load_study(studies.write(tmp_path, experiments=f"{TOP}\nsettings = {{ speed = {speed} }}")))

@@ -7,14 +7,14 @@ import pytest
 
 from rso.benchmarks import borehole, branin, indentation, ishigami
 from rso.contract import plain
-from rso.doe import Box, design, sobol
+from rso.doe import Box, design, sobol_sequence
 from rso.emulation import (
     cross_validate,
-    fit,
     fit_kriging,
     fit_polynomial,
+    fit_surrogate,
     from_dict,
-    held_out,
+    held_out_scores,
     model_choice,
     multi_output,
     pooled,
@@ -50,7 +50,7 @@ def test_polynomial_reproduces_polynomials_of_its_degree(d, degree):
     assert fit_polynomial(X, f(X)).degree >= degree
     if degree > 1:  # negative control: one degree less does not
         lower = fit_polynomial(X, f(X), degree=degree - 1)
-        assert held_out(lower, Q, f(Q)).max_abs > 1e-4
+        assert held_out_scores(lower, Q, f(Q)).max_abs > 1e-4
 
 
 def test_leave_one_out_of_the_polynomial_equals_refitting():
@@ -101,9 +101,9 @@ def test_kriging_with_known_noise_does_not_interpolate_and_finds_the_line():
     y = np.sin(4 * X[:, 0]) + rng.normal(0, 0.1, 60)
     Q = np.linspace(0.05, 0.95, 50)[:, None]
     smooth = fit_kriging(X, y, seed=0, noise_sd=0.1)
-    assert held_out(smooth, Q, np.sin(4 * Q[:, 0])).rmse < 0.06
+    assert held_out_scores(smooth, Q, np.sin(4 * Q[:, 0])).rmse < 0.06
     assert np.std(smooth.mean(X) - y) > 0.07
-    assert held_out(fit_kriging(X, y, seed=0), Q, np.sin(4 * Q[:, 0])).rmse > 0.06  # negative control
+    assert held_out_scores(fit_kriging(X, y, seed=0), Q, np.sin(4 * Q[:, 0])).rmse > 0.06  # negative control
 
 
 def test_noise_of_a_logarithm_is_relative():
@@ -131,21 +131,23 @@ def test_processes_asked_together_answer_to_the_bits_of_each_alone(d, slopes):
 
 
 def test_kriging_error_falls_with_the_number_of_points():
-    Q = sobol(2, 1024, 9)
+    Q = sobol_sequence(2, 1024, 9)
     errors = [
-        held_out(fit_kriging(X, branin(X), seed=0), Q, branin(Q)).relative_rmse
+        held_out_scores(fit_kriging(X, branin(X), seed=0), Q, branin(Q)).relative_rmse
         for X in (design("lhs", 2, n, 0) for n in (15, 30, 60))
     ]
     assert errors[1] < 0.5 * errors[0] and errors[2] < 0.5 * errors[1]
-    X, Q = design("lhs", 8, 40, 0), sobol(8, 1024, 9)
-    assert held_out(fit("kriging", X, borehole(X), seed=0), Q, borehole(Q)).q2 > 0.998  # as scikit-learn and SMT alone
+    X, Q = design("lhs", 8, 40, 0), sobol_sequence(8, 1024, 9)
+    assert (
+        held_out_scores(fit_surrogate("kriging", X, borehole(X), seed=0), Q, borehole(Q)).q2 > 0.998
+    )  # as scikit-learn and SMT alone
 
 
 def test_kriging_agrees_with_universal_kriging_of_scikit_learn():
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-    X, Q = design("lhs", 2, 25, 0), sobol(2, 256, 1)
+    X, Q = design("lhs", 2, 25, 0), sobol_sequence(2, 256, 1)
     y = branin(X)
     model = condition(X, y, np.zeros(25), 0, 3 * y.var(), np.array([0.4, 0.7]), False)
     # An unknown mean is the limit of a constant kernel with a huge variance.
@@ -161,7 +163,7 @@ def test_kriging_agrees_with_universal_kriging_of_scikit_learn():
 
 
 def test_kriging_sd_covers_the_error():
-    X, Q = design("lhs", 2, 30, 2), sobol(2, 1024, 5)
+    X, Q = design("lhs", 2, 30, 2), sobol_sequence(2, 1024, 5)
     mean, sd = fit_kriging(X, branin(X), seed=0, trend=0).predict(Q)
     z = (mean - branin(Q)) / sd
     assert np.mean(np.abs(z) < 2) > 0.75  # one smooth function at fitted hyper-parameters: no exact 95 %
@@ -175,11 +177,11 @@ def within(model, Q, y):
 
 
 def test_the_chosen_kriging_has_a_band_that_holds_most_of_what_it_has_not_seen():
-    Q, wide, plain_ = sobol(2, 512, 9), [], []
+    Q, wide, plain_ = sobol_sequence(2, 512, 9), [], []
     for f, runs in ((branin, 20), (branin, 60), (decades, 20)):
         for seed in range(3):
             X = design("lhs", 2, runs, seed)
-            model = fit("kriging", X, f(X), seed=0)
+            model = fit_surrogate("kriging", X, f(X), seed=0)
             wide.append(within(model, Q, f(Q)))
             plain_.append(within(replace(model, inflate=1.0, rivals=()), Q, f(Q)))
     assert 0.8 < np.mean(wide) <= 1
@@ -194,10 +196,10 @@ def softening(X):
 def test_the_worst_of_several_designs_has_a_band_that_holds_most_too():
     wide, folds_alone = [], []
     for f, d, runs in ((branin, 2, 20), (softening, 1, 8)):
-        Q = sobol(d, 512, 9)
+        Q = sobol_sequence(d, 512, 9)
         for seed in range(100, 106):
             X = design("lhs", d, runs, seed)
-            model = fit("kriging", X, f(X), seed=0)
+            model = fit_surrogate("kriging", X, f(X), seed=0)
             wide.append(within(model, Q, f(Q)))
             folds_alone.append(within(replace(model, rivals=()), Q, f(Q)))
     # The worst of 20 designs each is 0.96 to 1 (tests/verification/test_surrogate_errors.py).
@@ -206,19 +208,19 @@ def test_the_worst_of_several_designs_has_a_band_that_holds_most_too():
 
 
 def test_cross_validation_of_kriging_speaks_of_the_whole_cube():
-    Q, expected, left_out = sobol(2, 512, 9), [], []
+    Q, expected, left_out = sobol_sequence(2, 512, 9), [], []
     for seed in range(100, 108):
         X = design("lhs", 2, 30, seed)
         y = branin(X)
-        model = fit("kriging", X, y, seed=0)
-        truth = held_out(model, Q, branin(Q)).rmse
+        model = fit_surrogate("kriging", X, y, seed=0)
+        truth = held_out_scores(model, Q, branin(Q)).rmse
         option = (model.kernel, model.trend, model.log)
         expected.append(model.cv.rmse / truth)
         left_out.append(fit_kriging(X, y, seed=0, kernel=option[0], trend=option[1], log=option[2]).cv.rmse / truth)
     # The ratios of 20 designs have a median of 1.9 and a standard deviation of 0.6 of their logarithm: 0.25 with 8.
     assert 0.67 < np.median(expected) < 3.2
     assert np.median(left_out) > 4  # negative control: Branin's errors are at its corners, outside of the other points
-    alone = replace(model, rivals=()).predict(sobol(2, 512, 0))[1]
+    alone = replace(model, rivals=()).predict(sobol_sequence(2, 512, 0))[1]
     np.testing.assert_allclose(model.cv.rmse, np.sqrt(np.mean(alone**2)), rtol=1e-9)  # rounding
     assert "be expected over the whole ranges" in model.story
     again = refit(model, X, y, seed=0)
@@ -226,8 +228,8 @@ def test_cross_validation_of_kriging_speaks_of_the_whole_cube():
 
 
 def test_rivals_that_disagree_widen_the_band_by_their_weights():
-    X, Q = design("lhs", 2, 20, 0), sobol(2, 64, 3)
-    model = fit("kriging", X, branin(X), seed=0)
+    X, Q = design("lhs", 2, 20, 0), sobol_sequence(2, 64, 3)
+    model = fit_surrogate("kriging", X, branin(X), seed=0)
     weights = [w for w, _ in model.rivals]
     assert 0 < len(weights) <= 3 and weights == sorted(weights, reverse=True) and sum(weights) < 1
     mean, sd = model.predict(Q)
@@ -246,7 +248,9 @@ def test_stated_noise_of_left_out_values_does_not_widen_the_band():
     rng = np.random.default_rng(0)
     X = rng.random((60, 1))
     y = np.sin(4 * X[:, 0]) + rng.normal(0, 0.1, 60)
-    assert fit("kriging", X, y, seed=0, noise_sd=0.1).inflate < 1.3  # rms of 60 normal values, 1 ± 0.09, × 1.14
+    assert (
+        fit_surrogate("kriging", X, y, seed=0, noise_sd=0.1).inflate < 1.3
+    )  # rms of 60 normal values, 1 ± 0.09, × 1.14
 
 
 def test_leave_one_out_of_kriging_equals_conditioning_without_the_point():
@@ -263,20 +267,20 @@ def test_leave_one_out_of_kriging_equals_conditioning_without_the_point():
 
 
 def test_the_logarithm_is_chosen_for_decades_and_helps():
-    X, Q = design("lhs", 2, 20, 0), sobol(2, 1024, 3)
+    X, Q = design("lhs", 2, 20, 0), sobol_sequence(2, 1024, 3)
     for kind in ("polynomial", "kriging"):
-        chosen = fit(kind, X, decades(X), seed=0)
-        linear = fit(kind, X, decades(X), seed=0, log=False)
+        chosen = fit_surrogate(kind, X, decades(X), seed=0)
+        linear = fit_surrogate(kind, X, decades(X), seed=0, log=False)
         assert chosen.log
-        assert held_out(chosen, Q, decades(Q)).rmse < 0.5 * held_out(linear, Q, decades(Q)).rmse
+        assert held_out_scores(chosen, Q, decades(Q)).rmse < 0.5 * held_out_scores(linear, Q, decades(Q)).rmse
 
 
 def test_the_logarithm_is_not_chosen_where_it_hurts():
     X = design("lhs", 2, 20, 0)
     y = 0.02 + 3 * X[:, 0] ** 2 + X[:, 1]
     for kind in ("polynomial", "kriging"):
-        assert not fit(kind, X, y, seed=0).log
-    assert not fit("auto", X, y - 1, seed=0).log  # and cannot be where y changes sign
+        assert not fit_surrogate(kind, X, y, seed=0).log
+    assert not fit_surrogate("auto", X, y - 1, seed=0).log  # and cannot be where y changes sign
     with pytest.raises(ValueError, match="positive"):
         fit_polynomial(X, y - 1, log=True)
 
@@ -293,34 +297,34 @@ def test_mean_and_sd_of_the_logarithm_are_those_of_a_lognormal():
 
 def test_auto_takes_the_better_kind_and_says_why():
     X = design("lhs", 2, 30, 0)
-    quadratic = fit("auto", X, 1 + X[:, 0] * X[:, 1], seed=0, unit="N")
+    quadratic = fit_surrogate("auto", X, 1 + X[:, 0] * X[:, 1], seed=0, unit="N")
     assert quadratic.to_dict()["kind"] == "polynomial" and "cross-validation error" in quadratic.story
     assert " N " in quadratic.story
-    wavy = fit("auto", X, np.sin(7 * X[:, 0]) * np.cos(5 * X[:, 1]), seed=0)
+    wavy = fit_surrogate("auto", X, np.sin(7 * X[:, 0]) * np.cos(5 * X[:, 1]), seed=0)
     assert wavy.to_dict()["kind"] == "kriging" and "polynomial of degree" in wavy.story
     with pytest.raises(ValueError, match="choose one of"):
-        fit("spline", X, X[:, 0], seed=0)
+        fit_surrogate("spline", X, X[:, 0], seed=0)
 
 
 def test_auto_lives_with_very_few_points_and_with_a_constant():
     X = design("lhs", 2, 4, 0)
-    assert fit("auto", X, decades(X), seed=0).story
+    assert fit_surrogate("auto", X, decades(X), seed=0).story
     for value in (0.0, 3.0):
-        model = fit("auto", design("lhs", 2, 12, 0), np.full(12, value), seed=0)
+        model = fit_surrogate("auto", design("lhs", 2, 12, 0), np.full(12, value), seed=0)
         np.testing.assert_allclose(model.mean(X), value, atol=1e-12)  # rounding
     with pytest.raises(ValueError, match="needs more than 2 points"):
-        fit("auto", X[:2], np.array([1.0, 2.0]), seed=0)
+        fit_surrogate("auto", X[:2], np.array([1.0, 2.0]), seed=0)
 
 
 @pytest.mark.parametrize("kind", ["polynomial", "kriging"])
 @pytest.mark.parametrize("log", [False, True])
 def test_surrogates_survive_json_to_the_bit(kind, log):
-    X, Q = design("lhs", 2, 20, 0), sobol(2, 64, 3)
-    model = fit(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
+    X, Q = design("lhs", 2, 20, 0), sobol_sequence(2, 64, 3)
+    model = fit_surrogate(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
     copy = from_dict(json.loads(json.dumps(plain(model.to_dict()))))
     assert np.array_equal(copy.predict(Q), model.predict(Q))
     assert copy.story == model.story and copy.cv == model.cv
-    again = fit(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
+    again = fit_surrogate(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
     assert np.array_equal(again.predict(Q), model.predict(Q))
     # BLAS may sum in another order for another number of columns.
     np.testing.assert_allclose(model.mean(Q), model.predict(Q)[0], rtol=1e-12)
@@ -329,7 +333,7 @@ def test_surrogates_survive_json_to_the_bit(kind, log):
 @pytest.mark.parametrize("kind", ["polynomial", "kriging"])
 def test_no_silent_extrapolation(kind):
     X = design("lhs", 2, 20, 0)
-    model = fit(kind, X, decades(X), seed=0)
+    model = fit_surrogate(kind, X, decades(X), seed=0)
     Q = np.array([[0.5, 0.5], [1.0 + 1e-8, 0.5], [1.0 + 1e-10, -1e-10]])
     assert model.outside(Q).tolist() == [False, True, False]
     for answer in (model.predict, model.mean):
@@ -347,7 +351,7 @@ def test_failed_runs_are_no_data_and_nothing_is_printed():
         fit_kriging(X, X[:, 0], seed=0, noise_sd=-1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        model = fit("kriging", X, np.sin(6 * X[:, 0]), seed=0, names=("mu", "D1"))
+        model = fit_surrogate("kriging", X, np.sin(6 * X[:, 0]), seed=0, names=("mu", "D1"))
     assert "does not depend on D1" in model.story
 
 
@@ -371,7 +375,7 @@ def test_terms_are_selected_where_the_points_do_not_determine_all():
     assert len(model.exponents) < 15 and not model.full  # 84 terms of degree 3, 30 points
     np.testing.assert_allclose(model.mean(Q), sparse(Q), atol=1e-8)  # exact but for conditioning
     for degree in (1, 2):  # negative control: no full polynomial that 30 points determine has the cube
-        assert held_out(fit_polynomial(X, sparse(X), degree=degree), Q, sparse(Q)).rmse > 0.05
+        assert held_out_scores(fit_polynomial(X, sparse(X), degree=degree), Q, sparse(Q)).rmse > 0.05
 
 
 def test_a_refit_reconsiders_the_terms_unless_the_degree_is_stated():
@@ -380,7 +384,7 @@ def test_a_refit_reconsiders_the_terms_unless_the_degree_is_stated():
     def f(Z):
         return Z[:, 0] + 0.3 * np.cos(5 * Z[:, 1])
 
-    first = fit("polynomial", few, f(few), seed=0, log=False)
+    first = fit_surrogate("polynomial", few, f(few), seed=0, log=False)
     again = refit(first, many, f(many), seed=0)
     assert again.exponents.shape != first.exponents.shape and again.degree == 4
     stated = refit(first, many, f(many), seed=0, degree=2)
@@ -404,7 +408,7 @@ def test_held_out_points_join_the_choice():
     def f(Z):
         return np.where(np.abs(Z[:, 0] - 0.5) < 0.02, 3.0, Z[:, 0])
 
-    alone, judged = (fit("auto", X, X[:, 0], seed=0, held=held) for held in (None, (H, f(H))))
+    alone, judged = (fit_surrogate("auto", X, X[:, 0], seed=0, held=held) for held in (None, (H, f(H))))
     assert "held out" in judged.story and "held out" not in alone.story
     a, b = score(np.ones(2), np.zeros(2)), score(np.full(6, 3.0), np.zeros(6))
     np.testing.assert_allclose(pooled(a, b).rmse, np.sqrt((2 * 1 + 6 * 9) / 8), rtol=1e-12)
@@ -413,8 +417,8 @@ def test_held_out_points_join_the_choice():
 
 def test_a_logarithm_that_explodes_between_the_points_is_not_chosen():
     # Branin spans two decades on these 12 points, and its logarithm, cross-validated best, reaches 75 times their most.
-    X, Q = design("lhs", 2, 12, 7), np.vstack([sobol(2, 1024, 9), design("factorial", 2, 4, 0)])
-    model = fit("kriging", X, branin(X), seed=0)
+    X, Q = design("lhs", 2, 12, 7), np.vstack([sobol_sequence(2, 1024, 9), design("factorial", 2, 4, 0)])
+    model = fit_surrogate("kriging", X, branin(X), seed=0)
     assert model.mean(Q).max() < 10 * branin(X).max()
 
 
@@ -425,7 +429,7 @@ def test_the_penalty_keeps_noise_out_of_a_selection():
 
 
 def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
-    X, Q = design("lhs", 3, 200, 0), sobol(3, 512, 9)
+    X, Q = design("lhs", 3, 200, 0), sobol_sequence(3, 512, 9)
     searches = []
 
     def watched(*args, **options):
@@ -433,13 +437,13 @@ def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
         return fit_kriging(*args, **options)
 
     monkeypatch.setattr(model_choice, "fit_kriging", watched)
-    quick = fit("kriging", X, ishigami(X), seed=0)
+    quick = fit_surrogate("kriging", X, ishigami(X), seed=0)
     assert max(n for n, restarts in searches if restarts) == 150 and len(quick.X) == 200
     assert "sought with 150 of the runs" in quick.story and all(len(m.X) == 200 for _, m in quick.rivals)
     monkeypatch.setattr(model_choice, "SEARCHED", 1000)
-    full = fit("kriging", X, ishigami(X), seed=0)
+    full = fit_surrogate("kriging", X, ishigami(X), seed=0)
     assert "sought with" not in full.story
-    errors = [held_out(m, Q, ishigami(Q)).rmse for m in (quick, full)]
+    errors = [held_out_scores(m, Q, ishigami(Q)).rmse for m in (quick, full)]
     assert errors[0] < 1.1 * errors[1]  # as accurate, but for a tenth
 
 

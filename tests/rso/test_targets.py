@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from rso.optimise.targets import Constraint, Target, objectives, residuals, violations
+from rso.optimise.targets import Constraint, Target, objectives, target_residuals, violations
 
 T = (Target("middle", "Fz", 2.0, 0.5, 0.01, "N"), Target("middle", "Fz", 4.0, 1.5, 0.01, "N"))
 
 
 def test_objectives_are_distances_to_the_targets():
     y = np.array([[0.5, 1.5], [0.6, 1.0]])
-    np.testing.assert_allclose(residuals(T, y), [[0, 0], [0.1, -0.5]], atol=1e-15)
+    np.testing.assert_allclose(target_residuals(T, y), [[0, 0], [0.1, -0.5]], atol=1e-15)
     np.testing.assert_allclose(objectives(T, y), [[0, 0], [0.1, 0.5]], atol=1e-15)
 
 

@@ -279,9 +279,9 @@ def test_a_stored_response_from_before_a_channel_was_added_is_computed_again(tmp
     studies.write(tmp_path, backend='use = "grown:BACKEND"', doe="runs = 8\nheld_out = 1")
     from rso.calibration.plan import make_plan
     from rso.evaluation import Task, run_all
-    from rso.study.loader import load
+    from rso.study.loader import load_study
 
-    plan = make_plan(load(tmp_path))
+    plan = make_plan(load_study(tmp_path))
     values = {"mu": 0.01, "D1": 50.0}
     (task,) = plan.tasks(values)
     assert task.needs == {"Fz", "Fx", "uz_max"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.core import units
-from rso.core.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity, unit_in
+from rso.core.units import BARE_COLUMNS, COLUMNS, column_factor, header, unit_in, value_in_unit
 
 
 @pytest.mark.parametrize(
@@ -29,8 +29,8 @@ from rso.core.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantit
 )
 def test_quantities_convert_exactly(written, unit, value):
     # Equality to the bit: "3.2 kPa" and the bare 0.0032 must give the same run key.
-    assert quantity(written, unit) == value
-    assert type(quantity(written, unit)) is float
+    assert value_in_unit(written, unit) == value
+    assert type(value_in_unit(written, unit)) is float
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_quantities_convert_exactly(written, unit, value):
 )
 def test_refusals_name_value_unit_and_an_example(written, unit):
     with pytest.raises(ValueError) as caught:
-        quantity(written, unit)
+        value_in_unit(written, unit)
     text = str(caught.value)
     assert str(written)[:20] in text
     assert "for example" in text

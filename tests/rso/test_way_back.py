@@ -22,8 +22,8 @@ from rso.inference import CurvePlace
 from rso.inference.models import readings_matrix
 from rso.report import render
 from rso.study.cases import programme_back
-from rso.study.loader import load
-from rso.study.new_study import NewTest, begin
+from rso.study.loader import load_study
+from rso.study.new_study import NewTest, study_text
 
 MU, W = 0.01, 1.6e-5
 
@@ -118,7 +118,7 @@ derivatives = "differences"
 require = ["mu", "adhesion"]
 """
     )
-    plan = make_plan(load(folder / "study.toml"))
+    plan = make_plan(load_study(folder / "study.toml"))
     with RunStore(folder / "results") as store:
         run_study(plan, store, studies.Inline(), folder / "results", command="test", jobs=1)
     return folder, studies.read(folder)
@@ -145,7 +145,7 @@ def test_the_report_shows_the_way_back(sticking):
 def test_a_record_that_pulls_off_is_begun_by_its_way_back(sticking):
     """`rso new` compares the way back of a record whose way there does not pull, and guesses both knobs by JKR."""
     folder, _ = sticking
-    text = begin(folder / "new.toml", FEM, NewTest({"half-space": (), "ball": (2.0,)}), [str(folder / "pull.csv")])
+    text = study_text(folder / "new.toml", FEM, NewTest({"half-space": (), "ball": (2.0,)}), [str(folder / "pull.csv")])
     study = tomllib.loads(text)
     assert study["experiments"][0]["branch"] == "unloading"
     for name, unit, truth in (("mu", 1e-3, MU), ("adhesion", 1.0, W)):

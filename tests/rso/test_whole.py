@@ -13,15 +13,15 @@ import sample_studies as studies
 from pydantic import ValidationError
 
 from rso.calibration import stages
-from rso.calibration.exit_codes import ended
+from rso.calibration.exit_codes import exit_code_of
 from rso.calibration.plan import make_plan
 from rso.cli import main
-from rso.cli.checking import check
+from rso.cli.checking import check_lines
 from rso.evaluation import Evaluator
 from rso.evaluation.store import RunStore
 from rso.report.terminal import validated
 from rso.result_types import RunFile
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 ONE = "runs = 8\nheld_out = 0"  # enough where another thing is tested
 QUICK_SEARCH = "repair = false\npopulation = 20\ngenerations = 10"
@@ -204,7 +204,7 @@ def test_hard_bounds_of_the_backend_limit_similarity(tmp_path, monkeypatch):
     # The reduced D1 reaches 150·√(20/6) = 274 1/MPa.
     narrow = type("Narrow", (indentation_backend.Layer,), {"parameters": property(_narrow)})
     monkeypatch.setattr(indentation_backend, "NARROW", narrow(), raising=False)
-    plan = make_plan(load(studies.write(tmp_path, backend='use = "indentation_backend:NARROW"')))
+    plan = make_plan(load_study(studies.write(tmp_path, backend='use = "indentation_backend:NARROW"')))
     assert plan.group.reference is None and "hard bounds" in plan.group.why
 
 
@@ -255,8 +255,8 @@ def test_not_verified_comes_before_not_determined_before_failed(tmp_path):
     assert strict["counts"]["failed"] > 0 and not strict["determined"]["D1"]["determined"]
     assert strict["best"] is None
     loose = studies.run(tmp_path, **common, **require, verify='tolerance = "20 %"\nmax_infill = 0')
-    assert loose["exit_code"] == 5 and ended(loose, ["D1"], strict=False) == (5, loose["exit_reason"])
-    assert ended(loose, [], strict=False)[0] == 3  # of the same results, when nobody requires anything
+    assert loose["exit_code"] == 5 and exit_code_of(loose, ["D1"], strict=False) == (5, loose["exit_reason"])
+    assert exit_code_of(loose, [], strict=False)[0] == 3  # of the same results, when nobody requires anything
 
 
 def test_infill_brings_prediction_and_rerun_together(tmp_path):
@@ -346,7 +346,7 @@ def test_three_parameters(tmp_path):
 )
 def test_every_kind_of_design(tmp_path, doe, points):
     (tmp_path / "points.csv").write_text("D1,mu\n10,0.006\n150,0.006\n10,0.02\n150,0.02\n")
-    plan = make_plan(load(studies.write(tmp_path, doe=doe + "\nheld_out = 0")))
+    plan = make_plan(load_study(studies.write(tmp_path, doe=doe + "\nheld_out = 0")))
     with RunStore(tmp_path / "results") as store:
         bench = stages.Runner(plan, Evaluator(plan.backend, store, studies.Inline()))
         design = stages.run_design(bench)
@@ -482,8 +482,8 @@ def test_a_check_says_the_range_of_a_profile_and_what_is_doubtful_of_it(marked):
     surface = marked / "surface.csv"
     for text, doubts in ((surface.read_text(), 0), (surface.read_text().replace(",5.0,-", ",5.0,"), 1)):
         surface.write_text(text)
-        study = load(studies.write(marked, experiments=TOP + PROFILE.format("validate"), doe=ONE, **MARKED))
-        said = check(study, marked / "results", trust=True)
+        study = load_study(studies.write(marked, experiments=TOP + PROFILE.format("validate"), doe=ONE, **MARKED))
+        said = check_lines(study, marked / "results", trust=True)
         assert sum(line.startswith("    uz from ") and line.endswith(" mm") for line in said) == 1
         assert sum("uz is positive upwards" in line for line in said) == doubts
 

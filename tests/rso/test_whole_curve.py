@@ -9,7 +9,7 @@ import pytest
 from rso.benchmarks import indentation
 from rso.contract import plain
 from rso.core.curves import Resampling
-from rso.doe import Box, design, sobol
+from rso.doe import Box, design, sobol_sequence
 from rso.emulation import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))
@@ -28,7 +28,7 @@ def curve():
 
 
 def test_curves_that_were_not_learnt_are_predicted_within_the_band(curve):
-    Q = sobol(2, 256, 9)
+    Q = sobol_sequence(2, 256, 9)
     mean, sd = curve.predict(Q)
     truth = forces(Q)
     assert np.sqrt(np.mean((mean / truth - 1) ** 2)) < 2e-3
@@ -58,7 +58,7 @@ def test_a_rough_family_of_curves_widens_the_band():
 
 
 def test_left_out_curves_widen_the_band_where_the_coefficients_know_too_little():
-    X, Q = design("lhs", 2, 40, 3), sobol(2, 256, 9)
+    X, Q = design("lhs", 2, 40, 3), sobol_sequence(2, 256, 9)
 
     def jumping(Z):
         return forces(Z) * (1 + 0.3 * (np.abs(Z[:, :1] - 0.5) < 0.1))
@@ -81,7 +81,7 @@ def test_one_mode_is_enough_for_curves_that_are_proportional():
 
 
 def test_between_the_travels_the_curve_is_that_of_the_spline(curve):
-    Q, at = sobol(2, 8, 3), np.array([0.4, 1.1, 1.9])
+    Q, at = sobol_sequence(2, 8, 3), np.array([0.4, 1.1, 1.9])
     mean, sd = curve.between(Q, at)
     np.testing.assert_allclose(mean, forces(Q, at), rtol=5e-3)  # spline of eight points and the surrogate
     assert sd.shape == (8, 3) and np.all(sd > 0)
@@ -90,7 +90,7 @@ def test_between_the_travels_the_curve_is_that_of_the_spline(curve):
 
 
 def test_gradients_of_curves_are_used():
-    X, Q, h = 0.001 + 0.998 * design("lhs", 2, 8, 0), sobol(2, 256, 9), 1e-6
+    X, Q, h = 0.001 + 0.998 * design("lhs", 2, 8, 0), sobol_sequence(2, 256, 9), 1e-6
     G = np.stack([(forces(X + h * e) - forces(X - h * e)) / (2 * h) for e in np.eye(2)], axis=1)
     errors = []
     for g in (G, None):
@@ -100,7 +100,7 @@ def test_gradients_of_curves_are_used():
 
 
 def test_a_curve_survives_json_to_the_bit(curve):
-    Q = sobol(2, 64, 3)
+    Q = sobol_sequence(2, 64, 3)
     copy = WholeCurve.from_dict(json.loads(json.dumps(plain(curve.to_dict()))))
     for a, b in zip(copy.predict(Q), curve.predict(Q), strict=True):
         assert np.array_equal(a, b)
@@ -109,7 +109,7 @@ def test_a_curve_survives_json_to_the_bit(curve):
 
 
 def test_more_curves_make_it_better(curve):
-    X, Q = design("lhs", 2, 40, 5), sobol(2, 256, 9)
+    X, Q = design("lhs", 2, 40, 5), sobol_sequence(2, 256, 9)
     again = refit_curve(curve, X, forces(X), seed=0)
     errors = [np.sqrt(np.mean((m.mean(Q) / forces(Q) - 1) ** 2)) for m in (again, curve)]
     assert errors[0] < 0.3 * errors[1] and "over 40 runs" in again.story

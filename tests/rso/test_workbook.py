@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from openpyxl import Workbook
 from test_laboratory import NOMINAL
 
-from rso.data import fingerprint, read
+from rso.data import fingerprint, read_measurement
 from rso.study.laboratory_folder import study_text
 
 U = np.linspace(0.0, 4.0, 41)
@@ -54,7 +54,7 @@ READ = {
 
 @pytest.mark.parametrize("sheets", READ.values(), ids=READ)
 def test_a_sheet_of_readings_is_read_to_all_its_digits(tmp_path, sheets):
-    m = read(saved(tmp_path / "data.xlsx", **dict(sheets)))
+    m = read_measurement(saved(tmp_path / "data.xlsx", **dict(sheets)))
     # The library that writes them keeps 16 digits.
     assert_allclose(m.repeats[0].depth, U, rtol=1e-15, atol=0.0)
     assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
@@ -70,37 +70,37 @@ def test_a_sheet_of_readings_is_read_to_all_its_digits(tmp_path, sheets):
     ids=["time of day", "duration", "date and time"],
 )
 def test_times_of_a_sheet_are_seconds(tmp_path, clock):
-    m = read(saved(tmp_path / "data.xlsx", a=readings(("time_s", "depth_mm", "Fz_N"), clock, U, F)))
+    m = read_measurement(saved(tmp_path / "data.xlsx", a=readings(("time_s", "depth_mm", "Fz_N"), clock, U, F)))
     assert_array_equal(np.diff(m.repeats[0].time), np.ones(40))
 
 
 def test_a_row_is_named_by_its_number_in_the_sheet(tmp_path):
     rows = [["note"], [], *(PLAIN[:10]), [0.9, "?"], *PLAIN[11:]]
     with pytest.raises(ValueError, match=r"data\.xlsx:13: column 'Fz': '\?' is not a finite number"):
-        read(saved(tmp_path / "data.xlsx", a=rows))
+        read_measurement(saved(tmp_path / "data.xlsx", a=rows))
 
 
 def test_several_sheets_of_readings_are_refused_by_name(tmp_path):
     path = saved(tmp_path / "data.xlsx", **{"Probe 1": PLAIN[:20], "Probe 2": PLAIN, "Max": [["Fmax", 1.0, 2.0]]})
     with pytest.raises(ValueError, match=r"2 of its sheets .*'Probe 1', 'Probe 2'.*data = \"data.xlsx#Probe 2\""):
-        read(path)
+        read_measurement(path)
 
 
 def test_sheets_of_a_workbook_are_named_behind_its_name_and_repeats_in_a_list(tmp_path):
     twice = readings(("depth_mm", "Fz_N"), U, 2.0 * F)
     path = saved(tmp_path / "Serie #3.xlsx", **{"Probe 1": PLAIN, "Probe # 2": twice, "empty": []})
-    one = read(f"{path}#Probe # 2")
+    one = read_measurement(f"{path}#Probe # 2")
     assert_allclose(one.repeats[0].channels["Fz"], 2.0 * F, rtol=1e-15, atol=0.0)
-    both = read([f"{path}#Probe 1", f"{path}#Probe # 2"])
+    both = read_measurement([f"{path}#Probe 1", f"{path}#Probe # 2"])
     assert [r.label for r in both.repeats] == ["Probe 1", "Probe # 2"]
     with pytest.raises(ValueError, match=r"has no sheet 'Probe 2'; choose from .*'Probe # 2'"):
-        read(f"{path}#Probe 2")
+        read_measurement(f"{path}#Probe 2")
     with pytest.raises(ValueError, match="none of its sheets \\('empty'\\)"):
-        read(f"{path}#empty")
+        read_measurement(f"{path}#empty")
     with pytest.raises(ValueError, match="no such file"):
-        read(tmp_path / "other.xlsx#Probe 1")
+        read_measurement(tmp_path / "other.xlsx#Probe 1")
     with pytest.raises(ValueError, match="listed twice"):
-        read([f"{path}#Probe 1", f"{path}#Probe 1"])
+        read_measurement([f"{path}#Probe 1", f"{path}#Probe 1"])
 
 
 def test_a_sheet_counts_once_however_it_is_named(tmp_path):
@@ -113,12 +113,12 @@ def test_a_sheet_counts_once_however_it_is_named(tmp_path):
 def test_what_is_no_workbook_has_no_sheet(tmp_path):
     (tmp_path / "a.xlsx").write_text("depth_mm,Fz_N\n0,0\n1,1\n")
     with pytest.raises(ValueError, match=r"a\.xlsx: is no workbook and has no sheet 'Probe 1'"):
-        read(tmp_path / "a.xlsx#Probe 1")
+        read_measurement(tmp_path / "a.xlsx#Probe 1")
 
 
 def test_a_file_whose_own_name_holds_the_mark_is_that_file(tmp_path):
     path = saved(tmp_path / "book.xlsx#1", a=PLAIN)
-    assert read(path).path == path
+    assert read_measurement(path).path == path
 
 
 ZWICK = [  # title, header, units, and what the laboratory reckoned beside the readings
@@ -133,7 +133,7 @@ def test_what_was_reckoned_beside_the_readings_is_not_read(tmp_path, beside):
     more = {"few": [[None, 1.5], [None, 2.5]] + 39 * [[]], "full": 41 * [[0.1, None, 7]], "none": 41 * [[]]}[beside]
     rows = [[0.1 * k, float(F[k]), float(U[k]), 10.0 - float(U[k]), *more[k]] for k in range(41)]
     head = ZWICK if beside != "none" else [row[:4] for row in ZWICK]
-    m = read(saved(tmp_path / "data.xlsx", a=[*head, *rows]))
+    m = read_measurement(saved(tmp_path / "data.xlsx", a=[*head, *rows]))
     assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
     assert_allclose(m.repeats[0].time, 0.1 * np.arange(41), rtol=1e-12, atol=0.0)
     letters = {"few": "F, G, H", "full": "E, F, G, H", "none": ""}[beside]
@@ -144,7 +144,9 @@ def test_what_was_reckoned_beside_the_readings_is_not_read(tmp_path, beside):
 
 def test_a_column_with_a_header_stays_however_few_cells_it_has(tmp_path):
     rows = [[*row, "slipped" if k == 5 else None] for k, row in enumerate(PLAIN[1:])]
-    m = read(saved(tmp_path / "data.xlsx", a=[["Standardweg", "Standardkraft", "Bemerkung"], ["mm", "N"], *rows]))
+    m = read_measurement(
+        saved(tmp_path / "data.xlsx", a=[["Standardweg", "Standardkraft", "Bemerkung"], ["mm", "N"], *rows])
+    )
     assert m.unread == ("Bemerkung",) and not any("not read" in d for d in m.doubts)
 
 
@@ -152,26 +154,26 @@ def test_a_workbook_of_the_old_kind_is_named_as_one(tmp_path):
     path = tmp_path / "data.xls"
     path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600))
     with pytest.raises(ValueError, match=r"data.xls: is a workbook of the old kind \(.xls\) or has a password"):
-        read(path)
+        read_measurement(path)
 
 
 def test_formulas_never_computed_are_no_readings(tmp_path):
     rows = [["depth_mm", "Fz_N"], *([f"=A{k}*2", f"=B{k}*2"] for k in range(40))]
     with pytest.raises(ValueError, match=r"none of its sheets .* formulas that were never computed"):
-        read(saved(tmp_path / "data.xlsx", a=rows))
+        read_measurement(saved(tmp_path / "data.xlsx", a=rows))
 
 
 def test_another_archive_is_no_workbook(tmp_path):
     path = tmp_path / "data.xlsx"
     path.write_bytes(b"PK\x03\x04 and so on")
     with pytest.raises(ValueError, match="no workbook"):
-        read(path)
+        read_measurement(path)
 
 
 def test_what_only_has_the_name_of_a_workbook_is_said_to_be_damaged(tmp_path):
     (tmp_path / "x.xlsx").write_bytes(bytes(range(200)))
     with pytest.raises(ValueError, match=r"x\.xlsx: is no workbook that can be read; damaged\?"):
-        read(tmp_path / "x.xlsx")
+        read_measurement(tmp_path / "x.xlsx")
 
 
 def test_a_damaged_workbook_is_refused_as_one(tmp_path):
@@ -181,7 +183,7 @@ def test_a_damaged_workbook_is_refused_as_one(tmp_path):
             raw = source.read(name)
             copy.writestr(name, raw[: len(raw) // 2] if "sheet1" in name else raw)
     with pytest.raises(ValueError, match=r"data\.xlsx: .*no workbook"):
-        read(path)
+        read_measurement(path)
 
 
 def test_a_folder_may_hold_workbooks(tmp_path):

@@ -14,7 +14,7 @@ import pytest
 from rso.calibration.plan import make_plan, source_of
 from rso.cli import main
 from rso.contract import Case, Programme, SimulationFailed
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "calculix"
 needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx (apt-get install calculix-ccx)")
@@ -65,7 +65,7 @@ def by_hertz(tmp_path, monkeypatch):
 
 
 def test_the_deck_says_constants_and_travels_and_the_reaction_is_read(copy, by_hertz):
-    plan = make_plan(load(copy / "study.toml"))
+    plan = make_plan(load_study(copy / "study.toml"))
     (case,) = plan.cases
     answer = plan.backend({"mu": 0.01, "D1": 20.0}, case)
     u = np.array(case.programme.asked_mm)
@@ -119,7 +119,7 @@ def test_calculix_finds_the_same_modulus(copy):
 
 
 def _backend(copy):
-    return make_plan(load(copy / "study.toml")).backend
+    return make_plan(load_study(copy / "study.toml")).backend
 
 
 @needs_ccx
@@ -145,7 +145,7 @@ def test_calculix_without_an_answer_fails(copy):
 @pytest.mark.verification
 def test_a_time_out_stops_ccx_and_keeps_its_folder(copy, tmp_path):
     source = dataclasses.replace(
-        source_of(load(copy / "study.toml")), keep_folder=str(tmp_path / "kept"), timeout_s=1.5
+        source_of(load_study(copy / "study.toml")), keep_folder=str(tmp_path / "kept"), timeout_s=1.5
     )
     with pytest.raises(RuntimeError, match=r"time-out of 1\.5 s"):
         source.load()({"mu": 0.01, "D1": 20.0}, Case("c", Programme.ramp((1.0, 2.0))))

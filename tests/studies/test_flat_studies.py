@@ -11,7 +11,7 @@ import pytest
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import assembly, experiment
 from rso.calibration.plan import make_plan
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 
@@ -19,15 +19,15 @@ STUDIES = Path(__file__).parents[2] / "studies"
 @pytest.mark.parametrize(("name", "true"), [("gel_slab", {"mu": 0.01, "D1": 5.8}), ("puck", {"mu": 0.015, "D1": 4.0})])
 def test_a_study_of_flat_bodies(name, true):
     """Every experiment is solved on its meridian; at the truth the middle of its repeats differs by what is stated."""
-    study = load(STUDIES / name)
+    study = load_study(STUDIES / name)
     assert {c.name for c in make_plan(study).cases} == {e.name for e in study.experiments}
     for e in study.experiments:
         settings = experiment.read_settings(study.settings_of(e.name))
-        assert assembly.place(settings, BACKEND.knobs(true, settings)).meridian
+        assert assembly.placement_of(settings, BACKEND.knobs(true, settings)).meridian
 
 
 def test_the_layer_on_bone_is_held_and_relaxes():
-    study = load(STUDIES / "cartilage")
+    study = load_study(STUDIES / "cartilage")
     (case,) = make_plan(study).cases
     assert case.programme.asked_s and case.programme.time_s[-1] > 30.0
     assert {"prony_g", "prony_tau"} <= set(study.parameters)

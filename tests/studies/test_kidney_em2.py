@@ -7,8 +7,8 @@ import pytest
 
 from rso.contract import Parameter
 from rso.core.curves import baseline
-from rso.data import combine, read, value_at
-from rso.study.loader import load
+from rso.data import combine, read_measurement, value_at
+from rso.study.loader import load_study
 from rso.study.resolve import resolve
 
 FOLDER = Path(__file__).parents[2] / "studies" / "kidney_em2"
@@ -16,7 +16,7 @@ FOLDER = Path(__file__).parents[2] / "studies" / "kidney_em2"
 
 @pytest.fixture(scope="module")
 def curve():
-    m = read(FOLDER / "measured" / "middle_point.csv")
+    m = read_measurement(FOLDER / "measured" / "middle_point.csv")
     (r,) = m.repeats
     return r.depth, r.channels["Fz"], r.sigma["Fz"], m.notes
 
@@ -48,7 +48,7 @@ def test_another_curve_through_the_same_force_misses_the_print(curve):
 
 
 def test_the_study_loads_and_resolves():
-    study = load(FOLDER)
+    study = load_study(FOLDER)
     mu, D1 = Parameter("mu", "shear", "MPa", 1e-6, 10.0), Parameter("D1", "volume", "1/MPa", 1e-4, 1e5)
     resolved = resolve(study, (mu, D1))
     assert [(a.name, a.low, a.high) for a in resolved.axes] == [("mu", 0.003356, 0.036765), ("D1", 1.0, 168.0)]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.norms import TrilaterationProblem, fit
+from rso.norms import TrilaterationProblem, fit_trilateration
 
 FOLDER = Path(__file__).parents[2] / "studies" / "kidney_em2"
 
@@ -71,8 +71,8 @@ def test_made_up_norms_are_read_back_and_the_other_support_is_rejected(modules):
     for right, wrong in ((bowl, held), (held, bowl)):
         x = np.concatenate([0.5 * rng.standard_normal(right.shape.size), np.zeros(right.nuisances), [-0.2, -0.4]])
         made = trilateration.made_up(right, x, rng)
-        a = fit(TrilaterationProblem(right.shape, right.known, right.nuisances, made), starts=1)
-        b = fit(TrilaterationProblem(wrong.shape, wrong.known, wrong.nuisances, made), starts=1)
+        a = fit_trilateration(TrilaterationProblem(right.shape, right.known, right.nuisances, made), starts=1)
+        b = fit_trilateration(TrilaterationProblem(wrong.shape, wrong.known, wrong.nuisances, made), starts=1)
         assert a.log_evidence > b.log_evidence + 1.0
         y, drawn = right.shape(x[: right.shape.size])[0], right.shape(right.split(a.draws(500, 0))[0])
         off = (drawn.mean(axis=0) - y)[:-1] / drawn.std(axis=0)[:-1]

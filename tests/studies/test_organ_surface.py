@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem_backend.meshing.closed_surface import closed, volume
+from fem_backend.meshing.closed_surface import closed, enclosed_volume
 from fem_backend.meshing.surface_files import read_surface
 from fem_backend.simulation import experiment
 from rso.calibration.plan import make_plan
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 FOLDER = Path(__file__).parents[2] / "studies" / "organ_surface"
 
@@ -35,7 +35,7 @@ def test_the_file_is_what_the_script_writes(script, tmp_path):
 def test_the_organ_is_one_closed_body_with_a_hollow(script):
     body = closed(*read_surface(FOLDER / "kidney.stl"))
     assert body.repairs == () and len(body.facets) == 3380
-    assert 0.11e6 < volume(body.vertices, body.facets) < 0.14e6  # mm³: kidneys have 100 to 200 ml
+    assert 0.11e6 < enclosed_volume(body.vertices, body.facets) < 0.14e6  # mm³: kidneys have 100 to 200 ml
     hilum = body.vertices[np.abs(body.vertices[:, 0]) < 5.0]
     poles = body.vertices[np.abs(body.vertices[:, 0]) > 25.0]
     assert hilum[:, 1].max() + 5.0 < poles[:, 1].max()
@@ -43,7 +43,7 @@ def test_the_organ_is_one_closed_body_with_a_hollow(script):
 
 def test_the_backend_models_every_test(script):
     """Their places are those of the script, and the smooth surface of 3 380 facets is the formula to 0.02 mm."""
-    study = load(FOLDER)
+    study = load_study(FOLDER)
     plan = make_plan(study)
     assert {c.name for c in plan.cases} == {e.name for e in study.experiments if e.role == "fit"}
     for name, where in script.TESTS.items():

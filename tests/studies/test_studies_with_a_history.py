@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from rso.calibration.plan import make_plan
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
 
 
 def plan(name):
-    return make_plan(load(STUDIES / name))
+    return make_plan(load_study(STUDIES / name))
 
 
 def test_creep_is_read_as_creep():

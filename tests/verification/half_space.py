@@ -1,8 +1,8 @@
 """A flat half ball of radius L under a rigid sphere: the half space of Hertz, cut where its displacement is small.
 
-The product's own model is built and solved (`model.build`, `indentation.solve`); only body and mesh are put in from
-here: a flat surface, so that the effective radius is that of the sphere exactly, and a graded octant that is the same
-everywhere.
+The product's own model is built and solved (`assembly.build_model`, `indentation.simulate_indentation`); only body and
+mesh are put in from here: a flat surface, so that the effective radius is that of the sphere exactly, and a graded
+octant that is the same everywhere.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class HalfSpace:
     def solve(self, knobs: Knobs, depths: np.ndarray) -> Result:
         """Result at the depths (mm), reached at 1 mm/s."""
         instants = [Instant(float(d), float(d), True) for d in depths]
-        return indentation.solve(self.settings, knobs, self.placement, self.model, instants)
+        return indentation.simulate_indentation(self.settings, knobs, self.placement, self.model, instants)
 
 
 def half_space(
@@ -57,7 +57,7 @@ def half_space(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(meshing, "assemble", lambda *arguments: mesh)
         return HalfSpace(
-            settings, placement, assembly.build(settings, meshing.Mesh(x, tets), body, (True, True), symmetric)
+            settings, placement, assembly.build_model(settings, meshing.Mesh(x, tets), body, (True, True), symmetric)
         )
 
 

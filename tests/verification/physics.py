@@ -35,7 +35,9 @@ class Experiment:
 
     def solve(self, instants: list[Instant], **settings) -> Result:
         """Result through the instants."""
-        return indentation.solve(replace(self.settings, **settings), self.knobs, self.placement, self.model, instants)
+        return indentation.simulate_indentation(
+            replace(self.settings, **settings), self.knobs, self.placement, self.model, instants
+        )
 
     def bench(self) -> InitialState:
         """System and loads."""
@@ -46,13 +48,13 @@ class Experiment:
         at = self.bench()
         history = stress.virgin(at.system.material, *self.model.body.w.shape)
         control = replace(control, augmentations=0, between=1e-6, medium=1e-6, tight=1e-6)
-        return history_steps.follow(at.system, at.start, instants, control, Counters(), at.seated, history)
+        return history_steps.follow_history(at.system, at.start, instants, control, Counters(), at.seated, history)
 
 
 def prepare(knobs: Knobs, level: str = "coarse", **table) -> Experiment:
     """An experiment on a level's mesh."""
     settings = experiment.read_settings({"mesh": {"level": level}, **table})
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     return Experiment(settings, knobs, placement, assembly.model_for(settings, knobs, placement, None))
 
 
@@ -84,7 +86,7 @@ def check_energy_balance(count: int = 81) -> float:
     at = b.bench()
     control = replace(Control(), augmentations=0, tight=1e-9)
     s = np.linspace(0.02, 3.0, count)
-    points = load_steps.travel(at.system, at.start, list(s), control, Counters())
+    points = load_steps.follow_travel(at.system, at.start, list(s), control, Counters())
     work = np.trapezoid([p.force[2] for p in points], s)
     stored = points[-1].evaluation.energy - points[0].evaluation.energy
     error = work / stored - 1
@@ -122,9 +124,11 @@ def check_friction_dissipates() -> float:
     pair, load = at.system.indenter, at.start(1.3)
     x0, x1 = (b.model.body.nodes + k * first.evaluation.u for k in (1.0, 1.3))
     touch0 = at.start(1.0).indenter
-    before = tractions.contact_history(pair, x0, touch0, tractions.evaluate(replace(pair, friction=0.0), x0, touch0))
-    state = tractions.evaluate(pair, x1, replace(load.indenter, before=before))
-    smooth = tractions.evaluate(replace(pair, friction=0.0), x1, load.indenter)
+    before = tractions.contact_history(
+        pair, x0, touch0, tractions.evaluate_contact(replace(pair, friction=0.0), x0, touch0)
+    )
+    state = tractions.evaluate_contact(pair, x1, replace(load.indenter, before=before))
+    smooth = tractions.evaluate_contact(replace(pair, friction=0.0), x1, load.indenter)
     # the work of the residual's frictional part against the sliding of the body past the ball
     work = float(((state.residual - smooth.residual) * (x1 - x0)).sum())
     moved = float(-(state.force - smooth.force) @ (load.indenter.centre - touch0.centre))

@@ -46,7 +46,7 @@ def test_reversed_normal_is_seen_by_complementarity(turned_normal):
 def test_reversed_friction_is_seen_by_its_work(monkeypatch):
     """Friction that helps the body slide."""
     physics.check_friction_dissipates()
-    true = tractions.evaluate
+    true = tractions.evaluate_contact
 
     def helping(pair, x, touch):
         state = true(pair, x, touch)
@@ -60,26 +60,26 @@ def test_reversed_friction_is_seen_by_its_work(monkeypatch):
             traction=-state.traction,
         )
 
-    monkeypatch.setattr(tractions, "evaluate", helping)
+    monkeypatch.setattr(tractions, "evaluate_contact", helping)
     with pytest.raises(AssertionError):
         physics.check_friction_dissipates()
 
 
 def test_friction_beyond_its_cone_is_seen(monkeypatch):
     """A return map that forgets one per cent."""
-    true = tractions.evaluate
+    true = tractions.evaluate_contact
 
     def slack(pair, x, touch):
         return true(replace(pair, friction=1.01 * pair.friction), x, touch)
 
-    monkeypatch.setattr(tractions, "evaluate", slack)
+    monkeypatch.setattr(tractions, "evaluate_contact", slack)
     with pytest.raises(AssertionError):
         physics.check_coulomb(0.05)
 
 
 def test_wrong_factor_in_the_law_is_seen_by_another_code(monkeypatch):
     """The isochoric part 5 % too stiff: `test_six_effects_in_another_code[plain]` is red."""
-    true = stress.evaluate
+    true = stress.evaluate_stress
 
     def stiffer(material, H, *rest, **more):
         law = material.law
@@ -88,14 +88,14 @@ def test_wrong_factor_in_the_law_is_seen_by_another_code(monkeypatch):
 
     expected = np.array(test_finite_elements.OTHER["cases"]["plain"]["Fz_N"])
     np.testing.assert_allclose(test_finite_elements.forces("plain", "coarse") / expected, 1.0, atol=1.5e-2)
-    monkeypatch.setattr(stress, "evaluate", stiffer)
+    monkeypatch.setattr(stress, "evaluate_stress", stiffer)
     with pytest.raises(AssertionError):
         np.testing.assert_allclose(test_finite_elements.forces("plain", "coarse") / expected, 1.0, atol=1.5e-2)
 
 
 def test_wrong_factor_in_the_stress_is_seen_by_the_energy(monkeypatch):
     """Stress 1 % off its energy: the work of the indenter is no longer what is stored."""
-    true = stress.evaluate
+    true = stress.evaluate_stress
 
     def off(*arguments, **more):
         state = true(*arguments, **more)
@@ -104,7 +104,7 @@ def test_wrong_factor_in_the_stress_is_seen_by_the_energy(monkeypatch):
         return replace(state, S=1.01 * state.S, S_geometric=geometric, C=C)
 
     physics.check_energy_balance(41)
-    monkeypatch.setattr(stress, "evaluate", off)
+    monkeypatch.setattr(stress, "evaluate_stress", off)
     with pytest.raises((AssertionError, Stopped)):
         physics.check_energy_balance(41)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rso.doe import Box
-from rso.inference import Data, Misfit, Model, covariance, determine
+from rso.inference import Data, Misfit, Model, determine, error_covariance
 from rso.inference.identifiability import LEVEL
 
 pytestmark = pytest.mark.verification
@@ -59,7 +59,7 @@ PROBLEMS = {  # model θ (k, 2) → (k, n), box, truth, whether a and b can be d
 
 def data_set(f, theta, sizes, seed):
     y = f(np.array([theta]))[0]
-    C = covariance(AT, y, np.gradient(y, AT), **sizes)
+    C = error_covariance(AT, y, np.gradient(y, AT), **sizes)
     return Data("e", "N", AT, y + np.linalg.cholesky(C) @ np.random.default_rng(seed).standard_normal(len(y)), C)
 
 

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from rso.calibration.readings import as_data
 from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.inference import Misfit, Model, gauss_newton, spread, with_autocorrelation
+from rso.inference import Misfit, Model, gauss_newton, standard_deviations, with_autocorrelation
 from rso.inference.identifiability import _widening
 
 pytestmark = pytest.mark.verification
@@ -41,7 +41,7 @@ def one(seed, n=50, r=1, noise=None, white=0.003, correlated=0.0, gain=0.0, cont
     m = with_autocorrelation(m, gauss_newton(m, X).x)
     fit = gauss_newton(m, X)
     p, _, wider = _widening(m, fit.chi2, n - 1, 0.9, fit.x)
-    half = ndtri(0.95) * wider * spread(fit.fisher)[0]
+    half = ndtri(0.95) * wider * standard_deviations(fit.fisher)[0]
     return abs(fit.x[0] - X[0]) <= half, 2 * half * np.log(10.0), np.nan if p is None else p
 
 

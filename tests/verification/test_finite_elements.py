@@ -16,7 +16,7 @@ from scipy.optimize import brentq, least_squares
 
 from fem_backend import closed_forms, geometry, meshing
 from fem_backend.accuracy import two_grid
-from fem_backend.accuracy.error_estimate import stated
+from fem_backend.accuracy.error_estimate import stated_errors
 from fem_backend.backend import BACKEND
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import assembly, experiment, indentation
@@ -42,12 +42,12 @@ OTHER = json.loads(Path(__file__).with_name("independent.json").read_text(encodi
 def run(level: str, knobs: Knobs, asked, quarter: meshing.Mesh | None = None, **table) -> indentation.Result:
     """Result at the asked travels (1 mm/s), also on a mesh of its own."""
     settings = experiment.read_settings({"mesh": {"level": level}, **table})
-    placement = assembly.place(settings, knobs)
+    placement = assembly.placement_of(settings, knobs)
     if quarter is None:
         built = assembly.model_for(settings, knobs, placement, None)
     else:
-        built = assembly.build(settings, quarter, placement.specimen, placement.planes)
-    solve = two_grid.limit if level == meshing.LIMIT else indentation.solve
+        built = assembly.build_model(settings, quarter, placement.specimen, placement.planes)
+    solve = two_grid.extrapolated_result if level == meshing.LIMIT else indentation.simulate_indentation
     result = solve(settings, knobs, placement, built, [Instant(float(s), float(s), True) for s in asked])
     np.testing.assert_allclose(result.reaction[:, 2], result.Fz, rtol=1e-6)
     return result
@@ -123,7 +123,7 @@ def test_forces_converge_with_the_mesh(record):
     quarter = meshing.template_mesh("coarse")
     settings = experiment.read_settings({})
     a = run("coarse", SET1, ASKED, quarter).Fz / INDEPENDENT - 1
-    b = run("coarse", SET1, ASKED, meshing.refined(settings.specimen, quarter, 2)).Fz / INDEPENDENT - 1
+    b = run("coarse", SET1, ASKED, meshing.subdivided(settings.specimen, quarter, 2)).Fz / INDEPENDENT - 1
     limit, doubt = b - (a - b) / 3, (a - b) * (1 / (2**1.5 - 1) - 1 / 3)
     record(
         "h, h/2 and Richardson's limit (order 2) against NGSolve, mean of 1 to 4 mm",
@@ -149,7 +149,7 @@ def test_stated_errors_are_honest(record):
     finest = run(FINEST, SET1, asked).Fz
     for level in LEVELS[:-1]:
         result = run(level, SET1, asked)
-        error = stated(experiment.read_settings({"mesh": {"level": level}}), SET1, result)["Fz"]
+        error = stated_errors(experiment.read_settings({"mesh": {"level": level}}), SET1, result)["Fz"]
         both = zip(result.Fz / finest - 1, error / result.Fz, strict=True)
         told = " ".join(f"{100 * d:+.2f} ({100 * e:.2f})" for d, e in both)
         record(f"{level}: difference to the finest (error stated), 0.2 0.5 1 2 4 mm", told + " %")

@@ -72,12 +72,14 @@ def test_jumps_do_not_hang_on_the_steps():
     settings, programme = read_settings(BALL), Programme((0.0, 1.0, 2.0), (0.0, FOLD, -1.6 * FOLD), (0.5 * FOLD,))
     knobs = BACKEND.knobs(values(1.0), settings)
     settings = cohesive.resolved(settings, knobs, FOLD)
-    place = assembly.place(settings, knobs)
+    place = assembly.placement_of(settings, knobs)
     model = assembly.model_for(settings, knobs, place, None)
     instants = [*passages(programme)[:-1], replace(passages(programme)[-1], asked=True)]
     at = []
     for shorter in (1.0, 1.0 / 3.0):
         control = replace(settings.control, path=shorter * 0.5 * FOLD)
-        at.append(indentation.solve(replace(settings, control=control), knobs, place, model, instants).notes)
+        at.append(
+            indentation.simulate_indentation(replace(settings, control=control), knobs, place, model, instants).notes
+        )
     assert at[1]["jump_off_mm"] == pytest.approx(at[0]["jump_off_mm"], rel=0.005)
     assert at[1]["pull_off_N"] == pytest.approx(at[0]["pull_off_N"], rel=0.005)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rso.benchmarks import branin, indentation, ishigami
-from rso.doe import Box, design, sobol
-from rso.emulation import fit, held_out
+from rso.doe import Box, design, sobol_sequence
+from rso.emulation import fit_surrogate, held_out_scores
 
 pytestmark = pytest.mark.verification
 
@@ -27,13 +27,13 @@ def smooth(X):
 
 def judged(f, d, runs):
     """Share of new values within the 90 % band and cross-validation error over the true one, each (20,)."""
-    Q, shares, ratios = sobol(d, 512, 9), [], []
+    Q, shares, ratios = sobol_sequence(d, 512, 9), [], []
     for seed in range(100, 120):
         X = design("lhs", d, runs, seed)
-        model = fit("kriging", X, f(X), seed=seed)
+        model = fit_surrogate("kriging", X, f(X), seed=seed)
         mean, sd = model.predict(Q)
         shares.append(np.mean(np.abs(mean - f(Q)) < 1.645 * sd))
-        ratios.append(model.cv.rmse / held_out(model, Q, f(Q)).rmse)
+        ratios.append(model.cv.rmse / held_out_scores(model, Q, f(Q)).rmse)
     text = f"within the 90 % band {min(shares):.2f} in the worst design, {np.mean(shares):.2f} in the mean"
     print(f"{f.__name__}, {runs} runs: {text}; cross-validation {np.median(ratios):.2g} times the true error")
     return np.array(shares), np.array(ratios)

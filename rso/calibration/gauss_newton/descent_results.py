@@ -11,7 +11,7 @@ from rso.calibration.gauss_newton.iteration import GaussNewtonRun
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan, limited
 from rso.calibration.search_results import at_bound, demand, goal
-from rso.calibration.search_stage import curve_metrics, curves_of, demands
+from rso.calibration.search_stage import curve_metrics, demands, done_curves
 from rso.calibration.stages import Design
 from rso.calibration.unstated_errors import unstated
 from rso.emulation.emulator import Output
@@ -26,7 +26,7 @@ def design_of(plan: Plan, found: GaussNewtonRun) -> Design:
     return Design(np.empty((0, plan.box.d)), similar, found.similarity, found.proofs, found.runs)
 
 
-def of_design(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
+def descent_design(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
     """design, and the parts that only response surfaces have."""
     group = found.frame.group
     similarity = {
@@ -82,7 +82,7 @@ def of_gauss_newton(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
     }
 
 
-def warnings(plan: Plan, found: GaussNewtonRun, known: Identified | None) -> list[str]:
+def descent_warnings(plan: Plan, found: GaussNewtonRun, known: Identified | None) -> list[str]:
     """What a reader must not miss."""
     said = []
     assert found.best.best is not None
@@ -168,7 +168,7 @@ def _candidate(plan: Plan, found: GaussNewtonRun, checked: tuple[Checked, ...]) 
         "worst": None,
         "meets": all(c.met for c in checked),
         "demands": [demand(c) for c in checked],
-        "curves": curves_of(plan, found.outcomes),
+        "curves": done_curves(plan, found.outcomes),
         "metrics": {n: dataclasses.asdict(m) for n, m in curve_metrics(plan, found.outcomes).items()},
         "at_bound": at_bound(search, plan, values),
         "extrapolated": False,

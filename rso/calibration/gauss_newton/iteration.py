@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_curves, ranges
+from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_readings, searched_ranges
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan
 from rso.calibration.readings import of_response
 from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner
 from rso.core.similarity import Group
-from rso.doe import sobol
+from rso.doe import sobol_sequence
 from rso.evaluation import Done, Outcome, why
 from rso.inference import (
     CurvePlace,
@@ -32,8 +32,8 @@ from rso.inference import (
     with_model_errors,
     with_usual,
 )
-from rso.inference import descend as descend_along
-from rso.inference.gauss_newton import DIGITS, chi2_of
+from rso.inference import levenberg_marquardt as descend_along
+from rso.inference.gauss_newton import DIGITS, chi2_in_frame
 from rso.inference.models import DIFFERENCE
 from rso.study.errors import Problem, study_error
 
@@ -88,7 +88,7 @@ class _Eyes:
         sights = [self._sight(x) for x in X]
         for sight in sights if purpose == "iterate" else ():
             if sight is not None:
-                self.heard(self.values(sight.x), chi2_of(self.data(sight), sight.f, self.frame))
+                self.heard(self.values(sight.x), chi2_in_frame(self.data(sight), sight.f, self.frame))
         return sights
 
     def _run(self, X: Sequence[np.ndarray], purpose: str, first: int | None = None) -> None:
@@ -168,9 +168,9 @@ def run_gauss_newton(
     """
     plan = bench.plan
     table = plan.study.search
-    places, curves = zip(*fitted_curves(plan), strict=True)
+    places, curves = zip(*fitted_readings(plan), strict=True)
     powers = np.concatenate([np.full(len(p.depth), plan.group.outputs[p.channel]) for p in places])
-    eyes = _Eyes(bench, TangentFrame(ranges(plan), plan.group, powers), places, curves, heard)
+    eyes = _Eyes(bench, TangentFrame(searched_ranges(plan), plan.group, powers), places, curves, heard)
     starts = starting_points(plan)
     proofs, story = _proved(eyes, _first(eyes, starts, table.max_runs))
     found = on_runs(
@@ -205,16 +205,18 @@ def run_gauss_newton(
 
 def starting_points(plan: Plan) -> np.ndarray:
     """Starts (k, d) in the unit cube of the ranges: what the study says (else the middle), then Sobol points."""
-    box = ranges(plan)
+    box = searched_ranges(plan)
     middle = dict(zip(box.names, box.from_unit(np.full(box.d, 0.5)), strict=True))
     first = box.to_unit(np.array([{**middle, **plan.resolved.start}[n] for n in box.names]))
-    return np.vstack([first, sobol(box.d, max(plan.study.search.starts - 1, 1), plan.seed)])[: plan.study.search.starts]
+    return np.vstack([first, sobol_sequence(box.d, max(plan.study.search.starts - 1, 1), plan.seed)])[
+        : plan.study.search.starts
+    ]
 
 
 def _first(eyes: _Eyes, starts: np.ndarray, most: int) -> EvaluatedPoint | None:
     """The first start with an answer, or what :func:`~rso.inference.on_runs` takes in its place."""
     seen = next((s for s in eyes.look(list(starts)) if s is not None), None)
-    for x in sobol(eyes.frame.box.d, 256, eyes.bench.plan.seed)[: most - 1]:
+    for x in sobol_sequence(eyes.frame.box.d, 256, eyes.bench.plan.seed)[: most - 1]:
         if seen is not None:
             break
         (seen,) = eyes.look([x])
@@ -268,7 +270,7 @@ def _second(eyes: _Eyes, sight: EvaluatedPoint) -> Proof | None:
     return None
 
 
-def identified(plan: Plan, found: GaussNewtonRun) -> tuple[Identified, ConfirmedOptimum]:
+def identify_from_derivatives(plan: Plan, found: GaussNewtonRun) -> tuple[Identified, ConfirmedOptimum]:
     """What the curves determine, by the derivatives of the best run and what all of them say together.
 
     Where an interval ends far from every run, the model is run there too: a tangent is not believed that far.

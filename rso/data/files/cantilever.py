@@ -41,7 +41,7 @@ def bending(cells: Sequence[str], units: Sequence[str], known: Sequence[str | No
 
     What bends and the force may be one column, a deflection or a force; None where a depth is there, or none of these.
     """
-    names = [header_aliases.plain(cell, "depth") for cell in cells]
+    names = [header_aliases.bare_header(cell, "depth") for cell in cells]
     forces = [k for k, cell in enumerate(cells) if known[k] == "Fz" or _is_force(cell, units[k])]
     bends = [k for k, name in enumerate(names) if any(part in name for part in BENDS)]
     named = [k for k, name in enumerate(names) if (name in NAMES["depth"] or known[k] == "depth") and k not in bends]
@@ -81,8 +81,8 @@ def question(
     else:
         flip = _flips(numbers[:, travel], numbers[:, force])[1]
         columns["Fz"] = own | flip | zero
-    time = next((k for k, c in enumerate(cells) if header_aliases.plain(c, "time") in NAMES["time"]), None)
-    if time is not None and is_of("s", unit := header_aliases.unit_of(cells[time], units[time], "time")):
+    time = next((k for k, c in enumerate(cells) if header_aliases.bare_header(c, "time") in NAMES["time"]), None)
+    if time is not None and is_of("s", unit := header_aliases.header_unit(cells[time], units[time], "time")):
         columns["time"] = {"header": cells[time], "unit": unit}
     both = f"{cells[travel]!r} and {cells[bend]!r} are the travel and " + (
         "the force of a cantilever, or of a frame that gives way" if is_force else "the deflection of a cantilever"
@@ -103,12 +103,12 @@ def inline(value: Any) -> str:
 
 
 def _is_force(cell: str, beneath: str) -> bool:
-    return header_aliases.plain(cell, "Fz") in NAMES["Fz"] and _has(beneath, cell, "N")
+    return header_aliases.bare_header(cell, "Fz") in NAMES["Fz"] and _has(beneath, cell, "N")
 
 
 def _has(beneath: str, cell: str, *bases: str) -> bool:
     """Whether a header, or the row beneath it, says a unit of one of these kinds."""
-    return any(is_of(b, header_aliases.unit_of(cell, beneath, "Fz" if b == "N" else "depth")) for b in bases)
+    return any(is_of(b, header_aliases.header_unit(cell, beneath, "Fz" if b == "N" else "depth")) for b in bases)
 
 
 def _named(cell: str, beneath: str, like: str, sensitivity: str | None) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def _named(cell: str, beneath: str, like: str, sensitivity: str | None) -> dict[
     base = "N" if like == "Fz" else "mm"
     if _has(beneath, cell, base):
         return {"header": cell}
-    volts = "V" in (header_aliases.unit_of(cell, beneath, like), beneath)  # of a photodiode
+    volts = "V" in (header_aliases.header_unit(cell, beneath, like), beneath)  # of a photodiode
     one = f"{sensitivity or GIVEN} m" if sensitivity and volts else f"{GIVEN} nm" if volts else GIVEN
     return {"header": cell, "unit": one}
 
@@ -127,7 +127,9 @@ def _flips(travel: np.ndarray, force: np.ndarray) -> tuple[dict[str, bool], dict
     columns = {"depth": travel[good], "Fz": force[good]}
     try:
         turned = (
-            header_aliases.turned(columns, np.full(int(good.sum()), "1"), ("depth", "Fz")) if good.sum() > 2 else []
+            header_aliases.reversed_columns(columns, np.full(int(good.sum()), "1"), ("depth", "Fz"))
+            if good.sum() > 2
+            else []
         )
     except ValueError:
         turned = []

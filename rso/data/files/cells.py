@@ -13,7 +13,7 @@ import numpy as np
 from rso.core.units import kind_of
 from rso.data.branches import SEGMENTS, SKIP
 from rso.data.files import tables
-from rso.data.files.columns import Head, Row, cells_of, fail, is_number, seconds
+from rso.data.files.columns import Head, Row, cells_of, clock_seconds, fail, is_number
 
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
@@ -47,7 +47,7 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
     return cells
 
 
-def within(path: Path, line: Sequence[int], name: str, column: np.ndarray, unit: str) -> None:
+def require_plausible(path: Path, line: Sequence[int], name: str, column: np.ndarray, unit: str) -> None:
     """ValueError where a length or force is larger than any of a test; `unit` is the one it was read in."""
     base = kind_of(name)
     if base in _MOST and (beyond := np.abs(column) > _MOST[base]).any():
@@ -109,10 +109,10 @@ def no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
         fail(path, line, f"column {numeric[k]!r}: {told} {cell}0")
 
 
-def number_in(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:
+def cell_number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:
     """One cell as a finite float; a comma that is left in it is a decimal one, between commas in quotes."""
     cell = cells[head.at[name]]
-    if name == "time" and head.unit[name] == "s" and (clock := seconds(cell)) is not None:
+    if name == "time" and head.unit[name] == "s" and (clock := clock_seconds(cell)) is not None:
         return clock
     try:
         value = float(cell.replace(",", ".").replace("\u2212", "-"))  # a minus as a word processor writes it

@@ -24,15 +24,15 @@ from rso.core.units import (
     UNITS,
     bracketed,
     column_factor,
-    factor,
+    conversion_factor,
     header,
     is_counted,
     is_of,
     is_unit,
     kind_of,
     unit_in,
+    unit_or_count_factor,
     weight,
-    worth,
 )
 from rso.data.files import cantilever, header_aliases
 
@@ -123,7 +123,7 @@ def same_letters(text: str) -> str:
     return unicodedata.normalize("NFKC", text).strip()
 
 
-def of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, Column]:
+def columns_of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, Column]:
     """The columns of the k-th of n files, each with its own zero; ValueError where there are not as many zeros."""
     found = {}
     for name, column in columns.items():
@@ -215,7 +215,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
     found = tuple(name for name, zero in said.items() if zero == CONTACT)
     zeros: dict[str, float] = {}
     for name, zero in said.items():
-        assert not isinstance(zero, tuple)  # each file has its own one: see `of_file`
+        assert not isinstance(zero, tuple)  # each file has its own one: see `columns_of_file`
         zeros[name] = 0.0 if isinstance(zero, str) else zero
     notes = tuple(cells_of(row, separator)[0] for _, row in rows[:k])
     taken = tuple(n for n in usual if _name(cells[at[n]], units[at[n]]) is None)
@@ -241,7 +241,7 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
     return separator, cells, [""] * len(cells), k + 1
 
 
-def seconds(cell: str) -> float | None:
+def clock_seconds(cell: str) -> float | None:
     """A time of day, 10:02:03.5 with or without a date before it, as seconds since midnight; else None."""
     match = _CLOCK.fullmatch(cell.strip())
     return None if match is None else 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3].replace(",", "."))
@@ -249,7 +249,7 @@ def seconds(cell: str) -> float | None:
 
 def is_clock(cell: str) -> bool:
     """Whether a cell is a time of day."""
-    return seconds(cell) is not None
+    return clock_seconds(cell) is not None
 
 
 def _cell(rows: Sequence[Row], k: int, separator: str, i: int) -> str:
@@ -347,13 +347,13 @@ def _customary(path: Path, rows: Sequence[Row], notes: Sequence[str] = ()) -> di
                     above = [*notes, *(text for _, text in rows[:k])]
                     raise cantilever.question(f"{path}:{line}", cells, units, bends, numbers, above)
             clocks = [is_clock(_cell(rows, below, separator, i)) for i in range(len(cells))]
-            at = header_aliases.named(cells, units, known, clocks)
+            at = header_aliases.named_columns(cells, units, known, clocks)
         except cantilever.Unsaid:
             raise
         except ValueError as error:
             fail(path, line, str(error))
         found = {name: Column(cells[i]) for name, i in at.items()}
-        if "time" in at and (unit := header_aliases.unit_of(cells[at["time"]], units[at["time"]], "time")):
+        if "time" in at and (unit := header_aliases.header_unit(cells[at["time"]], units[at["time"]], "time")):
             found["time"] = Column(cells[at["time"]], unit=unit)
     return found
 
@@ -410,7 +410,7 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
 def _alike(unit: str, other: str, base: str) -> bool:
     """Whether two texts are the same unit of a kind: sec and s."""
     try:
-        return factor(unit, base) == factor(other, base)
+        return conversion_factor(unit, base) == conversion_factor(other, base)
     except ValueError:
         return False
 
@@ -433,7 +433,11 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     # what the file calls a count is its own affair, unless it is a unit of this kind
     if column.unit is not None and is_counted(column.unit):
         for who in ("the header", "the row beneath the header"):
-            if (unit := said[who]) and is_of(base, unit) and factor(unit, base) != worth(column.unit, base):
+            if (
+                (unit := said[who])
+                and is_of(base, unit)
+                and conversion_factor(unit, base) != unit_or_count_factor(column.unit, base)
+            ):
                 fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}")
         return column.unit
     same = (column.unit or "").lower()
@@ -459,7 +463,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                     f"say unit = {force!r} in [columns] of the study",
                 )
             units[who] = force
-    mega = [u for u in units.values() if base == "N" and is_of(base, u) and factor(u, base) >= MEGA]
+    mega = [u for u in units.values() if base == "N" and is_of(base, u) and conversion_factor(u, base) >= MEGA]
     if mega and column.unit is None:
         fail(
             path,
@@ -485,7 +489,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     first, known = next(iter(units)), {}
     for who, unit in units.items():
         try:
-            known[who] = factor(unit, base)
+            known[who] = conversion_factor(unit, base)
         except ValueError as error:
             fail(path, line, f"column {name!r} ({column.header!r}): {who} says {error}; choose from {choices}")
         if known[who] != known[first]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rso.core.units import bracketed, is_of, kind_of, unit_in, weight
 from rso.data.files.header_words import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED, WORDS
-from rso.data.files.rows import rows_of
+from rso.data.files.rows import rows_by_label
 
 FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
 PRESSED = ((0.6, 0.7), (0.8, 0.9), (0.95, 1.0))  # of the way: where a force is looked for
@@ -24,7 +24,7 @@ _GROUP = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
 _JOINED = re.compile(r"[\s_\-.:]+")
 
 
-def plain(cell: str, name: str) -> str:
+def bare_header(cell: str, name: str) -> str:
     """A header in small letters without what says its unit, for a column of the kind of `name`."""
     text = _GROUP.sub(" ", cell)
     for mark in ("/", "_", ",", " "):
@@ -36,7 +36,7 @@ def plain(cell: str, name: str) -> str:
     return _JOINED.sub(" ", text).strip().lower()
 
 
-def unit_of(cell: str, beneath: str, name: str) -> str:
+def header_unit(cell: str, beneath: str, name: str) -> str:
     """What a header, or the row beneath it, says for its unit, known or not; Sec and MIN of a time are sec and min."""
     unit = unit_in(cell, name) or bracketed(cell, name) or beneath
     if not unit and name == "time":
@@ -48,10 +48,10 @@ def unit_of(cell: str, beneath: str, name: str) -> str:
 
 def is_one(cell: str) -> bool:
     """Whether a header is a usual name."""
-    return any(plain(cell, name) in names for name, names in NAMES.items())
+    return any(bare_header(cell, name) in names for name, names in NAMES.items())
 
 
-def named(
+def named_columns(
     cells: Sequence[str], beneath: Sequence[str], known: Sequence[str | None], clocks: Sequence[bool]
 ) -> dict[str, int]:
     """Known name → column of a line of headers; empty unless travel and force are there and one by a usual name.
@@ -65,9 +65,9 @@ def named(
     for name, names in NAMES.items():
         if name in found:
             continue
-        units = [unit_of(cell, beneath[k], name) for k, cell in enumerate(cells)]
+        units = [header_unit(cell, beneath[k], name) for k, cell in enumerate(cells)]
         united = [is_of(kind_of(name), unit) for unit in units]
-        called = [plain(cell, name) if known[k] is None else "" for k, cell in enumerate(cells)]
+        called = [bare_header(cell, name) if known[k] is None else "" for k, cell in enumerate(cells)]
         small = UNITED[name] | {name.lower()}
         mine = [k for k, c in enumerate(called) if c in names or (united[k] and c in small)]
         if not any(united[k] or not units[k] for k in mine):  # none of them has the right kind of unit
@@ -96,7 +96,7 @@ def _bare(name: str) -> str:
 
 def segment_column(cells: Sequence[str]) -> int | None:
     """The one column of a machine's codes of its segments; None without, and for several."""
-    found = [k for k, cell in enumerate(cells) if plain(cell, "segment") in SEGMENT]
+    found = [k for k, cell in enumerate(cells) if bare_header(cell, "segment") in SEGMENT]
     return found[0] if len(found) == 1 else None
 
 
@@ -115,11 +115,11 @@ def tensile(texts: Sequence[str]) -> str:
 
 def from_contact(cell: str) -> bool:
     """Whether a header says that a travel counts from contact."""
-    name = plain(cell, "depth")
+    name = bare_header(cell, "depth")
     return name == "pd" or any(part in name for part in FROM_CONTACT)  # penetration depth
 
 
-def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequence[str]) -> list[str]:
+def reversed_columns(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequence[str]) -> list[str]:
     """Which of the columns `names` count the other way, by most of the tests `labels` (n,), whatever their offsets.
 
     It is pressed where the travel is furthest from where the record begins: there the force is larger than in the
@@ -127,7 +127,7 @@ def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequenc
     most where the record begins.
     """
     votes = {"depth": 0.0, "Fz": 0.0}
-    for rows in rows_of(labels.tolist()).values():
+    for rows in rows_by_label(labels.tolist()).values():
         sense = _sense(columns["depth"][rows], columns["Fz"][rows])
         votes = {name: votes[name] + sign for name, sign in zip(votes, sense, strict=True)}
     return [name for name in names if votes.get(name, 0.0) < 0.0]

@@ -27,7 +27,7 @@ def _missing(path: Path) -> str:
     return f"there is no such file{hint}"
 
 
-def text_of(path: Path) -> tuple[str, list[str]]:
+def file_text(path: Path) -> tuple[str, list[str]]:
     """Contents as text, and remarks: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its
     readings."""
     path, sheet = sheet_of(path)
@@ -64,7 +64,7 @@ def text_of(path: Path) -> tuple[str, list[str]]:
         return raw.decode("latin-1"), []
 
 
-def lines_of(text: str, comments: list[Row]) -> Iterator[Row]:
+def numbered_lines(text: str, comments: list[Row]) -> Iterator[Row]:
     """Numbered lines that hold more than separators; those of comments, without '#', go to `comments`."""
     for number, line in enumerate(_joined(text), 1):
         row = line.strip("\r\n")

@@ -22,13 +22,13 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
     FEWEST readings.  At the very end lines of words may have as many cells as the header, unless words are codes or
     labels that the first column is read for and numbers stand in all others that are read.
     """
-    width = len(filled(head.text, head.separator))
-    again = filled(head.text, head.separator)
+    width = len(filled_cells(head.text, head.separator))
+    again = filled_cells(head.text, head.separator)
     odd = [k for k, (_, text) in enumerate(rows) if not _NUMERIC.match(text)]
     if width < 2 or not odd or len(odd) == len(rows):
         return list(rows), [], []
     numeric = len(odd) < 0.5 * len(rows) and all(map(is_number, [c for c in [_first_reading(rows, odd, head)] if c]))
-    cells = {k: filled(rows[k][1], head.separator) for k in odd}
+    cells = {k: filled_cells(rows[k][1], head.separator) for k in odd}
     header = {k for k in odd if cells[k] == again}
     words = {k for k in odd if k not in header and cells[k] and _is_words(cells[k][0])}
     drawn = {k for k in odd[:2] if cells[k] and all(map(_RULE.fullmatch, cells[k]))}
@@ -59,7 +59,7 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
     return [row for k, row in enumerate(rows) if k not in found], notes, doubts
 
 
-def filled(row: str, separator: str) -> list[str]:
+def filled_cells(row: str, separator: str) -> list[str]:
     """Cells of a line up to the last that is not empty."""
     cells = cells_of(row, separator)
     while cells and not cells[-1]:

@@ -30,14 +30,14 @@ from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
 from rso.data.files.cantilever import bending
 from rso.data.files.cells import (
+    cell_number,
     counters,
     no_summary,
     no_thousands,
-    number_in,
+    require_plausible,
     row_of,
     segment_code,
     segment_words,
-    within,
 )
 from rso.data.files.columns import (
     CONTACT,
@@ -46,15 +46,15 @@ from rso.data.files.columns import (
     Head,
     Row,
     cells_of,
+    columns_of_file,
     fail,
     find_head,
     is_head,
-    of_file,
     with_less,
 )
 from rso.data.files.commented_header import head_of
-from rso.data.files.lines import lines_of, text_of
-from rso.data.files.rows import rows_of
+from rso.data.files.lines import file_text, numbered_lines
+from rso.data.files.rows import rows_by_label
 from rso.data.files.tables import FORCES
 from rso.data.files.whitespace_tables import parted, width_of
 from rso.data.files.workbook import BEGINS, block_of, sheet_of
@@ -144,10 +144,10 @@ class _Table:
     @cached_property
     def rows(self) -> dict[str, np.ndarray]:
         """Indices of the rows of each repeat."""
-        return rows_of(self.labels.tolist())
+        return rows_by_label(self.labels.tolist())
 
 
-def read(
+def read_measurement(
     path: str | Path | Sequence[str | Path],
     columns: Mapping[str, Column] | None = None,
     begins_at: float | None = None,
@@ -161,7 +161,7 @@ def read(
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:
         raise ValueError("a measurement needs at least one file")
-    own = [of_file(columns or {}, k, len(paths)) for k in range(len(paths))]
+    own = [columns_of_file(columns or {}, k, len(paths)) for k in range(len(paths))]
     found = [_table(p, c, label) for p, c, label in zip(paths, own, _labels(paths), strict=True)]
     _apart(paths)
     kinds = [_kind(t, bool(columns)) for t in found]
@@ -194,9 +194,9 @@ def read(
                 repeats[-1], said = _without_creep(r)
                 doubts += said
             elif "uz" in r.channels:
-                doubts += plausibility.profile(r.label, r.depth, r.channels["uz"])
+                doubts += plausibility.check_profile(r.label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
-        doubts += plausibility.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
+        doubts += plausibility.check_common_depths([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
     m = Measurement(
         paths[0],
@@ -210,7 +210,7 @@ def read(
         found[0].headers,
         any({"depth", "Fz"} <= set(t.turned) for t in found),
     )
-    plausibility.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
+    plausibility.check_alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
@@ -251,7 +251,7 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
         return r, []
     n, words = found
     sigma = r.sigma.get("depth", np.zeros(len(r.depth)))
-    creep = force_holds.readings(n, r.depth, force, r.time, r.segment, sigma)
+    creep = force_holds.hold_readings(n, r.depth, force, r.time, r.segment, sigma)
     lost = len(r.depth) - n - (0 if isinstance(creep, str) else len(creep.depth))
     told = f"repeat {r.label}: {words}, held at constant force or a sensor at its end: "
     if isinstance(creep, str):
@@ -269,7 +269,9 @@ def _plausible(table: _Table, r: Repeat) -> list[str]:
     """Remarks on a force curve; what refuses it says, too, which signs were turned."""
     lines, force = table.line[table.rows[r.label]], r.channels.get("Fz")
     try:
-        return plausibility.check(table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None)
+        return plausibility.check_repeat(
+            table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None
+        )
     except ValueError as error:
         if not table.turned:
             raise
@@ -363,7 +365,7 @@ def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[st
     first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
     if -way < first <= curve_shape.EDGE * way:
         return r, None, []
-    found = contact_point.onset(r.depth[loading], r.channels["Fz"][loading])
+    found = contact_point.contact_onset(r.depth[loading], r.channels["Fz"][loading])
     found = Onset(first, contact_point.LATE * way, 0.0) if found is None else replace(found, depth=first)
     told = f"repeat {r.label}: depth counts from the first reading, at {_own(table, first, found.deviation)}"
     return replace(r, depth=r.depth - first), found, [f"{told}, as no approach is seen before it"]
@@ -396,7 +398,7 @@ def fingerprint(path: Path) -> str:
     """SHA-256 of what is read of a file: of its bytes, of a workbook of its sheet's, named or the only one."""
     with sheet_of(path)[0].open("rb") as file:
         if file.read(len(BEGINS)) == BEGINS:
-            return hashlib.sha256(text_of(path)[0].encode()).hexdigest()
+            return hashlib.sha256(file_text(path)[0].encode()).hexdigest()
         file.seek(0)
         digest = hashlib.file_digest(file, "sha256")
         if block := block_of(path):
@@ -416,8 +418,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
     wanted = with_less(wanted)
     comments: list[Row] = []
-    whole_text, told = text_of(path)
-    rows = list(lines_of(whole_text, comments))
+    whole_text, told = file_text(path)
+    rows = list(numbered_lines(whole_text, comments))
     width = width_of(rows)
     rows = [parted(row, width) for row in rows]
     above = [c for c in comments if rows and c[0] < rows[0][0]]
@@ -431,10 +433,10 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
     head, own, segmented = _segmented(find_head(path, rows, wanted, notes), rows)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
-    parts, between, machines = tables.beneath(path, rows, head)
+    parts, between, machines = tables.tables_beneath(path, rows, head)
     notes += between
     if block := block_of(path):
-        parts = tables.block(path, parts, block)
+        parts = tables.table_block(path, parts, block)
     codes = wanted["segment"].values if "segment" in wanted else own or None
     if codes is not None:
         parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
@@ -451,7 +453,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         for name, values in text.items():
             values.append(cells[head.at[name]])
         for name, column in columns.items():
-            column.append(number_in(path, number, name, cells, head))
+            column.append(cell_number(path, number, name, cells, head))
         no_summary(path, number, cells, head, counting)
         counting = counters(head, counting, cells)
     if not line:
@@ -459,7 +461,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, values_of in arrays.items():
-        within(path, line, name, values_of, head.unit[name])
+        require_plausible(path, line, name, values_of, head.unit[name])
     less = arrays.pop(LESS, None)
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
@@ -472,7 +474,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
     labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
     try:
-        turned = header_aliases.turned(arrays, labels, head.customary) if head.customary else []
+        turned = header_aliases.reversed_columns(arrays, labels, head.customary) if head.customary else []
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 
-def rows_of(labels: Sequence[str]) -> dict[str, np.ndarray]:
+def rows_by_label(labels: Sequence[str]) -> dict[str, np.ndarray]:
     """Indices of the rows of each label, in the order in which labels come first."""
     found: dict[str, list[int]] = {}
     for k, label in enumerate(labels):

@@ -10,8 +10,8 @@ import numpy as np
 
 from rso.core.units import BARE_COLUMNS
 from rso.data.files.columns import Head, Row, cells_of, fail, is_number
-from rso.data.files.machine_lines import MISSING, filled, parted_from_readings
-from rso.data.files.rows import rows_of
+from rso.data.files.machine_lines import MISSING, filled_cells, parted_from_readings
+from rso.data.files.rows import rows_by_label
 
 HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its own
 START = 0.1  # of it: where all blocks begin
@@ -22,7 +22,9 @@ PLACES = ("depth", "x", "y")
 SHOWN = 6  # blocks that a message lists
 
 
-def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int, list[Row]]], list[str], list[str]]:
+def tables_beneath(
+    path: Path, rows: Sequence[Row], head: Head
+) -> tuple[list[tuple[int, list[Row]]], list[str], list[str]]:
     """Readings below a header of a file by table, each with the line of its header, notes between them, remarks.
 
     A table begins where the header stands again, with its row of units if it has one.  Lines directly above it are
@@ -30,16 +32,16 @@ def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int
     """
     tables: list[tuple[int, list[Row]]] = [(rows[head.above][0], [])]
     below, notes, told = parted_from_readings(rows[head.below :], head)
-    again, unit_row = filled(head.text, head.separator), -1
+    again, unit_row = filled_cells(head.text, head.separator), -1
     for k, (number, row) in enumerate(below):
-        if k == unit_row and not _numbers(cells := filled(row, head.separator), head):
+        if k == unit_row and not _numbers(cells := filled_cells(row, head.separator), head):
             _same_units(path, number, cells, head)
             continue
-        if again[-1] not in row or filled(row, head.separator) != again:
+        if again[-1] not in row or filled_cells(row, head.separator) != again:
             tables[-1][1].append((number, row))
             continue
         last, between = tables[-1][1], []
-        while last and _is_note(filled(last[-1][1], head.separator), head):
+        while last and _is_note(filled_cells(last[-1][1], head.separator), head):
             between.append(" ".join(filter(None, cells_of(last.pop()[1], head.separator))))
         notes += reversed(between)
         tables = [t for t in tables if t[1]]  # a header that stands twice begins one table
@@ -48,7 +50,7 @@ def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int
     return [t for t in tables if t[1]] or tables, notes, told
 
 
-def block(path: Path, tables: Sequence[tuple[int, list[Row]]], number: int) -> list[tuple[int, list[Row]]]:
+def table_block(path: Path, tables: Sequence[tuple[int, list[Row]]], number: int) -> list[tuple[int, list[Row]]]:
     """The block of that number of a file: one of several tables, or of the parts of one between lines that are none."""
     found = list(tables)
     if len(found) < 2:
@@ -161,7 +163,7 @@ def labels_of(
 
 def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndarray, own: Sequence[str]) -> None:
     """ValueError where a label stands in two tables of which the second does not go on where the first ended."""
-    for label, at in rows_of(own).items():
+    for label, at in rows_by_label(own).items():
         parts = [at[table[at] == k] for k in np.unique(table[at])]
         if not _go_on([depth[part] for part in parts]):
             line = headers[table[parts[1][0]]]

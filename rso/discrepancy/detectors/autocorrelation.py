@@ -20,10 +20,10 @@ IDLE = 0.15  # correlation of neighbours there that counts
 
 def autocorrelation_length(plan: TestPlan) -> float | None:
     """Length (mm) over which readings are autocorrelated, None where nothing shows that they do."""
-    return of_repeats(plan) or of_idle_channels(plan)
+    return length_over_repeats(plan) or of_idle_channels(plan)
 
 
-def of_repeats(plan: TestPlan) -> float | None:
+def length_over_repeats(plan: TestPlan) -> float | None:
     """Length (mm) over which the readings of all channels are autocorrelated, from repeats; None if they do not.
 
     Lag-1 correlation ρ of deviations from the mean of repeats, gain and contact taken out; length = −Δu / ln ρ.  It

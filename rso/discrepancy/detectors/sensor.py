@@ -15,7 +15,7 @@ DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itsel
 BLOCKS, RARE = 3 * BINS, 1e-3  # means of readings that tell slow noise; chance that white noise alone tells as much
 
 
-def hidden(experiments: Sequence[Experiment], channel: str, scatter: float) -> tuple[float, float]:
+def hidden_noise(experiments: Sequence[Experiment], channel: str, scatter: float) -> tuple[float, float]:
     """Noise of a bin that does not show between neighbouring readings, and its length (mm): that of a sensor that
     filters or counts in steps; zeros where there is none.
 

@@ -50,7 +50,7 @@ def force_step(plan: TestPlan) -> ForceStep | None:
         for r in e.measurement.repeats:
             at = (r.segment == "loading") & (r.depth > PRESSED * r.depth.max())
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
-            z, least, size, depth = steps(r.depth[at], v)
+            z, least, size, depth = step_statistics(r.depth[at], v)
             if len(z) > LEAST:
                 scales.append(max(1.48 * float(np.median(np.abs(z))), step_of(v)))
                 large = np.abs(size) > SMALL * np.ptp(v)
@@ -82,7 +82,7 @@ def _grown(z: np.ndarray) -> np.ndarray:
     return np.maximum(np.median(each - slope * middle) + slope * np.linspace(0.0, 1.0, len(z)), 0.0)
 
 
-def steps(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def step_statistics(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """δ over its standard deviation per unit noise (m,), the least of these with one reading left out, δ and depth.
 
     u (n,) mm, v (n,) N.  The least is 0 where leaving one out turns its sign.

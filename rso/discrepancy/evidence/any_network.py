@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from rso.discrepancy.evidence.attribution import Shared
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
-from rso.discrepancy.library.relaxation import relaxes
+from rso.discrepancy.library.relaxation import is_relaxation
 
 SHARE = 0.1  # of the largest plausible share of one time: small against the whole
 TIMES = 3.0  # a factor of e, from one time to the next
@@ -26,7 +26,7 @@ TIMES = 3.0  # a factor of e, from one time to the next
 
 def network(shared: Shared) -> Effect | None:
     """The relaxation of the catalogue; None where there is none."""
-    return next((e for e in shared.library.effects if relaxes(e)), None)
+    return next((e for e in shared.library.effects if is_relaxation(e)), None)
 
 
 def distance(shared: Shared, effect: Effect, x: np.ndarray, modulus: float) -> float:

@@ -23,18 +23,18 @@ from rso.discrepancy.evidence.gaussian_mixture import (
     Ready,
     Tiles,
     Whitening,
-    log_evidence,
     log_tiles,
     mean_prediction,
+    mixture_log_evidence,
     posterior,
+    predictive_draws,
     ready,
-    simulate,
     whitening,
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis, tiles
 from rso.discrepancy.evidence.model_form_tolerance import with_tolerance
 from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, HypothesisPriors
-from rso.discrepancy.evidence.shrinkage import curves_of
+from rso.discrepancy.evidence.shrinkage import experiment_blocks
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
@@ -92,11 +92,15 @@ class Shared:
 def set_up(library: Library, y: np.ndarray, binding: bool = False, settings: DiagnosisSettings = SETTINGS) -> Shared:
     """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
 
-    `binding` as in :func:`noise.levels`.
+    `binding` as in :func:`noise.noise_levels`.
 
     The free gap is orthogonal to what a re-fit of the base model can do: K⊥ = (I − H) K (I − H)ᵀ.
     """
-    levels, priors, error = noise.levels(library.plan, binding, settings.noise), settings.priors, settings.model_error
+    levels, priors, error = (
+        noise.noise_levels(library.plan, binding, settings.noise),
+        settings.priors,
+        settings.model_error,
+    )
     modulus = np.sqrt(library.base.low * library.base.high)
     base = tiles(library, (), modulus)
     rough = np.zeros(len(y))
@@ -113,16 +117,16 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False, settings: Dia
         modulus = float(np.median(best.modulus))
         base = tiles(library, (), modulus)
         slope = noise.slope_of(library, force)
-        C = noise.covariance(library, levels, force, slope, error)
+        C = noise.data_covariance(library, levels, force, slope, error)
     white = whitening(C)
     h = ready(base, white, modulus)
     best_tile = int(np.argmax(np.bincount(posterior(h, white(y), 200, np.random.default_rng(0)).tile)))
     J = h.X[best_tile] @ h.Q.T
     H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
-    off, curves = np.eye(len(y)) - H, curves_of(library)
-    gaps = [noise.unexplained(library, force, *gap, error.lateral) for gap in priors.gaps]
+    off, curves = np.eye(len(y)) - H, experiment_blocks(library)
+    gaps = [noise.gap_covariance(library, force, *gap, error.lateral) for gap in priors.gaps]
     for gap in priors.alone if len(curves) > 1 else ():
-        K = noise.unexplained(library, force, *gap, error.lateral)
+        K = noise.gap_covariance(library, force, *gap, error.lateral)
         gaps += [K * np.outer(here, here) for _, _, rows in curves for here in [np.isin(np.arange(len(y)), rows)]]
     whites = [white, *(whitening(C + off @ K @ off.T) for K in gaps)]
     alone = tuple(name for name, *_ in curves) if len(gaps) > len(priors.gaps) else ()
@@ -198,7 +202,9 @@ class Evidence:
     def best(self, effects: Sequence[Effect], y: np.ndarray, unexplained: bool = False, loose: bool = False) -> Ready:
         """The level of scatter, or of what is unexplained, that suits y (n,) most."""
         levels = self._levels(effects, unexplained)
-        return max((self.ready(effects, k, loose) for k in levels), key=lambda h: log_evidence(h, h.white(y)[None])[0])
+        return max(
+            (self.ready(effects, k, loose) for k in levels), key=lambda h: mixture_log_evidence(h, h.white(y)[None])[0]
+        )
 
     def scatter(self, effect: Effect, y: np.ndarray, level: float) -> tuple[float, float, float]:
         """Standard deviation of an effect that scatters, with the ends of its interval of probability `level`.
@@ -208,7 +214,7 @@ class Evidence:
         tiles, logs = self.bench.of((effect,)), []
         for share in SHARES:
             white = whitening(self.bench.covariance((effect,), share))
-            logs.append(log_evidence(ready(tiles, white, self.bench.modulus), white(y)[None])[0])
+            logs.append(mixture_log_evidence(ready(tiles, white, self.bench.modulus), white(y)[None])[0])
         weight = np.exp(np.array(logs) - logsumexp(logs))
         below = np.cumsum(weight) - 0.5 * weight  # in the middle of each share's part
         low, middle, high = np.exp(np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SHARES)))
@@ -250,7 +256,7 @@ class Evidence:
         if not self.bench.alone:
             return None
         levels = map(partial(self.ready, ()), self._levels((), True))
-        each = np.array([log_evidence(h, h.white(y)[None])[0] for h in levels]) + self.log_weights((), True)
+        each = np.array([mixture_log_evidence(h, h.white(y)[None])[0] for h in levels]) + self.log_weights((), True)
         p = np.exp(each - logsumexp(each))
         priors = self.bench.settings.priors
         of_each = p[len(priors.gaps) :].reshape(len(priors.alone), -1).sum(axis=0)
@@ -261,7 +267,7 @@ class Evidence:
     ) -> np.ndarray:
         """Log evidence (B,) of data Y (B, n)."""
         hypotheses = [self.ready(effects, k, loose) for k in self._levels(effects, unexplained)]
-        each = [log_evidence(h, h.white(Y)) for h in hypotheses]
+        each = [mixture_log_evidence(h, h.white(Y)) for h in hypotheses]
         return logsumexp(np.array(each) + self.log_weights(effects, unexplained)[:, None], axis=0)
 
 
@@ -324,7 +330,7 @@ def pairs_of(effects: Sequence[Effect]) -> list[tuple[Effect, Effect]]:
 
 def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Data (count, n) simulated from the base model as fitted to y."""
-    return simulated(evidence, (), y, count, seed)
+    return simulated_data(evidence, (), y, count, seed)
 
 
 def critical(null: np.ndarray, false_alarm: float = SETTINGS.rules.false_alarm) -> float:
@@ -335,11 +341,11 @@ def critical(null: np.ndarray, false_alarm: float = SETTINGS.rules.false_alarm) 
     return max(float(np.sort(null)[-k]), 0.0) if k else np.inf
 
 
-def simulated(
+def simulated_data(
     evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, count: int, seed: int, loose: bool = False
 ) -> np.ndarray:
     """Data (count, n) as a hypothesis fitted to y predicts them."""
     rng = np.random.default_rng(seed)
     h = evidence.best(effects, y, loose=loose)
     post = posterior(h, h.white(y), count, rng)
-    return simulate(h, post, rng) @ h.white.L.T
+    return predictive_draws(h, post, rng) @ h.white.L.T

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import log_tiles
-from rso.discrepancy.evidence.verdict import judge, most_probable
+from rso.discrepancy.evidence.verdict import judge_comparison, most_probable
 
 CHECKS = 60  # data sets per self-check
 
@@ -44,11 +44,11 @@ def self_checks(
     known = {e.name: e.source for e in evidence.effects}
     found = [SelfCheck("none", 1 - alarm, 1 - alarm, 1 - alarm, len(null))]
     for i, h in enumerate(leading):
-        Y = attribution.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
+        Y = attribution.simulated_data(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
         returned = named = missed = 0
         own = {e.source for e in h.effects}
         for c in attribution.comparisons(evidence, Y, pairs, finalists=finalists):
-            j = judge(c, c.statistic > threshold, evidence.bench.settings.rules)
+            j = judge_comparison(c, c.statistic > threshold, evidence.bench.settings.rules)
             missed += j.verdict == "no_gap"
             returned += own == {e.source for e in j.chosen.effects}
             named += own <= {known[n] for n in j.named}
@@ -56,7 +56,7 @@ def self_checks(
     return tuple(found)
 
 
-def sensitivity(
+def prior_sensitivity(
     evidence: Evidence, contest: Comparison, finalists: frozenset[str], y: np.ndarray
 ) -> dict[str, dict[str, float]]:
     """Probabilities with prior widths of the sizes halved and doubled: the far half of the sizes left out, or half the

@@ -10,13 +10,20 @@ from scipy.special import logsumexp
 
 from rso.discrepancy.evidence import attribution, noise, shrinkage
 from rso.discrepancy.evidence.attribution import Evidence, Shared
-from rso.discrepancy.evidence.gaussian_mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
+from rso.discrepancy.evidence.gaussian_mixture import (
+    Posterior,
+    log_tiles,
+    mixture_log_evidence,
+    posterior,
+    ready,
+    whitening,
+)
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import LOADING, SurfaceProfile, Test
-from rso.inference.predictive_test import chi2_of, predictive_test
+from rso.inference.predictive_test import predictive_chi2, predictive_test
 
 TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
@@ -32,9 +39,9 @@ class HeldOut:
     gain: Mapping[str, float]
 
 
-def held_out(bench: Shared, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
+def held_out_evidence(bench: Shared, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
     """log p(y_g | y_rest, H) for every experiment g, over that of the first hypothesis."""
-    curves = shrinkage.curves_of(bench.library)
+    curves = shrinkage.experiment_blocks(bench.library)
     if len(curves) < 2:
         return ()
     everything = np.arange(len(y))
@@ -64,7 +71,7 @@ def _log_evidence(bench: Shared, h: Hypothesis, rows: np.ndarray, y: np.ndarray,
     for share in shares:
         white = whitening(bench.covariance(h.effects, share), rows)
         h_ready = ready(bench.of(h.effects, loose), white, bench.modulus)
-        found.append(log_evidence(h_ready, white(y)[None])[0])
+        found.append(mixture_log_evidence(h_ready, white(y)[None])[0])
     return float(logsumexp(found) - np.log(len(found)))
 
 
@@ -94,14 +101,17 @@ def shrinkage_of(
         fits = _fits(unseen, bench, y, first, np.arange(len(y)), chosen.effects, seed + 2)
         own = None if fitted is None else _at(unseen, fitted, bench.modulus)
         fits[0] = fits[0] if own is None else own[None]
-        found = [_gap(name, unit, rows, v, fits, C, chosen.effects) for name, unit, rows in shrinkage.curves_of(unseen)]
-        sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
+        found = [
+            _gap(name, unit, rows, v, fits, C, chosen.effects)
+            for name, unit, rows in shrinkage.experiment_blocks(unseen)
+        ]
+        sizes = [len(rows) for *_, rows in shrinkage.experiment_blocks(unseen)]
         told = shrinkage.summarise(found, sizes, "those with role validate", seed)
         return told if own is None else replace(told, fitted=fitted)
-    return left_out(library, bench, evidence, y, chosen, seed)
+    return left_out_gaps(library, bench, evidence, y, chosen, seed)
 
 
-def left_out(
+def left_out_gaps(
     library: Library,
     bench: Shared,
     evidence: Evidence,
@@ -117,7 +127,7 @@ def left_out(
     """
     first = _fitted_rows(library)
     found, sizes = [], []
-    curves = shrinkage.curves_of(library)
+    curves = shrinkage.experiment_blocks(library)
     tells = _forces(library) if library.base.low < library.base.high else np.ones(len(y), bool)
     for name, unit, rows in curves if len(curves) > 1 else []:
         rest = np.setdiff1d(np.arange(len(y)), rows)
@@ -159,7 +169,7 @@ def _fits(
     rng = np.random.default_rng(seed)
 
     def draws(effects: Sequence[Effect], some: np.ndarray) -> np.ndarray:
-        return shrinkage.predictive_draws(library, effects, fit(bench, effects, some, y, rng), bench.modulus)
+        return shrinkage.predictive_draws(library, effects, fit_effects(bench, effects, some, y, rng), bench.modulus)
 
     before, again = draws((), first), draws((), rows)
     return [before, again, draws(cause, rows) if cause else again]
@@ -178,7 +188,7 @@ def _gap(
     means = [f[:, rows].mean(axis=0) for f in fits]
     δ = means[2] - means[0]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
-    before, again, with_cause = (chi2_of(value, f, C) / len(rows) for f in means)
+    before, again, with_cause = (predictive_chi2(value, f, C) / len(rows) for f in means)
     a, b, c = (float(np.sqrt(np.mean((value - f) ** 2))) for f in means)
     spread = [np.cov(f[:, rows].T).reshape(C.shape) if len(f) > 1 else None for f in fits]
     p_values = tuple(predictive_test(value, f, C, s).p_value for f, s in zip(means, spread, strict=True))
@@ -230,7 +240,7 @@ def _taught(bench: Shared, y: np.ndarray, rest: np.ndarray, effects: Sequence[Ef
     return tuple(e for e in effects if e.family == "scatter" or tells(e))
 
 
-def fit(
+def fit_effects(
     bench: Shared,
     effects: Sequence[Effect],
     rows: np.ndarray,
@@ -273,9 +283,11 @@ def _covariance(unseen: Library, bench: Shared, evidence: Evidence, y: np.ndarra
     rng = np.random.default_rng(0)
     h = evidence.best((), y)
     f = shrinkage.predicted(unseen, (), posterior(h, h.white(y), 2000, rng), bench.modulus)
-    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f), bench.settings.model_error)
+    return noise.data_covariance(
+        unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f), bench.settings.model_error
+    )
 
 
 def _levels(bench: Shared, unseen: Library) -> dict[str, noise.NoiseLevel]:
     """Levels of the seen data, and for channels they lack those of the held-out files."""
-    return {**noise.levels(unseen.plan, usual=bench.settings.noise), **bench.levels}
+    return {**noise.noise_levels(unseen.plan, usual=bench.settings.noise), **bench.levels}

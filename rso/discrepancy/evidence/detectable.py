@@ -172,6 +172,6 @@ def _limit(size: np.ndarray, power: np.ndarray) -> float | None:
     return float(np.exp(low + share * (high - low)))
 
 
-def names(found: Sequence[Detectable]) -> dict[str, float | None]:
+def limits_by_effect(found: Sequence[Detectable]) -> dict[str, float | None]:
     """Limit by effect."""
     return {d.effect.name: d.limit for d in found}

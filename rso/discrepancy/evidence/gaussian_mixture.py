@@ -256,7 +256,7 @@ def log_tiles(h: Ready, Y: np.ndarray) -> np.ndarray:
     return whole + _kept_share(h, mean) if h.walls else whole
 
 
-def log_evidence(h: Ready, Y: np.ndarray) -> np.ndarray:
+def mixture_log_evidence(h: Ready, Y: np.ndarray) -> np.ndarray:
     """Log evidence (B,) of whitened data Y (B, n); the flat prior of μ / μ₀ has density 1."""
     return logsumexp(log_tiles(h, Y), axis=1)
 
@@ -329,7 +329,7 @@ def _placed(h: Ready, tile: np.ndarray, local: np.ndarray) -> Posterior:
     return Posterior(h.scale * m, at, tile, local, strayed)
 
 
-def simulate(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:
+def predictive_draws(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:
     """Whitened data (m, n) as the draws predict them, with noise."""
     mean = (np.einsum("mk,mkq->mq", post.local, h.X[post.tile]) + h.c[post.tile]) @ h.Q.T
     return mean + rng.standard_normal(mean.shape)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rso.discrepancy.evidence.gaussian_mixture import TileFactors, Tiles, compressed
 from rso.discrepancy.library.effects import Effect, Size
-from rso.discrepancy.library.interpolation import placed, points, timed
+from rso.discrepancy.library.interpolation import grid_points, is_placed, timed
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import Base, BaseAxis
 from rso.discrepancy.library.tables import Library
@@ -71,9 +71,9 @@ def tiles(
     for e in effects:
         levels.append(_sizes(e, coarse))
         for s in e.shape:
-            n = _times(s) if timed(s) else PLACE_TILES if placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
+            n = _times(s) if timed(s) else PLACE_TILES if is_placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
             levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
-    at = points([v.at for v in levels])
+    at = grid_points([v.at for v in levels])
     moduli = library.base.moduli(at)
     if moduli is not None:  # each tile has its modulus
         for j, shifted in kept.items():

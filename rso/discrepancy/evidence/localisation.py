@@ -79,7 +79,7 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, 
     rng = np.random.default_rng(seed)
     draws = np.linalg.cholesky(T) @ rng.standard_normal((len(y), DRAWS))
     R = np.concatenate([(y - F)[:, None], draws], axis=1)
-    apart = rows_of(plan, odd)
+    apart = experiment_rows(plan, odd)
     found, largest = [], np.zeros(DRAWS)
     for experiment, channel, name, rows in _regions(plan):
         pattern, of_largest = F[rows], False
@@ -108,7 +108,7 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, 
     return Where(tuple(found), float(np.quantile(largest, 0.95)))
 
 
-def rows_of(plan: TestPlan, experiment: str | None) -> np.ndarray:
+def experiment_rows(plan: TestPlan, experiment: str | None) -> np.ndarray:
     """Rows (m,) of the data vector that an experiment has."""
     rows = [
         np.arange(at.start, at.stop)

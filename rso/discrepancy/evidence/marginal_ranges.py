@@ -22,8 +22,8 @@ from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import (
     Posterior,
     Ready,
-    log_evidence,
     mean_prediction,
+    mixture_log_evidence,
     posterior,
     posterior_each,
     ready,
@@ -85,7 +85,7 @@ def draws(library: Library, p: Posterior) -> dict[str, np.ndarray]:
     return out
 
 
-def trusted(e: Effect) -> float | None:
+def calibrated_deviation(e: Effect) -> float | None:
     """Standard uncertainty of an effect by a calibration, as stated or else usual; None where neither is."""
     return e.known if e.known is not None else USUAL.get(e.name)
 
@@ -173,11 +173,11 @@ def _unseen(
     library, μ, priors = evidence.bench.library, evidence.bench.modulus, evidence.bench.settings.priors
     at, m = np.mean(post.at, axis=0), float(np.mean(post.modulus))
     A0, c0 = predict(library, said.effects, at[None], μ)
-    own = float(log_evidence(h, h.white(y)[None])[0])
+    own = float(mixture_log_evidence(h, h.white(y)[None])[0])
     taken, found = {e.source for e in said.effects}, []
     places = [e.source for e in evidence.effects if e.place is not None]  # one of them has it
     for e in evidence.effects:
-        sd = trusted(e)
+        sd = calibrated_deviation(e)
         if e.family == "scatter" or e.source in taken or sd == 0.0:
             continue
         size = _drawn(e, SIZES, rng) if sd is None else _calibrated(e, SIZES, sd)
@@ -185,7 +185,7 @@ def _unseen(
         adds = m * (A - A0) + c - c0
         there = priors.present if e.measured else priors.seldom
         prior = 1.0 if sd is not None else there / max(places.count(e.source), 1)
-        found.append(Unseen(e, adds, log_evidence(h, h.white(y - adds)) - own, prior))
+        found.append(Unseen(e, adds, mixture_log_evidence(h, h.white(y - adds)) - own, prior))
     return found
 
 
@@ -215,7 +215,7 @@ def _averaged(
         size = rng.choice(len(u.gained), size=len(mine), p=np.exp(u.gained - logsumexp(u.gained)))
         Y[mine] -= u.adds[size]
         log_w[mine] -= u.gained[size]
-    log_w += log_evidence(h, h.white(Y))
+    log_w += mixture_log_evidence(h, h.white(Y))
     picked = rng.choice(m, size=count, p=np.exp(log_w - logsumexp(log_w)))
     return draws(evidence.bench.library, posterior_each(h, h.white(Y[picked]), rng)), there[picked]
 

@@ -12,7 +12,7 @@ from rso.discrepancy.evidence.hypotheses import blocks
 from rso.discrepancy.evidence.settings import SETTINGS, EffectTolerance
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
-from rso.discrepancy.library.simulations import Pass, nearest
+from rso.discrepancy.library.simulations import Pass, nearest_pass
 from rso.discrepancy.library.tables import Library
 
 
@@ -107,7 +107,7 @@ def loops(library: Library, effects: Sequence[Effect], own: Tiles, modulus: floa
     """ℓ (T, n): force in unloading less that on the way there, of the tile with the widest loop at the same κ."""
     places = []
     for here in library.places:
-        there = [nearest(here.passes, Pass(None, p.earlier)) for p in here.passes]
+        there = [nearest_pass(here.passes, Pass(None, p.earlier)) for p in here.passes]
         straight = {
             n: replace(t, change=t.change[:, there]) if n in library.rubbing else t for n, t in here.effects.items()
         }

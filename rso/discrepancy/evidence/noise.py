@@ -14,11 +14,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rso.contract import DistortionDepth, capability
-from rso.core.correlation import exponential, gaussian
+from rso.core.correlation import exponential, gaussian_correlation
 from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
 from rso.discrepancy.detectors.autocorrelation import autocorrelation_length
-from rso.discrepancy.detectors.sensor import count_of, hidden, of_bins
+from rso.discrepancy.detectors.sensor import count_of, hidden_noise, of_bins
 from rso.discrepancy.evidence.settings import SETTINGS, ModelError, UsualNoise
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.tables import Library
@@ -58,7 +58,7 @@ class NoiseLevel:
         return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
-def levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETTINGS.noise) -> dict[str, NoiseLevel]:
+def noise_levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETTINGS.noise) -> dict[str, NoiseLevel]:
     """Noise by channel of all tests together; 'uz' is that of profiles.
 
     Where what is stated is `binding`, gain and contact by which repeats differ far more are not noise.
@@ -98,7 +98,7 @@ def levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETTINGS.n
             share, reach = of_bins(length, w, k)
             correlated, white = share * (stated if correlation else white), white if correlation else 0.3 * white
         else:
-            correlated, reach = hidden(seen, c, white)
+            correlated, reach = hidden_noise(seen, c, white)
         depth = max(e.noise.depth for e in seen)
         gain = max(e.noise.stated.gain for e in seen)
         off = max(e.noise.stated.contact for e in seen)
@@ -266,7 +266,7 @@ def _bins(tests: Sequence[Test]) -> tuple[float, float]:
     return (float(np.median(widths)), float(np.median(counts))) if len(widths) else (1.0, 1.0)
 
 
-def covariance(
+def data_covariance(
     library: Library,
     level: Mapping[str, NoiseLevel],
     force: np.ndarray,
@@ -324,7 +324,7 @@ def _of_model(library: Library, force: np.ndarray, error: ModelError) -> np.ndar
         code[at], grain[at] = np.hypot(error.code, stated) * size, error.grain * size
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
-    along, near = (gaussian(u, v * deepest) for v in (error.length, error.grain_length))
+    along, near = (gaussian_correlation(u, v * deepest) for v in (error.length, error.grain_length))
     meshes = capability(library.base.backend, DistortionDepth)
     distorted = max([deepest, *(meshes.deep(dict(p.settings)) for p in plan.places if meshes)])
     growing = error.deep * (u / distorted) ** error.steep * np.where(place < 100, force, 0.0)
@@ -339,10 +339,12 @@ def other_code(plan: TestPlan, force: np.ndarray, error: ModelError = SETTINGS.m
         if not isinstance(item, SurfaceProfile):
             u[at], channel[at], size[at] = item.depth, FORCES.index(c), error.common * force[at]
     deepest = max(p.deepest for p in plan.places)
-    return correlated_along(u, size, error.common_length * deepest, gaussian) * (channel[:, None] == channel)
+    return correlated_along(u, size, error.common_length * deepest, gaussian_correlation) * (
+        channel[:, None] == channel
+    )
 
 
-def readings(plan: TestPlan, level: Mapping[str, NoiseLevel], slope: np.ndarray) -> np.ndarray:
+def reading_variance(plan: TestPlan, level: Mapping[str, NoiseLevel], slope: np.ndarray) -> np.ndarray:
     """Variance (n,) of each reading by itself, without what a test or a model may be off by as a whole."""
     out = np.zeros(plan.n)
     for item, c, at in plan.rows():
@@ -366,7 +368,7 @@ def _rows_of(rows: list[tuple[Test | SurfaceProfile, str, slice]], test: Test) -
     return slice(mine[0].start, mine[-1].stop)
 
 
-def unexplained(
+def gap_covariance(
     library: Library,
     force: np.ndarray,
     amplitude: float,
@@ -392,7 +394,7 @@ def unexplained(
         speed[at] = round(1e3 * np.log(item.speed))
     same = lambda v: v[:, None] == v  # noqa: E731
     deepest = max(p.deepest for p in plan.places)
-    along = gaussian(u, length * deepest) * gaussian(rest, 1.0)
+    along = gaussian_correlation(u, length * deepest) * gaussian_correlation(rest, 1.0)
     shared = same(channel) & same(place)
     mix = (shared + (shared & same(branch) & same(speed)) + (shared & same(test) & same(branch))) / 3.0
     return amplitude**2 * np.outer(size, size) * mix * along

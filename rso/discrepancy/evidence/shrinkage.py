@@ -65,7 +65,7 @@ class Shrinkage:
     fitted: Mapping[str, float] | None = None
 
 
-def curves_of(library: Library) -> list[tuple[str, str, np.ndarray]]:
+def experiment_blocks(library: Library) -> list[tuple[str, str, np.ndarray]]:
     """(name, unit, rows) of every experiment's data."""
     groups: dict[str, list[np.ndarray]] = {}
     units: dict[str, str] = {}

@@ -29,7 +29,7 @@ class Judgement:
 UNEXPLAINED = Judgement("unexplained", (), Hypothesis((), True))
 
 
-def judge(contest: Comparison, gap: bool, rules: VerdictRules = SETTINGS.rules) -> Judgement:
+def judge_comparison(contest: Comparison, gap: bool, rules: VerdictRules = SETTINGS.rules) -> Judgement:
     """What a contest says; `gap` is the decision of the null's statistic.
 
     Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold `sure` of the
@@ -82,7 +82,7 @@ def judge(contest: Comparison, gap: bool, rules: VerdictRules = SETTINGS.rules) 
     return Judgement("measurement" if measured else "explained", own, chosen)
 
 
-def beside(
+def pairs_of_remainder(
     chosen: Hypothesis, rest: ResidualScore, pairs: Sequence[tuple[Effect, Effect]]
 ) -> list[tuple[Effect, Effect]]:
     """Pairs of a single cause and what shows in its remainder, as far as they are not among the pairs."""

@@ -264,7 +264,7 @@ def _beyond(value: float, usual: tuple[float, float]) -> float:
     return value / min(max(value, usual[0]), usual[1]) or 1.0
 
 
-def recorded(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:
+def measured_effects(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:
     """The effects without those of a channel that was not measured: they are none of this plan."""
     lost = {knob for channel, knob in CROSS.items() if channel not in channels}
     lost.update(LATERAL if lost == set(CROSS.values()) else ())

@@ -32,7 +32,7 @@ class Nodes:
     @property
     def points(self) -> np.ndarray:
         """(n, 1 + d), shapes in their own coordinate."""
-        return points(self.levels)
+        return grid_points(self.levels)
 
     @property
     def middling(self) -> np.ndarray:
@@ -46,7 +46,7 @@ class Nodes:
         for k, level in enumerate(self.levels[1:], 1):
             inside = np.clip(at[:, k], level.min(), level.max())
             # another support holds or lets go from one value to the next, nothing lies between
-            along = piecewise(level, inside) if self.anchored else nearest(level, inside)
+            along = piecewise(level, inside) if self.anchored else nearest_weights(level, inside)
             W = (W[:, :, None] * along[:, None, :]).reshape(len(at), -1)
         return W
 
@@ -124,7 +124,7 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool
     return Nodes((level, *shapes), 0.5 * max(abs(low), abs(high)), True)
 
 
-def points(levels: Sequence[np.ndarray]) -> np.ndarray:
+def grid_points(levels: Sequence[np.ndarray]) -> np.ndarray:
     """Points (n, d) of a tensor grid; the empty one has a single point."""
     return np.array(list(itertools.product(*levels)), float).reshape(math.prod(len(v) for v in levels), len(levels))
 
@@ -139,7 +139,7 @@ def late(effect: Effect, speed: float) -> np.ndarray:
     return np.array([s.power_of_time if timed(s) else 0.0 for s in effect.knobs]) * math.log(speed)
 
 
-def placed(shape: Size) -> bool:
+def is_placed(shape: Size) -> bool:
     """Whether a shape is a place, to both sides of a middle: what sits beside one point sits below another."""
     return shape.low < 0 < shape.high
 
@@ -152,7 +152,7 @@ def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float], alone:
         if primary:
             return np.linspace(low, high, max(5, 1 + math.ceil((high - low) / TIMES)))
         return np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
-    if placed(shape):
+    if is_placed(shape):
         return np.array([0.5 * (low + high)]) if alone else np.linspace(low, high, 5)
     if not primary and shape.low >= 0 and not (shape.low == 0 and shape.unit == "deg"):
         return np.array([0.5 * (low + high)])
@@ -167,7 +167,7 @@ def tensor(levels: Sequence[np.ndarray], x: np.ndarray) -> np.ndarray:
     return W
 
 
-def nearest(level: np.ndarray, at: np.ndarray) -> np.ndarray:
+def nearest_weights(level: np.ndarray, at: np.ndarray) -> np.ndarray:
     """(m, n): 1 at the node of a shape that is nearest to each of `at` (m,)."""
     return np.eye(len(level))[np.argmin(np.abs(at[:, None] - level), axis=1)]
 

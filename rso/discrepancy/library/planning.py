@@ -73,19 +73,19 @@ def _pressed(test: Test) -> int:
     return int(np.sum(test.depth > 0.0))
 
 
-def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[LibraryJob]:
+def planned_simulations(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[LibraryJob]:
     """Different simulations that a library asks for at most; fewer where runs at a place turn out to be costly.
 
     Raises ValueError for a base model that cannot have one.
     """
     frame, anywhere = framed(base, plan), np.ones(len(plan.places), bool)
-    modelled = simulated(base, effects)
+    modelled = simulated_effects(base, effects)
     jobs = jobs_of_base(base, plan, frame)
     jobs += jobs_of_effects(base, plan, modelled, frame, Sizes(~anywhere, anywhere))[1]
     return list({key_of(base, j): j for j in reversed(jobs)}.values())[::-1]
 
 
-def simulated(base: Base, effects: Sequence[Effect]) -> list[Effect]:
+def simulated_effects(base: Base, effects: Sequence[Effect]) -> list[Effect]:
     """Effects of the model, and what relaxes in the base model: their changes are simulated."""
     return [*([base.relaxing.effect] if base.relaxing else []), *(e for e in effects if e.family == "model")]
 

@@ -24,7 +24,7 @@ from scipy.interpolate import interp1d
 
 from rso.contract import parameters_of
 from rso.core.curves import rows_at
-from rso.data import Chain, recorded, yielded
+from rso.data import Chain, recorded_curve, yielded
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.responses import FORCES
@@ -269,7 +269,7 @@ def _recorded(
     rested = max(test.rest, float(test.since.max()))
     time[:, turn:] += np.concatenate([rest, np.full(time.shape[1] - turn - len(rest), rested)])
     forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
-    depth, got = recorded(setting, way, forces, time, test.age, test.earlier)
+    depth, got = recorded_curve(setting, way, forces, time, test.age, test.earlier)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)
     backward = np.maximum.accumulate(depth[:, : -turn - 1 : -1], axis=1)
     out = np.empty((len(F), len(pick), test.n))

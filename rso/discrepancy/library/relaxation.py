@@ -32,7 +32,7 @@ SIZES = 6  # of a dense table
 STEPS = 400  # of the hereditary integral, evenly spaced in √u
 
 
-def relaxes(effect: Effect) -> bool:
+def is_relaxation(effect: Effect) -> bool:
     """Whether an effect is a share of the stress that is lost in time: a share with one shape, a time."""
     size = effect.size
     share = size.neutral == 0.0 and 0.0 < size.high <= 1.0 and size.unit == "1" and not effect.settings
@@ -55,12 +55,12 @@ def dense(nodes: Nodes) -> Nodes:
 
 def foreseen(u: np.ndarray, base: np.ndarray, points: np.ndarray, ways: Sequence[Pass]) -> np.ndarray:
     """Changes (n, n_pass, 3, m) relative to Fz of the forces (m, 3) over travels u (m,); all of them fall alike."""
-    fall = np.stack([expected(u, base[:, 2], points, way) for way in ways], axis=1)
+    fall = np.stack([expected_relaxation(u, base[:, 2], points, way) for way in ways], axis=1)
     share = np.divide(base.T, base[:, 2], out=np.zeros_like(base.T), where=base[:, 2] > 0.0)
     return fall[:, :, None] * share
 
 
-def expected(u: np.ndarray, force: np.ndarray, points: np.ndarray, way: Pass) -> np.ndarray:
+def expected_relaxation(u: np.ndarray, force: np.ndarray, points: np.ndarray, way: Pass) -> np.ndarray:
     """Relative change (n, m) of the elastic force (m,) over travels u (m,) at points (n, 2) of g and ln τ.
 
     τ counts in travel, as at unit speed.  Beyond the peak of the `way`, and where there is no elastic force, the change

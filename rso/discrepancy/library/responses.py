@@ -35,7 +35,7 @@ def _returning(response: Response) -> np.ndarray:
     return time > time[int(np.argmax(travel >= travel.max() - 1e-6))]
 
 
-def loading_of(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
+def loading_forces(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
     """Forces over the modulus (3, m) on the way there."""
     travel, F = forces_of(response, modulus)
     return Resampling(travel, F)(np.minimum(u, travel[-1])).T

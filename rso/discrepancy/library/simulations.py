@@ -12,7 +12,7 @@ import numpy as np
 from rso.contract import Backend, Case, Programme, Relaxation, capability
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
-from rso.discrepancy.library.test_plan import Test, TestPlan, rounded
+from rso.discrepancy.library.test_plan import Test, TestPlan, rounded_travel
 from rso.evaluation import Task
 
 ASKED = 9  # travels at which a run is asked for forces
@@ -184,7 +184,7 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
     ways += [Pass(plan.near(t.peak), plan.near(t.earlier), *_resting(t)) for t in mine if t.returns]
     found = [Pass(None, 0.0)]
     for way in ways:
-        if not any((way.peak, way.earlier) == (p.peak, p.earlier) and alike(way, p) for p in found):
+        if not any((way.peak, way.earlier) == (p.peak, p.earlier) and passes_alike(way, p) for p in found):
             found.append(way)
     return tuple(found)
 
@@ -194,7 +194,7 @@ def rests_at(plan: TestPlan, place: int) -> tuple[Rest, ...]:
     longest: dict[float, float] = {}
     for t in plan.tests:
         if t.place == place and t.held.any():
-            peak = rounded(t.peak, plan.scale, 2)
+            peak = rounded_travel(t.peak, plan.scale, 2)
             longest[peak] = max(longest.get(peak, 0.0), _round(1.05 * float(t.since.max()) * t.speed))
     return tuple(Rest(peak, lasting) for peak, lasting in sorted(longest.items()) if lasting > 0.0)
 
@@ -204,16 +204,16 @@ def rest_of(every: Sequence[Rest], test: Test) -> int | None:
     return min(range(len(every)), key=lambda k: abs(every[k].peak - test.peak), default=None)
 
 
-def alike(a: Pass, b: Pass) -> bool:
+def passes_alike(a: Pass, b: Pass) -> bool:
     """Whether the indenter rests as long and goes back as fast."""
     return max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
 
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
     """Indices of the loading and of the unloading pass of a test."""
-    loading = nearest(every, Pass(None, test.earlier))
+    loading = nearest_pass(every, Pass(None, test.earlier))
     back = Pass(test.peak, test.earlier, *_resting(test))
-    return loading, nearest(every, back) if test.returns else loading
+    return loading, nearest_pass(every, back) if test.returns else loading
 
 
 def _resting(test: Test) -> tuple[float, float]:
@@ -225,7 +225,7 @@ def _round(v: float) -> float:
     return float(f"{np.exp(STEP * round(np.log(v) / STEP)):.4g}") if v > 0.0 else 0.0
 
 
-def nearest(every: Sequence[Pass], way: Pass) -> int:
+def nearest_pass(every: Sequence[Pass], way: Pass) -> int:
     """Index of the pass of the same direction that is most alike."""
 
     def apart(k: int) -> float:
@@ -256,7 +256,7 @@ def task_of(
     data = {**place.settings, **(base.lean if finer else base.draft), **settings}
     if place.marks:
         data["profile"] = [list(m) for m in place.marks]
-    deepest, to = plan.reach(k), lambda v: rounded(v, plan.scale, 4)
+    deepest, to = plan.reach(k), lambda v: rounded_travel(v, plan.scale, 4)
     asked = {to(deepest * (j / ASKED) ** 1.7) for j in range(1, ASKED)} | {deepest}
     asked = {a for a in asked if all(abs(a - d) > NEAR * d for d in place.mark_depths)} | set(place.mark_depths)
     if way is None or way.peak is None:

@@ -19,20 +19,20 @@ from scipy.interpolate import interp1d
 
 from rso.core.curves import Resampling
 from rso.discrepancy.library.effects import Effect
-from rso.discrepancy.library.interpolation import Nodes, cardinal, late, placed, points, tensor, timed
-from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of, simulated
-from rso.discrepancy.library.relaxation import dense, foreseen, relaxes
+from rso.discrepancy.library.interpolation import Nodes, cardinal, grid_points, is_placed, late, tensor, timed
+from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of, simulated_effects
+from rso.discrepancy.library.relaxation import dense, foreseen, is_relaxation
 from rso.discrepancy.library.responses import (
     FORCES,
     changed,
     forces_of,
-    loading_of,
+    loading_forces,
     marks_of,
     reached_by,
     relative,
     rested,
 )
-from rso.discrepancy.library.simulations import RESTED, Base, LibraryJob, Pass, Rest, Run, nearest, rests_at
+from rso.discrepancy.library.simulations import RESTED, Base, LibraryJob, Pass, Rest, Run, nearest_pass, rests_at
 from rso.discrepancy.library.test_plan import TestPlan
 from rso.evaluation.store import Done, Failed
 
@@ -165,14 +165,14 @@ def _told(base: Base, job: LibraryJob) -> str:
     return f"{', '.join(dict.fromkeys(each))} (a library covers the ranges of [parameters]{why}: narrow them)"
 
 
-def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Library:
+def build_library(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Library:
     """Compute every table of the plan; a failed run leaves a gap that the nearest node of the same shape fills.
 
     Raises ValueError if the base model itself fails somewhere.
     """
     frame = framed(base, plan)
     primary, levels, few, every = frame.primary, frame.levels, frame.few, frame.every
-    modelled = simulated(base, effects)
+    modelled = simulated_effects(base, effects)
     jobs = jobs_of_base(base, plan, frame)
     outcomes = run([j.task for j in jobs])
     unknowns = np.zeros(len(plan.places))
@@ -256,7 +256,7 @@ def _tables(
     u = (np.linspace(0.0, np.sqrt(plan.reach(k)), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
     wanted = [found[k, None, n, None, False] for n in [*range(n_base), -1]]
-    scaled = [loading_of(o.response, u, base.reference) for o in wanted]
+    scaled = [loading_forces(o.response, u, base.reference) for o in wanted]
     scaled.pop()
     first = Resampling(*forces_of(wanted[-1].response, base.reference))
     mesh, error, ways = np.zeros((3, GRID)), np.zeros((3, GRID)), np.zeros((len(every), 3, GRID))
@@ -280,7 +280,7 @@ def _tables(
         change = np.zeros((len(points), len(every), 3, GRID))
         marks = np.zeros((len(points), base_marks.shape[1]))
         known = np.ones(len(points), bool)
-        ahead = foreseen(u, first(u), points, every) if relaxes(e) else None
+        ahead = foreseen(u, first(u), points, every) if is_relaxation(e) else None
         for n in range(len(points)):
             whole = found.get((k, e.name, n, None, False))
             each = [found.get((k, e.name, n, i, False)) for i in range(len(every))] if whole is None else [whole]
@@ -317,9 +317,9 @@ def _beside(
     first: PlaceTables, levels: Sequence[np.ndarray], few: Sequence[np.ndarray], own: PlaceTables
 ) -> PlaceTables:
     """Tables of another place at all levels of the base: its forces over Fz of the primary place vary slowly with κ."""
-    every = points(levels)
+    every = grid_points(levels)
     W = tensor(few, every)
-    at_few = np.tensordot(tensor(levels, points(few)), first.base, axes=1)
+    at_few = np.tensordot(tensor(levels, grid_points(few)), first.base, axes=1)
     s = np.sqrt(np.minimum(own.u, first.u[-1]))
     normal = np.stack([np.interp(s, np.sqrt(first.u), f[2]) for f in first.base])
     normal_few = np.stack([np.interp(s, np.sqrt(first.u), f[2]) for f in at_few])
@@ -362,7 +362,7 @@ def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> LibraryTab
         return other
     R = _transfer(effect, known, other)
     change = np.tensordot(R, other.change, axes=1)
-    if effect.place is None and not any(placed(s) for s in effect.shape):
+    if effect.place is None and not any(is_placed(s) for s in effect.shape):
         there = _along_ways(known.change, first, own)
         at = np.tensordot(known.nodes.weights(other.nodes.points), there, axes=1)
         force = own.base[:, 2].mean(axis=0)
@@ -382,7 +382,7 @@ def _along_ways(change: np.ndarray, first: PlaceTables, own: PlaceTables) -> np.
     for i, way in enumerate(own.passes):
         if all((way.peak is None) != (p.peak is None) for p in first.passes):
             continue
-        j = nearest(first.passes, way)
+        j = nearest_pass(first.passes, way)
         matters = not np.allclose(change[:, j], change[:, 0], rtol=0, atol=1e-6)
         mine, theirs = (p.peak or p.earlier for p in (way, first.passes[j]))
         u = own.u * (theirs / mine if matters and mine and theirs else 1.0)
@@ -405,11 +405,11 @@ def _transfer(effect: Effect, primary: LibraryTable, other: LibraryTable) -> np.
     if not other.nodes.anchored:
         R = _likened(primary, P, O)
         return other.nodes.weights(P) if R is None else R
-    where = [k for k, shape in enumerate(effect.shape, 1) if placed(shape)]
+    where = [k for k, shape in enumerate(effect.shape, 1) if is_placed(shape)]
     levels = [other.nodes.levels[k] for k in where]
     share = tensor(levels, P[:, where])
     R = np.zeros((len(P), len(O)))
-    for k, at in enumerate(points(levels)):
+    for k, at in enumerate(grid_points(levels)):
         moved = P.copy()
         moved[:, where] = at
         mine = np.all(O[:, where] == at, axis=1)

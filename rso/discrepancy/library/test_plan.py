@@ -17,7 +17,7 @@ from rso.contract import digest
 from rso.core.power_law import LEADING
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
 from rso.data.force_holds import HeldForce
-from rso.data.holds import BINS, at_peak, edges, stopped
+from rso.data.holds import BINS, at_peak, edges, stop_time
 
 AIR = 3  # bins of the way before contact
 LOADING, UNLOADING, HELD = range(3)  # branches of a test
@@ -152,7 +152,7 @@ class TestPlan:
 
     def near(self, travel: float) -> float:
         """A travel (mm) as a round number that others like it share."""
-        return rounded(travel, self.scale, 1)
+        return rounded_travel(travel, self.scale, 1)
 
     def rows(self) -> list[tuple[Test | SurfaceProfile, str, slice]]:
         """(test or profile, channel, rows) in the order of the data vector."""
@@ -202,8 +202,8 @@ class _Site:
     def place(self, scale: float) -> PlanPlace:
         """The place when all is gathered."""
         step = scale * STEP
-        deepest = rounded(max(math.ceil(self.deepest / step - 0.2), 1) * step, scale, 6)
-        peaks = {rounded(v, scale, 1) for v in self.peaks}
+        deepest = rounded_travel(max(math.ceil(self.deepest / step - 0.2), 1) * step, scale, 6)
+        peaks = {rounded_travel(v, scale, 1) for v in self.peaks}
         return PlanPlace(
             self.settings, deepest, tuple(sorted(peaks)), tuple(self.marks), tuple(sorted(self.mark_depths))
         )
@@ -220,12 +220,12 @@ def scale_of(deepest: float) -> float:
     return float(f"{power * max(n for n in (1, 2, 4) if n * power <= ratio * (1 + 1e-12) or n == 1):.1g}")
 
 
-def rounded(travel: float, scale: float, digits: int) -> float:
+def rounded_travel(travel: float, scale: float, digits: int) -> float:
     """A travel (mm) to so many digits after the point in units of `scale`, without the dust of the product."""
     return float(f"{round(travel / scale, digits) * scale:.12g}")
 
 
-def make_plan(experiments: Sequence[Experiment], scale: float | None = None) -> TestPlan:
+def make_test_plan(experiments: Sequence[Experiment], scale: float | None = None) -> TestPlan:
     """Tests in bins, places with what must be computed there; lengths of `scale`, or of the plan's own.
 
     ValueError if no force curve is left.  The unloading after a long hold is left out with a note, as it depends on all
@@ -265,7 +265,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
             raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
         channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
         time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
-        came = stopped(r, time, e.speed)
+        came = stop_time(r, time, e.speed)
         branches = [_binned(r, time, channels, b, came, e.power) for b in (LOADING, UNLOADING, HELD)]
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
         peak = float(r.depth.max())

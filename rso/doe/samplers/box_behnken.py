@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from rso.doe.farthest import extend_by
-from rso.doe.sampler import DesignTask, Sampler, counted
+from rso.doe.sampler import DesignTask, Sampler, design_of_fixed_size
 
 # Blocks of Box & Behnken (1960), table 4: which factors sit at +-1 together.
 _BLOCKS = {
@@ -30,7 +30,7 @@ def box_behnken(d: int) -> np.ndarray:
 
 def points(task: DesignTask) -> np.ndarray:
     """The design, all of whose points must be feasible."""
-    return counted("box_behnken", box_behnken(task.d), task)
+    return design_of_fixed_size("box_behnken", box_behnken(task.d), task)
 
 
 SAMPLER = Sampler("box_behnken", "Box-Behnken", points, extend_by)

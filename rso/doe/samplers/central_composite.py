@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from rso.doe.farthest import extend_by
-from rso.doe.sampler import DesignTask, Options, Sampler, counted
+from rso.doe.sampler import DesignTask, Options, Sampler, design_of_fixed_size
 
 Star = Literal["circumscribed", "inscribed", "face"]
 Alpha = float | Literal["rotatable", "orthogonal"]
@@ -70,7 +70,7 @@ def _corners(d: int) -> np.ndarray:
 
 def points(task: DesignTask) -> np.ndarray:
     """The design of the options `star`, `alpha` and `centres`, all of whose points must be feasible."""
-    return counted("ccd", central_composite(task.d, **_stated(task.options)), task)
+    return design_of_fixed_size("ccd", central_composite(task.d, **_stated(task.options)), task)
 
 
 def wider(d: int, options: Options) -> float:

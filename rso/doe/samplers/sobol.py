@@ -6,14 +6,14 @@ import numpy as np
 
 from rso.doe.farthest import pool
 from rso.doe.sampler import DesignTask, Sampler, enough
-from rso.doe.sequences import sobol
+from rso.doe.sequences import sobol_sequence
 
 
 def points(task: DesignTask) -> np.ndarray:
     """The first `runs` points of a scrambled Sobol sequence, without those that are forbidden."""
     runs = enough("sobol", task)
     if task.feasible is None:
-        return sobol(task.d, runs, task.seed)
+        return sobol_sequence(task.d, runs, task.seed)
     return pool(task.d, runs, task.seed, task.feasible)[:runs]
 
 

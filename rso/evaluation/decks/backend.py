@@ -170,7 +170,7 @@ class DeckBackend:
             data = "".join(text for _, text, _ in lines).encode("utf-8", "surrogateescape")
             _placed(folder, name).write_bytes(data)
         for name in self.deck.files:
-            data = disk.read(Path(self.base) / name)
+            data = disk.read_bytes(Path(self.base) / name)
             if digest(data.hex()) != self.hashes[name]:
                 raise RuntimeError(f"{name} has changed since the study was read: run it again")
             _placed(folder, name).write_bytes(data)
@@ -217,7 +217,7 @@ class DeckBackend:
         pattern = re.compile(self.deck.failure.pattern, re.MULTILINE)
         for name in dict.fromkeys((*PRINTED, *self.deck.failure.files, *(o.file for o in self.deck.outputs))):
             try:
-                text = disk.read(folder / name).decode("utf-8", "replace")
+                text = disk.read_bytes(folder / name).decode("utf-8", "replace")
             except OSError:
                 continue
             if found := pattern.search(text):
@@ -308,7 +308,7 @@ def _fields(output: DeckOutput, base: Path) -> list[Any]:
 
 def _contents(base: Path, name: str) -> bytes:
     try:
-        return disk.read(base / name)
+        return disk.read_bytes(base / name)
     except FileNotFoundError:
         raise ValueError(f"{name}: there is no such file beside the study ({base})") from None
     except OSError as error:

@@ -67,7 +67,7 @@ def read_output(output: DeckOutput, folder: Path, base: Path) -> Found:
         at, values = _by_function(output, path, base)
     else:
         try:
-            text = disk.read(path).decode("utf-8", "replace")
+            text = disk.read_bytes(path).decode("utf-8", "replace")
         except FileNotFoundError:
             there = _listed(sorted(p.name for p in folder.iterdir() if p.is_file()))
             raise NotFound(f"{output.file}: there is no such file after the run; there are {there}") from None

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.core.units import factor
+from rso.core.units import conversion_factor
 from rso.doe.constraints import FUNCTIONS, read_expression
 
 DELIMITERS = ("{", "}")
@@ -204,4 +204,4 @@ def _value(value: Any, index: str, unit: str) -> float | str:
         return float(value[int(index)])
     if isinstance(value, str):
         raise ValueError(f"{value!r} has no [{index}]")
-    return float(value) / float(factor(index, unit or "1"))
+    return float(value) / float(conversion_factor(index, unit or "1"))

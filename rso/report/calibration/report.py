@@ -59,7 +59,7 @@ def _with_draws(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
     if results.get("draws") or not path.exists():
         return results
     try:
-        head, *rows = disk.read(path).decode("utf-8").splitlines()
+        head, *rows = disk.read_bytes(path).decode("utf-8").splitlines()
         values = np.array([[float(v) for v in row.split(",")] for row in rows])
         return {**results, "draws": dict(zip(head.split(","), values.T, strict=True))}
     except (OSError, ValueError):

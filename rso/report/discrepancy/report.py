@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.discrepancy.parameters import beside, called, unproved
+from rso.discrepancy.parameters import called, known_alone, unproved
 from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
 from rso.report.canvas import short
 from rso.report.discrepancy.background import background
@@ -439,7 +439,7 @@ def parameters(found: Found) -> Section:
     note += "All that the data allow: every hypothesis by its probability, effects that the data neither show nor "
     note += "exclude, 1 % by which one program differs from another."
     blocks.append(table("Parameters", columns, note))
-    blocks += [Text(_in_letters(found, text)) for name, _, _ in rows if (text := beside(core(found), found, name))]
+    blocks += [Text(_in_letters(found, text)) for name, _, _ in rows if (text := known_alone(core(found), found, name))]
     return Section("parameters", title, (*blocks, *_held(found)))
 
 

@@ -59,7 +59,7 @@ def _link(folder: Path) -> None:
     there = [s for s in PAGES if (folder / f"{s}.html").is_file()]
     for stem in there:
         path = folder / f"{stem}.html"
-        before = disk.read(path).decode("utf-8")
+        before = disk.read_bytes(path).decode("utf-8")
         head, mark, rest = before.partition(_LINKS)
         links = [f"<b>{PAGES[s]}</b>" if s == stem else f'<a href="{s}.html">{PAGES[s]}</a>' for s in there]
         line = rest.partition("\n")
