@@ -293,7 +293,7 @@ class VerifyTable(StudyFileTable):
     """Runs that may be added until it does."""
 
 
-Words = Annotated[str, Field(min_length=1, max_length=300), AfterValidator(seen)]
+Words = Annotated[str, Field(min_length=1, max_length=300), AfterValidator(visible_line)]
 
 
 class SlurmTable(StudyFileTable):
