@@ -15,7 +15,7 @@ OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 
 @numba.njit(cache=True)
-def quadrature_points(facets, N, x):  # type: ignore[no-untyped-def]
+def facet_points(facets, N, x):  # type: ignore[no-untyped-def]
     """Points (f, q, 3) of quadratic facets: triangles or, of a meridian, edges."""
     points = np.zeros((len(facets), len(N), 3))
     for f in range(len(facets)):

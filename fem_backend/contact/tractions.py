@@ -173,7 +173,7 @@ def contact_surface(body: Body, facets: np.ndarray, true: Curved | None = None, 
     facets = facets.astype(np.int64)
     N, area = _along(body, facets) if facets.shape[1] == 3 else _across(body, facets, order)
     dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 3 * facets.shape[1])]
-    points = pointwise.quadrature_points(facets, N, body.nodes)
+    points = pointwise.facet_points(facets, N, body.nodes)
     offset = np.zeros_like(points)
     if true is not None:
         offset = true.project(points.reshape(-1, 3)).reshape(points.shape) - points
@@ -200,7 +200,7 @@ def _along(body: Body, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
     """Contact points (f, q, 3) mm at nodal positions x (n, 3)."""
-    return pointwise.quadrature_points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
+    return pointwise.facet_points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
 
 
 def contact_history(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
@@ -271,7 +271,7 @@ def evaluate_contact(pair: Pair, x: np.ndarray, touch: Touch, known: np.ndarray 
     return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction, pressure)
 
 
-def contact_tangent(
+def add_contact_tangent(
     pair: Pair, x: np.ndarray, touch: Touch, state: ContactState, data: np.ndarray, geometric: bool = True
 ) -> np.ndarray:
     """Add ∂R/∂x to `data` and return ∂R/∂s (n, 3) N/mm for a rigid body moving as c + s·direction.
@@ -292,7 +292,7 @@ def contact_tangent(
         pressure, gap = np.where(glued, 0.0, pressure), np.where(glued, np.inf, gap)
     active = np.nonzero(((pressure > 0) | (state.attraction > 0) | pair.bilateral).any(1))[0]
     points = (
-        pointwise.quadrature_points(surface.facets[active], surface.N, np.ascontiguousarray(x, float))
+        pointwise.facet_points(surface.facets[active], surface.N, np.ascontiguousarray(x, float))
         + surface.offset[active]
     )
     _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)

@@ -89,7 +89,7 @@ def on_branch(system: System, found: Equilibrium, load: Load, travel: float) -> 
     """Force and slope of an equilibrium: f = −F·d, κ = −Σ d·m + m·du/ds, d the way of the indenter."""
     at, pair, touch = found.evaluation, system.pressing, load.pressing
     scratch = np.zeros(len(system.body.pattern.indices))
-    m = tractions.contact_tangent(pair, system.body.nodes + at.u, touch, at.contact, scratch)
+    m = tractions.add_contact_tangent(pair, system.body.nodes + at.u, touch, at.contact, scratch)
     d = np.asarray(touch.direction, float)
     slope = -float(m.sum(0) @ d) + float((m * found.rate).sum())
     force = -float(at.contact.force @ d)

@@ -246,7 +246,7 @@ def contact_tangent(
     """Data of the tangent of all contacts, and ∂R/∂s (n, 3)."""
     data, moving = np.zeros(len(system.body.pattern.indices)), np.zeros_like(at.u)
     for pair, touch, touching in zip(system.pairs, load.touches, at.contacts, strict=True):
-        moving += tractions.contact_tangent(pair, system.body.nodes + at.u, touch, touching, data, geometric)
+        moving += tractions.add_contact_tangent(pair, system.body.nodes + at.u, touch, touching, data, geometric)
     return data, moving
 
 

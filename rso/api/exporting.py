@@ -147,7 +147,7 @@ def _of_backend(
     assert own is not None
     values, whose = exported_values(result, candidate)
     case = _case(plan, experiment)
-    remarks = [f"{result.data['study']['title']}: {case.name}", f"values: {whose}", *interval_rows(result, values)]
+    remarks = [f"{result.data['study']['title']}: {case.name}", f"values: {whose}", *interval_lines(result, values)]
     return dict(own.exported(name, values, case, remarks))
 
 
@@ -173,7 +173,7 @@ def exported_values(result: RunResult, candidate: int | None = None) -> tuple[di
     return dict(main[k - 1]["values"]), f"candidate {k} of the main search"
 
 
-def interval_rows(result: RunResult, values: Mapping[str, float]) -> list[str]:
+def interval_lines(result: RunResult, values: Mapping[str, float]) -> list[str]:
     """A line per parameter: value, unit, interval and what the data say of it."""
     table, level = result.parameters, result.level
     lines = []

@@ -15,11 +15,11 @@ from rso.api.workspace import load
 from rso.contract import Backend, Case, NewStudies, Programme, Response, capability, digest
 from rso.core import disk
 from rso.core.default_backend import USE
+from rso.core.inline_toml import inline
 from rso.core.units import value_in_unit
 from rso.data import Noise, combine, read_measurement
 from rso.evaluation.adapters import load_backend
 from rso.study.errors import choices_text
-from rso.study.laboratory_folder import inline
 from rso.study.settings_files import paths_seen_from
 
 Table = Mapping[str, Any]

@@ -193,7 +193,7 @@ def demands(
     return (*targets, *limits, *rules)
 
 
-def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple[str, MeasuredCurve, Curve]]:
+def curves_of_runs(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple[str, MeasuredCurve, Curve]]:
     """Label → experiment, measured and simulated curve of every compared channel in runs that are done."""
     found = {}
     for name, (experiment, curve) in compared_curves(plan).items():
@@ -206,7 +206,7 @@ def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple
 def done_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
     found = {}
-    for name, (experiment, record, curve) in simulated_curves(plan, outcomes).items():
+    for name, (experiment, record, curve) in curves_of_runs(plan, outcomes).items():
         loading = first_loading(curve.travel_mm) & (curve.channel != CREEP)
         if record.back and len(back := way_back(curve.travel_mm)) > 1:
             loading = back[::-1]
@@ -229,7 +229,7 @@ def done_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]:
     """Error metrics of runs that are done against every compared curve, at the measured depths."""
     found = {}
-    for name, (experiment, curve, simulated) in simulated_curves(plan, outcomes).items():
+    for name, (experiment, curve, simulated) in curves_of_runs(plan, outcomes).items():
         outcome = outcomes[plan.case_of[experiment]]
         assert isinstance(outcome, Done)
         deepest = float(simulated.travel_mm.max())

@@ -68,8 +68,8 @@ def _quantity(name: str, row: Mapping[str, Any], unit: str, determined: bool) ->
     if not span or None in span:
         return "open", f"{name} has no interval"
     if determined:
-        return "good", f"{name} = {estimate_text(row['value'], span, unit)} ({interval_text(span, unit)})"
-    return "open", f"{name} is not determined: {interval_text(span, unit)} agrees with the data"
+        return "good", f"{name} = {estimate_text(row['value'], span, unit)} ({interval_in_unit(span, unit)})"
+    return "open", f"{name} is not determined: {interval_in_unit(span, unit)} agrees with the data"
 
 
 def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:
@@ -91,7 +91,7 @@ def estimate_text(value: float, span: tuple[float, float], unit: str) -> str:
     return f"{number_text(value * factor, digits)}{_behind(label)}"
 
 
-def interval_text(span: tuple[float, float], unit: str) -> str:
+def interval_in_unit(span: tuple[float, float], unit: str) -> str:
     """An interval in the unit that people use."""
     label, factor = people(unit, max(map(abs, span)))
     for digits in range(3, 7):  # as many as the ends need to differ

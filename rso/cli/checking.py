@@ -15,7 +15,7 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
-from rso.cli.answer import interval_text
+from rso.cli.answer import interval_in_unit
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.symbols import symbol
@@ -215,7 +215,8 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 def _things(plan: Plan) -> list[str]:
     """Parameters, settings and experiments."""
     lines = [
-        f"  {symbol(a.name)}: {interval_text((a.low, a.high), a.parameter.unit)} ({a.scale}), {a.parameter.description}"
+        f"  {symbol(a.name)}: {interval_in_unit((a.low, a.high), a.parameter.unit)} ({a.scale}), "
+        f"{a.parameter.description}"
         for a in plan.resolved.axes
     ]
     lines += [f"  {symbol(name)} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.cli import output
-from rso.cli.answer import condensed, estimate_text, interval_text
+from rso.cli.answer import condensed, estimate_text, interval_in_unit
 from rso.core import disk
 from rso.core.symbols import symbol
 
@@ -81,7 +81,7 @@ def _range(p: Mapping[str, Any] | None) -> str:
         return "absent"
     if p.get("fixed") is not None:
         return f"fixed at {estimate_text(p['fixed'], (p['fixed'],) * 2, p['unit'])}"
-    return f"searched from {interval_text((p['low'], p['high']), p['unit'])}"
+    return f"searched from {interval_in_unit((p['low'], p['high']), p['unit'])}"
 
 
 def _hashes(found: Mapping[str, Any]) -> list[str]:
@@ -99,7 +99,7 @@ def _told(row: Mapping[str, Any] | None) -> str:
         return "–"
     if not row["interval"]:
         return f"{estimate_text(row['value'], (row['value'],) * 2, row['unit'])} ({row.get('verdict', 'no interval')})"
-    interval = interval_text(row["interval"], row["unit"])
+    interval = interval_in_unit(row["interval"], row["unit"])
     if row.get("verdict") == "determined" or row.get("known"):
         return f"{estimate_text(row['value'], row['interval'], row['unit'])} ({interval})"
     return f"{interval}, not determined"

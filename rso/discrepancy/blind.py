@@ -18,7 +18,7 @@ from rso.discrepancy import Library, TestPlan
 from rso.discrepancy.study_diagnosis import Asked, ask, judge_library
 from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import RunStore
-from rso.study.laboratory_folder import file_line, files_of, study_text, unread
+from rso.study.laboratory_folder import file_line, files_of, study_of_folder, unread
 from rso.study.laboratory_nominal import FILE, read_nominal
 from rso.study.loader import load_study
 
@@ -136,7 +136,7 @@ def _as_deep(plan: TestPlan, deepest: Mapping[str, float]) -> TestPlan:
 def _asked(case: Path, out: Path, seed: int) -> Asked:
     own = out / "studies" / case.name
     disk.folder(disk.folder(out / "studies") / case.name)
-    disk.replace(own / "study.toml", study_text(case, seed, own))
+    disk.replace(own / "study.toml", study_of_folder(case, seed, own))
     return ask(load_study(own / "study.toml"))
 
 

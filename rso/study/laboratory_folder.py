@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rso.core.default_backend import USE, command_line
+from rso.core.inline_toml import inline
 from rso.core.units import value_in_unit
 from rso.data import read_measurement, recorded_speed
 from rso.study.cases import DEFAULT_SPEED
@@ -36,7 +37,7 @@ READ = (".csv", ".xlsx")
 LOCK = "~$"  # what a spreadsheet lays beside a workbook that is open
 
 
-def study_text(folder: Path, seed: int, beside: Path) -> str:
+def study_of_folder(folder: Path, seed: int, beside: Path) -> str:
     """The study file for a folder; `beside` is where it will be written.  ValueError naming what is missing."""
     nominal = read_nominal(folder)
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in READ and not f.name.startswith(LOCK))
@@ -163,19 +164,6 @@ def _columns(table: ColumnsTable) -> Iterator[str]:
         if column is not None:
             keys = column.model_dump(exclude_unset=True, exclude_none=True)
             yield f"{name} = {inline(keys)}"
-
-
-def inline(value: Any) -> str:
-    """A value as TOML writes it within a line."""
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{_key(k)} = {inline(v)}' for k, v in value.items())} }}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(inline, value))}]"
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML knows no pairs of surrogates
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def _refuse_unclear(file: Path) -> None:

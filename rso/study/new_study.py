@@ -16,12 +16,13 @@ from pydantic import ValidationError
 
 from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
+from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES
 from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, pulls_off, read_measurement, recorded_speed, sheet_of
 from rso.data.files.lines import file_text
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choices_text
-from rso.study.laboratory_folder import inline, may_be_a_place, place_in_name
+from rso.study.laboratory_folder import may_be_a_place, place_in_name
 from rso.study.settings_files import paths_seen_from
 
 GUESS = "# <-"  # behind what nobody has stated

@@ -206,7 +206,7 @@ def test_contact_per_area_now_has_a_potential() -> None:
     slope = (at(h).energy - at(-h).energy) / (2 * h)
     assert slope == pytest.approx(float((state.residual * d).sum()), rel=1e-6)
     data = np.zeros(len(body.pattern.indices))
-    moving = tractions.contact_tangent(pair, body.nodes + u, load, state, data)
+    moving = tractions.add_contact_tangent(pair, body.nodes + u, load, state, data)
     change = newton.reduced(body, at(h).residual - at(-h).residual) / (2 * h)
     assert np.linalg.norm(full_matrix(body, data) @ newton.reduced(body, d) - change) < 1e-5 * np.linalg.norm(change)
     way = (at(0.0, h).residual - at(0.0, -h).residual) / (2 * h)

@@ -47,7 +47,7 @@ class Case:
         """∂R/∂x over all dofs in the order of `free`, and ∂R/∂s."""
         pattern = self.body.pattern
         data = np.zeros(len(pattern.indices))
-        moving = tractions.contact_tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
+        moving = tractions.add_contact_tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
         return sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=(pattern.size,) * 2), moving
 
 
@@ -261,7 +261,7 @@ def test_upper_pattern_gets_the_upper_triangle():
     place = pattern.find(free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)])
     pair = replace(case.pair, surface=replace(case.pair.surface, place=place))
     data = np.zeros(len(pattern.indices))
-    tractions.contact_tangent(pair, case.x, case.touch, case.evaluate(), data)
+    tractions.add_contact_tangent(pair, case.x, case.touch, case.evaluate(), data)
     np.testing.assert_array_equal(data, upper.data)
 
 

@@ -527,7 +527,7 @@ def test_glue_has_a_potential():
     pair, x, touch = glue()
     at, e = tractions.evaluate_contact(pair, x, touch), 1e-6
     data = np.zeros(27 * 27)
-    rate = tractions.contact_tangent(pair, x, touch, at, data)
+    rate = tractions.add_contact_tangent(pair, x, touch, at, data)
     K = data.reshape(27, 27)
     for k in range(27):
         step = np.zeros(27)

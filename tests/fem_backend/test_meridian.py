@@ -232,9 +232,11 @@ def test_a_response_says_where_no_second_run_tells_its_errors(monkeypatch):
     def ended(*args, **kwargs):
         raise Stopped("step_limit", "no equilibrium beyond 0.3 mm", [], (), Counters())
 
-    whole = two_grid.indentation.solve
+    whole = two_grid.indentation.simulate_indentation
     monkeypatch.setattr(
-        two_grid.indentation, "solve", lambda s, *a, **k: ended() if s.fineness > 3.0 else whole(s, *a, **k)
+        two_grid.indentation,
+        "simulate_indentation",
+        lambda s, *a, **k: ended() if s.fineness > 3.0 else whole(s, *a, **k),
     )
     alone = pressed()
     assert alone.channels["Fz"] == pytest.approx(plain.channels["Fz"], rel=1e-12)

@@ -36,12 +36,12 @@ def test_wrong_tangent_is_seen_in_the_rate(graded, monkeypatch):
     start = graded.travel([0.95], PENALTY_ONLY)[0].stages[-1].equilibrium
     u = start.evaluation.u + 0.05 * start.rate
     right = newton.solve(system, u, load, 1e-10, Counters()).history
-    true = tractions.contact_tangent
+    true = tractions.add_contact_tangent
 
     def wrong(pair, *rest):
         return true(replace(pair, epsilon=1.05 * pair.epsilon), *rest)
 
-    monkeypatch.setattr(tractions, "contact_tangent", wrong)
+    monkeypatch.setattr(tractions, "add_contact_tangent", wrong)
     history = newton.solve(system, u, load, 1e-10, Counters()).history
     assert len(history) > len(right) + 2
     r = np.array([h for h in history if h > 1e-11][-3:])

@@ -285,7 +285,7 @@ def test_tangent_of_a_contact_that_holds_on(friction):
     assert (state.pressure < 0.0).any() and (state.pressure > 0.0).any()
     assert friction == 0.0 or 0.2 < state.slipping.mean() < 0.9
     data = np.zeros(len(body.pattern.indices))
-    tractions.contact_tangent(pair, x, load, state, data)
+    tractions.add_contact_tangent(pair, x, load, state, data)
     high, low = (tractions.evaluate_contact(pair, x + s * size * d, load).residual for s in (1.0, -1.0))
     slope = newton.reduced(body, (high - low) / (2.0 * size))
     K = csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(body.pattern.size,) * 2)

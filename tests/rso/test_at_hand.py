@@ -12,7 +12,7 @@ import rso
 from rso.api.exporting import bibtex
 from rso.api.run_result import RunResult
 from rso.cli import doctor, main, output
-from rso.cli.answer import condensed, estimate_text, interval_text, number_text, verdict_lines
+from rso.cli.answer import condensed, estimate_text, interval_in_unit, number_text, verdict_lines
 from rso.cli.compare import study_differences
 from rso.report.calibration.use import use_section
 from rso.report.picture_files import every
@@ -97,8 +97,8 @@ def test_values_have_the_digits_that_are_known(value, span, text):
 
 def test_numbers_have_no_exponent_where_people_write_none():
     assert [number_text(x, 3) for x in (0.0, 123456.0, 0.00012345, 1e-9)] == ["0", "123456", "0.000123", "1.00e-09"]
-    assert interval_text((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
-    assert interval_text((0.0119991, 0.0120012), "MPa") == "11.999 to 12.001 kPa"  # ends that differ look so
+    assert interval_in_unit((0.0006, 0.0481), "1/MPa") == "0.000600 to 0.0481 MPa⁻¹"
+    assert interval_in_unit((0.0119991, 0.0120012), "MPa") == "11.999 to 12.001 kPa"  # ends that differ look so
 
 
 def test_two_runs_are_compared(results, tmp_path, capsys):

@@ -67,7 +67,9 @@ def test_plans_share_the_depth_of_the_deepest_within_reach(libraries, tmp_path):
 def test_a_library_serves_tests_at_its_own_speeds(monkeypatch, times, made):
     """Slow ones too, at 0.6 and 2.4 mm/min."""
     built = []
-    monkeypatch.setattr(blind.discrepancy, "build", lambda base, plan, *_: built.append(plan) or Library(plan, ()))
+    monkeypatch.setattr(
+        blind.discrepancy, "build_library", lambda base, plan, *_: built.append(plan) or Library(plan, ())
+    )
     known = {}
     for v in (0.01, 0.01 * times):
         plan = make_test_plan([replace(e, speed=v) for e in toy.laboratory(toy.TRUTH, 0)])

@@ -104,7 +104,7 @@ def test_a_cause_that_predicts_nothing_is_taken_back(bench, world, monkeypatch, 
     _, evidence, _, cases, _, _ = world
     effect = evidence.effects[0]
     told = (HeldOut("load", {effect.name: gain - 5.0}), HeldOut("cycle", {effect.name: 5.0}))
-    monkeypatch.setattr(bench.checked, "held_out", lambda *_: told)
+    monkeypatch.setattr(bench.checked, "held_out_evidence", lambda *_: told)
     judged = Judgement("explained", (effect.name,), Hypothesis((effect,)))
     found = bench.checked.check(evidence, (effect,), judged, cases.Y[0], 0)
     assert (found.looked, found.verdict, found.gain) == ("explained", verdict, gain)
@@ -114,13 +114,13 @@ def test_a_cause_that_predicts_nothing_is_taken_back(bench, world, monkeypatch, 
 def test_a_cause_forced_on_what_has_none_is_not_chosen_anew(bench, world, monkeypatch):
     whole, evidence, _, _, s, values = world
     asked = []
-    left_out = bench.shrunk.left_out
+    left_out = bench.shrunk.left_out_gaps
 
     def told(*rest):
         asked.append((rest[4].effects, rest[6]))
         return left_out(*rest)
 
-    monkeypatch.setattr(bench.shrunk, "left_out", told)
+    monkeypatch.setattr(bench.shrunk, "left_out_gaps", told)
     i = int(np.nonzero(s.null)[0][0])
     bench.shrunk.no_cause(whole, evidence, s, values, [i], 0, True)
     assert asked[1] == (bench.shrunk.best_cause(s.contests[i]).effects, False)

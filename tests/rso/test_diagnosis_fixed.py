@@ -27,8 +27,8 @@ from rso.discrepancy.evidence.gaussian_mixture import (
     mean_prediction,
     mixture_log_evidence,
     posterior,
-    predictive_draws,
     ready,
+    whitened_draws,
 )
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.parameters import _pressed
@@ -290,7 +290,7 @@ def test_a_range_is_a_wall_for_evidence_and_draws(low, high, truth):
         np.testing.assert_allclose(np.quantile(found, [0.05, 0.5, 0.95]), want, rtol=0.005 if at is μ else 0.04)
     left = np.sum((y - mean_prediction(h, y)) ** 2)
     assert left > -2.0 * logs.max() - 0.5 - 0.02 * left
-    m = predictive_draws(h, post, np.random.default_rng(1)).mean(axis=0) - mean_prediction(h, y)
+    m = whitened_draws(h, post, np.random.default_rng(1)).mean(axis=0) - mean_prediction(h, y)
     assert np.max(np.abs(m)) < 5.0 / np.sqrt(len(post.tile)) * 1.5
 
 

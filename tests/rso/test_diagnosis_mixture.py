@@ -15,8 +15,8 @@ from rso.discrepancy.evidence.gaussian_mixture import (
     mean_prediction,
     mixture_log_evidence,
     posterior,
-    predictive_draws,
     ready,
+    whitened_draws,
     whitening,
 )
 from rso.discrepancy.evidence.localisation import localise
@@ -151,7 +151,7 @@ def test_simulated_data_have_the_predictive_mean_and_covariance():
     white = whitening(C)
     h = ready(tiles(1.0), white, M0)
     rng = np.random.default_rng(3)
-    found = predictive_draws(h, posterior(h, white(Y), 200_000, rng), rng) @ white.L.T
+    found = whitened_draws(h, posterior(h, white(Y), 200_000, rng), rng) @ white.L.T
     mean, covariance = conditioned()
     G = M0 * np.stack([A, DIRECTION], 1)
     expected = C + G @ covariance @ G.T
@@ -247,7 +247,7 @@ def test_evidence_and_draws_with_a_known_modulus_are_those_along_the_line(tied):
     np.testing.assert_allclose(post.modulus.std(), M0 * spread, rtol=0.02, atol=1e-12)
     if tied is not None:
         np.testing.assert_array_equal(post.at[:, 0], np.log(post.modulus))
-    W = predictive_draws(h, post, np.random.default_rng(4)) @ white.L.T
+    W = whitened_draws(h, post, np.random.default_rng(4)) @ white.L.T
     best = np.sum(q[:, None] * (Y - r), axis=0) / q.sum()
     np.testing.assert_allclose(W.mean(0), best, rtol=0, atol=5 * np.sqrt(W.var(0).max()) / 200)
     np.testing.assert_allclose(white.L @ mean_prediction(h, white(Y)), best, rtol=0, atol=1e-9)

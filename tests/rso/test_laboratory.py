@@ -12,7 +12,7 @@ import pytest
 
 from rso.cli import main
 from rso.data import Measurement, Repeat, recorded_speed
-from rso.study.laboratory_folder import file_line, files_of, study_text, unread
+from rso.study.laboratory_folder import file_line, files_of, study_of_folder, unread
 from rso.study.laboratory_nominal import read_nominal
 from rso.study.loader import load_study
 
@@ -32,7 +32,7 @@ def folder(tmp_path: Path, names=("mp_load.csv",), **changes) -> Path:
 
 
 def text(lab: Path) -> str:
-    return study_text(lab, 0, lab)
+    return study_of_folder(lab, 0, lab)
 
 
 def test_order_of_testing(tmp_path):

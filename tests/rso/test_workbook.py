@@ -12,7 +12,7 @@ from openpyxl import Workbook
 from test_laboratory import NOMINAL
 
 from rso.data import fingerprint, read_measurement
-from rso.study.laboratory_folder import study_text
+from rso.study.laboratory_folder import study_of_folder
 
 U = np.linspace(0.0, 4.0, 41)
 F = 0.04 * U**1.5
@@ -190,5 +190,5 @@ def test_a_folder_may_hold_workbooks(tmp_path):
     (tmp_path / "nominal.json").write_text(json.dumps(NOMINAL))
     saved(tmp_path / "mp_load.xlsx", a=PLAIN)
     saved(tmp_path / "~$mp_load.xlsx", a=PLAIN)  # an open workbook's lock
-    text = study_text(tmp_path, 1, tmp_path)
+    text = study_of_folder(tmp_path, 1, tmp_path)
     assert text.count("[[experiments]]") == 1 and "mp_load.xlsx" in text

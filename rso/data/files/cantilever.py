@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.inline_toml import inline
 from rso.core.units import is_of
 from rso.data.files import header_aliases
 from rso.data.files.header_words import NAMES
@@ -93,13 +94,6 @@ def question(
         f"(without minus where nothing bends){blank}"
     )
     return Unsaid(text, columns)
-
-
-def inline(value: Any) -> str:
-    """A value as TOML writes it within a line; keys are words."""
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{k} = {inline(v)}' for k, v in value.items())} }}"
-    return json.dumps(value, ensure_ascii=False)
 
 
 def _is_force(cell: str, beneath: str) -> bool:

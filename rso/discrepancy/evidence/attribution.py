@@ -27,8 +27,8 @@ from rso.discrepancy.evidence.gaussian_mixture import (
     mean_prediction,
     mixture_log_evidence,
     posterior,
-    predictive_draws,
     ready,
+    whitened_draws,
     whitening,
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis, tiles
@@ -348,4 +348,4 @@ def simulated_data(
     rng = np.random.default_rng(seed)
     h = evidence.best(effects, y, loose=loose)
     post = posterior(h, h.white(y), count, rng)
-    return predictive_draws(h, post, rng) @ h.white.L.T
+    return whitened_draws(h, post, rng) @ h.white.L.T

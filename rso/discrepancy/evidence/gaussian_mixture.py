@@ -329,7 +329,7 @@ def _placed(h: Ready, tile: np.ndarray, local: np.ndarray) -> Posterior:
     return Posterior(h.scale * m, at, tile, local, strayed)
 
 
-def predictive_draws(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:
+def whitened_draws(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:
     """Whitened data (m, n) as the draws predict them, with noise."""
     mean = (np.einsum("mk,mkq->mq", post.local, h.X[post.tile]) + h.c[post.tile]) @ h.Q.T
     return mean + rng.standard_normal(mean.shape)

@@ -24,7 +24,7 @@ from rso.discrepancy.evidence.gaussian_mixture import (
     log_tiles,
     mean_prediction,
     posterior,
-    predictive_draws,
+    whitened_draws,
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.library.effects import Effect
@@ -59,7 +59,7 @@ def residual_score(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, se
     name, rng = Hypothesis(hypothesis.effects).name, np.random.default_rng(seed)
     h = evidence.best(hypothesis.effects, y, loose=bool(hypothesis.effects))
     post = posterior(h, h.white(y), SETS, rng)
-    W = np.concatenate([h.white(y)[None], predictive_draws(h, post, rng)])
+    W = np.concatenate([h.white(y)[None], whitened_draws(h, post, rng)])
     r = W - mean_prediction(h, W[0])  # fits of each would differ along what is taken out of d
     sources = {e.source for e in hypothesis.effects}
     others = [e for e in evidence.effects if e.family != "scatter" and e.source not in sources]
