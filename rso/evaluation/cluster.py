@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from rso.contract import Case
 from rso.evaluation.adapters import Source
-from rso.evaluation.artefact_files import files_of, keep
+from rso.evaluation.artefact_files import artefacts_by_hash, keep_artefact
 from rso.evaluation.pool import WorkerPool, WorkersCannotStart
 
 if TYPE_CHECKING:
@@ -44,7 +44,12 @@ class ClusterExecutor(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue one call; files of a case among its arguments go along."""
-        files = {sha: self._scattered(path) for a in args if isinstance(a, Case) for sha, path in files_of(a).items()}
+        files = {
+            sha: self._scattered(path)
+            for a in args
+            if isinstance(a, Case)
+            for sha, path in artefacts_by_hash(a).items()
+        }
         shas = tuple(files)
         return self._inner.submit(
             _there, self.source, self._timeout_s, fn, args, kwargs, shas, *(files[sha] for sha in shas)
@@ -127,7 +132,7 @@ def _there(
     """On a worker of the cluster: put the files where the case can find them, and compute in a process apart."""
     folder = Path(tempfile.gettempdir()) / f"rso-objects-{os.getuid()}"
     for sha, content in zip(shas, contents, strict=True):
-        keep(folder, sha, content)
+        keep_artefact(folder, sha, content)
     args = tuple(dataclasses.replace(a, objects=str(folder)) if isinstance(a, Case) and shas else a for a in args)
     pool = getattr(_here, "pool", None)
     if pool is None or _here.made_for != (source, timeout_s) or pool.broken:

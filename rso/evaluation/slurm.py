@@ -29,7 +29,7 @@ from typing import Any
 from rso.contract import Case, Response, SimulationFailed, digest, plain
 from rso.core import disk
 from rso.evaluation.adapters import Source
-from rso.evaluation.artefact_files import files_of, keep, own
+from rso.evaluation.artefact_files import artefacts_by_hash, keep_artefact, own_folder
 from rso.evaluation.dispatch import Ended
 from rso.evaluation.guarded_process import end_of, tail
 from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
@@ -137,9 +137,9 @@ class SlurmExecutor(Executor):
         """An argument as the jobs see it: files of a case lie in the common folder."""
         if not isinstance(argument, Case) or not argument.artefacts:
             return argument
-        objects = own(disk.folder(self._folder)) / "objects"
-        for sha, path in files_of(argument).items():
-            keep(objects, sha, path.read_bytes())
+        objects = own_folder(disk.folder(self._folder)) / "objects"
+        for sha, path in artefacts_by_hash(argument).items():
+            keep_artefact(objects, sha, path.read_bytes())
         return dataclasses.replace(argument, objects=str(objects))
 
     def _serve(self) -> None:
@@ -196,7 +196,7 @@ class SlurmExecutor(Executor):
         import submitit
 
         for place in (self._folder, self._folder / "answers", self._session):
-            own(disk.folder(place.parent) / place.name)
+            own_folder(disk.folder(place.parent) / place.name)
         array = (submitit.LocalExecutor if self._settings.here else submitit.SlurmExecutor)(self._session)
         array.update_parameters(**_parameters(self._settings, self._most))
         return array
