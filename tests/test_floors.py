@@ -254,13 +254,12 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard guarded_process joint store",
+        "artefact_files executor_loop fingerprints guard guarded_process joint store",
         "decks",
         "adapters",
         "pool",
-        "cluster",
-        "dispatch",
-        "evaluator",
+        "cluster dispatch",
+        "evaluator slurm",
         "__init__",
     ),
     "rso.evaluation.decks": (
