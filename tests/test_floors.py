@@ -273,7 +273,7 @@ LAYERS = {
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "identifiability",
-        "derived predictive_test usual_errors",
+        "derived fitted_errors predictive_test usual_errors",
         "__init__",
     ),
     "rso.model_selection": (

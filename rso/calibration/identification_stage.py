@@ -17,6 +17,7 @@ from rso.calibration.search_stage import SearchResult, curve_metrics, done_curve
 from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
 from rso.contract import DerivedQuantities, DerivedQuantity, capability
+from rso.core.curves import metrics
 from rso.core.units import spaced
 from rso.doe import Box
 from rso.emulation.emulator import Emulator
@@ -30,6 +31,7 @@ from rso.inference import (
     MetricMinimum,
     compare_weightings,
     curve_score,
+    curves_as_fitted,
     derived_interval,
     downhill,
     lenient,
@@ -79,8 +81,14 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
         "identification": {
             "level": 0.9,
             "data": [
-                {"experiment": p.experiment, "channel": p.channel, "points": len(p.depth), "errors": shares(v)}
-                for p, v in zip(found.places, d.misfit.data, strict=True)
+                {
+                    "experiment": p.experiment,
+                    "channel": p.channel,
+                    "points": len(p.depth),
+                    "errors": shares(v),
+                    "fitted": c,
+                }
+                for p, v, c in zip(found.places, d.misfit.data, _fitted(d), strict=True)
             ],
             "values": _values(plan, box, first.x),
             "chi2": first.chi2,
@@ -122,6 +130,31 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
     }
+
+
+def _fitted(d: Determination) -> list[dict[str, Any] | None]:
+    """What was fitted of each set of data; None where the weighting knows no errors."""
+    found = curves_as_fitted(d)
+    if not found:
+        return [None] * len(d.misfit.data)
+    rows = []
+    for c, v in zip(found, d.misfit.data, strict=True):
+        rows.append(
+            {
+                "depth": v.depth,
+                **({} if v.since is None else {"since": v.since}),
+                "value": c.fitted,
+                "moved": c.fitted - c.predicted,
+                "sd": c.sd,
+                "reading_sd": c.reading_sd,
+                "white": c.white,
+                "contact": c.contact,
+                "gain": c.gain,
+                "expected": dict(c.expected),
+                "metrics": dataclasses.asdict(metrics(v.value, c.fitted)),
+            }
+        )
+    return rows
 
 
 def gain_rows(d: Determination, found: Sequence[Gain]) -> list[dict[str, Any]]:

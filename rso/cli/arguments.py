@@ -178,7 +178,10 @@ def _of_a_study(known: Any) -> None:
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
         _specimen(command)
         command.set_defaults(call=call)
-        if name != "report":
+        if name == "report":
+            text = "language of the page of run, beside the English one: de (the other pages are in English only)"
+            command.add_argument("--language", choices=("en", "de"), default="en", help=text)
+        else:
             text = "folder of the simulations, which studies may share, one at a time (default: that of the results)"
             command.add_argument("--store", type=Path, help=text)
         if name == "check":

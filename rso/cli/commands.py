@@ -610,7 +610,14 @@ def report(options: argparse.Namespace, command: str) -> int:
         try:
             if found["schema"] != schema:
                 raise ValueError(f"schema {found['schema']}, expected {schema}")
-            files = draw(found, folder, html=True, pdf=True)
+            missing: list[str] = []
+            if options.language != "en" and draw is render:
+                files = render(found, folder, language=options.language, untranslated=missing)
+            elif options.language != "en":
+                output.complain(f"{path.name}: its page is in English only; left as it is")
+                continue
+            else:
+                files = draw(found, folder, html=True, pdf=True)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             output.complain(
                 f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "
@@ -619,6 +626,11 @@ def report(options: argparse.Namespace, command: str) -> int:
             return EXIT_BAD_INPUT
         for file in files:
             output.say(file)
+        if missing:
+            output.complain(
+                f"{len(missing)} sentences have no template in {options.language} and stay English; the first: "
+                f"{missing[0]}"
+            )
         then = (found.get("provenance") or {}).get("data_sha256") or now
         if changed := sorted(f for f in then.keys() | now.keys() if then.get(f) != now.get(f)):
             output.complain(

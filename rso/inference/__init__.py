@@ -5,6 +5,7 @@ from rso.inference.curve_metric import MetricMinimum, curve_score, downhill, min
 from rso.inference.derived import DerivedInterval, derived_interval
 from rso.inference.error_model import ModelErrors, correlated_along, error_covariance, with_model_errors
 from rso.inference.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
+from rso.inference.fitted_errors import FittedCurve, curves_as_fitted
 from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
 from rso.inference.identifiability import (
     Determination,
@@ -53,6 +54,7 @@ __all__ = [
     "ErrorSurface",
     "EvaluatedPoint",
     "Fit",
+    "FittedCurve",
     "GaussNewtonFit",
     "Interval",
     "Iterate",
@@ -71,6 +73,7 @@ __all__ = [
     "compare_weightings",
     "correlated_along",
     "curve_score",
+    "curves_as_fitted",
     "derived_interval",
     "determine",
     "directions",

@@ -80,6 +80,19 @@ class Look(TypedDict, total=False):
     zorder: float
 
 
+class Shade(TypedDict):
+    """How an area is drawn."""
+
+    color: str
+    alpha: float
+    lw: float
+
+
+SHADE: Shade = {"color": ACCENT, "alpha": 0.16, "lw": 0.0}  # where 90 % of readings are expected
+WIDTH_90 = 1.6449  # standard deviations of a normal law that hold 90 %
+FITTED, SIMULATED = "fitted", "simulated, as it is"
+
+
 @contextmanager
 def style() -> Iterator[None]:
     """Figures drawn inside look the same whatever a user's own settings are."""

@@ -291,6 +291,75 @@ def fitted_model(results: Results) -> CandidateView | None:
     return CandidateView("", "most likely", 0, True, data)
 
 
+@dataclass(frozen=True, eq=False)
+class BandView:
+    """What readings (n,) of a curve are expected to be: `value`, and the standard deviation of a reading about it.
+
+    `moved` (n,) is by how much errors of the whole test lie in it, `since` (n,) s the time in a hold.
+    """
+
+    depth: np.ndarray
+    since: np.ndarray
+    value: np.ndarray
+    moved: np.ndarray
+    sd: np.ndarray
+    data: Mapping[str, Any]
+
+    @property
+    def loading(self) -> BandView:
+        """The readings while loading."""
+        return self._rows(self.since == 0.0)
+
+    @property
+    def hold(self) -> BandView:
+        """Those of the hold."""
+        return self._rows(self.since > 0.0)
+
+    def _rows(self, keep: np.ndarray) -> BandView:
+        u, t, y, moved, sd = (v[keep] for v in (self.depth, self.since, self.value, self.moved, self.sd))
+        return BandView(u, t, y, moved, sd, self.data)
+
+    def over(self, x: np.ndarray, f: np.ndarray) -> np.ndarray:
+        """The simulated curve (x, f) moved as the fit has moved it; nothing moves it at contact."""
+        u, moved = np.append(0.0, self.depth), np.append(0.0, self.moved)
+        return f + np.interp(x, u, moved)
+
+
+def fitted_band(results: Results, e: Mapping[str, Any]) -> BandView | None:
+    """What was fitted to a compared curve; None where results do not hold it, or where a candidate is drawn."""
+    model = fitted_model(results)
+    if model is None or model.search:
+        return None
+    rows = listed(results.get("identification") or {}, "data")
+    mine = (e.get("experiment", e["name"]), e.get("channel"))
+    found = next((r.get("fitted") for r in rows if (r.get("experiment"), r.get("channel")) == mine), None)
+    return None if found is None else _band(found, "value", "moved", "reading_sd")
+
+
+def predicted_band(e: Mapping[str, Any], v: Mapping[str, Any] | None) -> BandView | None:
+    """What the most likely values predict of a curve that was not fitted, from its entry `v` in `predictions`."""
+    mine = next((c for c in (v or {}).get("channels") or () if c.get("channel") == e.get("channel")), None)
+    if mine is None:
+        return None
+    parts = [[number(x) or 0.0 for x in mine.get(k) or ()] for k in ("sigma", "spread", "numerical_error")]
+    n = len(mine.get("depth") or ())
+    if any(len(p) != n for p in parts):
+        return None
+    sd = np.sqrt(np.sum(np.square(parts), axis=0))
+    return _band({**mine, "sd": sd.tolist(), "moved": [0.0] * n}, "predicted", "moved", "sd")
+
+
+def _band(row: Mapping[str, Any], value: str, moved: str, sd: str) -> BandView | None:
+    u, y, m, s = ([number(v) for v in row.get(k) or ()] for k in ("depth", value, moved, sd))
+    since = [number(v) or 0.0 for v in row.get("since") or [0.0] * len(u)]
+    whole = [r for r in zip(u, since, y, m, s, strict=False) if None not in r]
+    if len(whole) < 2:
+        return None
+    ordered = sorted(whole, key=lambda r: (r[1] or 0.0, r[0] or 0.0))
+    columns = np.array(ordered, float).T
+    return BandView(columns[0], columns[1], columns[2], columns[3], columns[4], row)
+
+
 def compared_models(results: Results) -> tuple[CandidateView, ...]:
     """Every candidate and the fitted model, which alone counts as the best."""
     fitted = fitted_model(results)

@@ -9,6 +9,22 @@ from rso.result_types.learnt import State
 from rso.result_types.searched import CurveBlock
 
 
+class FittedReadingsBlock(ResultBlock):
+    """What was fitted to the readings: the most likely curve, moved by errors of the whole test."""
+
+    depth: Numbers = holds("depth", "mm")
+    since: Numbers | None = holds("time since the indenter came to rest, 0 while it moves", "s", absent=True)
+    value: Numbers = holds("fitted curve, in the unit of the channel")
+    moved: Numbers = holds("by how much it lies above the simulated curve")
+    sd: Numbers = holds("standard deviation that the fit leaves open of it")
+    reading_sd: Numbers = holds("standard deviation of a reading about it")
+    white: Numbers = holds("whitened residuals: standard normal numbers where model and errors are right")
+    contact: Number = holds("fitted contact shift; positive: the specimen was deeper than recorded", "mm")
+    gain: Number = holds("fitted gain of the channel, relative")
+    expected: ByName = holds("standard deviation before the fit of `contact` (mm) and `gain`")
+    metrics: MetricsBlock = holds("errors of the fitted curve")
+
+
 class FittedCurveBlock(ResultBlock):
     """A fitted curve."""
 
@@ -16,6 +32,7 @@ class FittedCurveBlock(ResultBlock):
     channel: str = holds("its channel")
     points: int = holds("number of readings")
     errors: ByName = holds("part → root mean square of its standard deviation over the largest value")
+    fitted: FittedReadingsBlock | None = holds("what was fitted; null where the weighting knows no errors", absent=True)
 
 
 class RecomputedBlock(ResultBlock):

@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER
-from rso.report.layout.digits import Unit, channel_text, clean, quantity, shortest, shown
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, SIMULATED, WIDTH_90
+from rso.report.layout.digits import NBSP, Unit, channel_text, clean, percent, quantity, shortest, shown
 from rso.report.layout.document import Picture
 from rso.report.reading import (
+    BandView,
     Results,
     curve_unit,
     drawn_at,
     experiment,
+    fitted_band,
     fitted_model,
+    number,
     on_the_way,
     points,
 )
@@ -55,9 +58,32 @@ def deformed_blocks(results: Results) -> tuple[Picture, ...]:
     if pressed_data(results) is None:
         return blocks
     beside = f"Measured {name} and fitted model; the ring is the depth of the section."
-    if (model := fitted_model(results)) is not None and not model.search:
+    band = fitted_band(results, experiment(results, name))
+    if band is not None:
+        beside = f"Measured {name} and what was fitted, with its 90 % band; the ring is the depth of the section."
+        if said := moved_sentence(band):
+            beside += f" {said} Dashed: the simulation without that."
+    elif (model := fitted_model(results)) is not None and not model.search:
         beside += " The curve may run beside the readings: an error that moves all of them counts once."
     return (*blocks, Picture(CURVE, beside, share=2))
+
+
+def moved_sentence(band: BandView) -> str:
+    """Which contact shift and gain the fit has found, in words; empty where it has none."""
+    contact, gain = number(band.data.get("contact")), number(band.data.get("gain"))
+    expected = band.data.get("expected") or {}
+    said = []
+    if contact:
+        way = "deeper" if contact > 0 else "less deep"
+        said.append(f"contact {quantity(abs(contact), 'mm', 2)} {way} than recorded{_usual(expected, 'contact', 'mm')}")
+    if gain:
+        said.append(f"force {percent(abs(gain))} too {'high' if gain > 0 else 'low'}{_usual(expected, 'gain', '')}")
+    return f"Fitted with it: {'; '.join(said)}." if said else ""
+
+
+def _usual(expected: Mapping[str, Any], key: str, unit: str) -> str:
+    sd = number(expected.get(key))
+    return "" if not sd else f" (expected ±{NBSP}{quantity(sd, unit, 2) if unit else percent(sd)})"
 
 
 def body(results: Results) -> Mapping[str, Any] | None:
@@ -311,15 +337,25 @@ def pressed_data(results: Results) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
     return np.array(u), np.array(y), at, drawn_at(x, f, at)
 
 
+def pressed_band(results: Results) -> BandView | None:
+    """What was fitted to the curve that is drawn; None where results do not hold it."""
+    name = clean((results.get(NAME) or {}).get("experiment"))
+    band = fitted_band(results, experiment(results, name))
+    return None if band is None or len(band.loading.depth) < 2 else band.loading
+
+
 def pressed_figure(results: Results, name: str) -> str:
     """Measured dots, the fitted line, and a ring where the section is."""
     found, data = body(results), pressed_data(results)
     assert found is not None and data is not None
-    u, y, x, f = data
+    u, y, x, plain = data
+    band = pressed_band(results)
+    f = plain if band is None else band.over(x, plain)
     e = experiment(results, clean(found["experiment"]))
     unit = curve_unit(results, clean(found["experiment"]))
     wide, tall, left, below = 440.0, 290.0, 62.0, 44.0
-    low, high = min(0.0, float(y.min()), float(f.min())), 1.04 * max(float(y.max()), float(f.max()))
+    every = np.concatenate([y, f, plain])
+    low, high = min(0.0, float(every.min())), 1.04 * float(every.max())
     first, end = min(0.0, float(u.min())), 1.03 * max(float(u.max()), float(x.max()))
     a, b = (wide - left - 8) / (end - first), (tall - below - 26) / (high - low)
 
@@ -340,11 +376,19 @@ def pressed_figure(results: Results, name: str) -> str:
     parts.append(_text((left + wide) / 2, tall - 8, "depth (mm)", anchor="middle"))
     parts.append(_text(4, 14, f"{channel_text(e.get('channel'))} ({unit.label})", anchor="start"))
     shown_ones = at(u, y)[:: max(1, len(u) // 60)]
+    if band is not None:
+        half = WIDTH_90 * band.sd
+        upper, lower = at(band.depth, band.value + half), at(band.depth, np.maximum(band.value - half, low))
+        around = _path([np.vstack([upper, lower[::-1]])])
+        parts.append(f'<path class="area" fill="{ACCENT}" fill-opacity="0.16" d="{around}"/>')
+        dashed = 'stroke-width="1.1" stroke-dasharray="6 3"'
+        parts.append(f'<path fill="none" stroke="{ACCENT}" {dashed} d="{_path([at(x, plain)], "")}"/>')
     parts += [f'<circle cx="{px:.1f}" cy="{py:.1f}" r="3" fill="{PAPER}" stroke="{INK}"/>' for px, py in shown_ones]
     parts.append(f'<path fill="none" stroke="{ACCENT}" stroke-width="2.2" d="{_path([at(x, f)], "")}"/>')
     line = at(x, f)
     k = int(0.62 * len(line))
-    parts.append(_text(line[k][0] + 10, line[k][1] + 20, "fitted model", anchor="start", colour=ACCENT))
+    word = "fitted model" if band is None else "fitted"
+    parts.append(_text(line[k][0] + 10, line[k][1] + 20, word, anchor="start", colour=ACCENT))
     k = int(0.5 * len(u))
     mx, my = at(u, y)[k]
     parts.append(_text(mx - 10, my - 12, "measured", anchor="end"))
@@ -358,8 +402,11 @@ def pressed_figure(results: Results, name: str) -> str:
     values = [quantity(float(np.interp(t, x, f)), e.get("unit", ""), 3, 1 / unit.factor) for t in travels]
     series = [
         {"name": "measured", "x": u.tolist(), "y": (y * unit.factor).tolist(), "p": np.round(at(u, y), 1).tolist()},
-        {"name": "fitted model", "x": x.tolist(), "y": (f * unit.factor).tolist(), "p": np.round(line, 1).tolist()},
+        {"name": word, "x": x.tolist(), "y": (f * unit.factor).tolist(), "p": np.round(line, 1).tolist()},
     ]
+    if band is not None:
+        y_plain, p = (plain * unit.factor).tolist(), np.round(at(x, plain), 1).tolist()
+        series.append({"name": SIMULATED, "x": x.tolist(), "y": y_plain, "p": p})
     labels = ["depth (mm)", f"{channel_text(e.get('channel'))} ({unit.label})"]
     held = {"kind": "pressed", "dots": np.round(dots, 1).tolist(), "said": values, "series": series, "labels": [labels]}
     return _svg(name, wide, tall, parts, held)

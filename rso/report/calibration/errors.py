@@ -18,6 +18,7 @@ from rso.report.reading import (
     ParameterView,
     Results,
     drawn_at,
+    fitted_band,
     fitted_curves,
     fitted_model,
     listed,
@@ -49,9 +50,11 @@ def error_blocks(results: Results) -> tuple[Block, ...]:
         blocks.append(Picture(PAIRS, f"Draws of the posterior in pairs. The lines hold {inner} and {outer} of them."))
     if _left(results):
         said = (
-            "What the fitted model leaves of the readings, in standard deviations of the measurement: over depth, and "
-            "in order against a normal law. Errors that go up and down together make waves, no scatter."
+            "What the fit leaves of the readings, in standard deviations of a reading: over depth, and in order "
+            "against a normal law. Errors that are correlated along depth make waves, no scatter."
         )
+        if any(_white(results, e) is not None for e in fitted_curves(results)):
+            said += " Right: whitened, so that the dots follow the line where model and errors are right."
         blocks.append(Picture(RESIDUALS, said))
     if _budget(results):
         blocks.append(Picture(BUDGET, "Errors that the intervals count: root mean squares over the largest reading."))
@@ -115,12 +118,26 @@ def _density(axes: Axes, px: ParameterView, py: ParameterView, x: np.ndarray, y:
     parameter_axis(axes, "y", py, float(y.min()), float(y.max()))
 
 
+def _white(results: Results, e: Mapping[str, Any]) -> np.ndarray | None:
+    """Whitened residuals of a fitted curve; None where results do not hold them."""
+    band = fitted_band(results, e)
+    z = [number(v) for v in (band.data.get("white") or ())] if band else []
+    return np.array(z, float) if z and None not in z else None
+
+
 def _left(results: Results) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Name, depth and residual over σ of the fitted curves whose σ is known."""
     model, rows = fitted_model(results), []
     for e in fitted_curves(results) if model else ():
         m = on_the_way(e.get("measured") or {})
         u, y = points(m.get("depth"), m.get("value"))
+        band = fitted_band(results, e)
+        if band is not None and len(band.loading.depth) > 3 and len(u) > 3:
+            here = band.loading
+            a, b = (np.array(v) for v in zip(*((a, b) for a, b in zip(u, y, strict=True) if a > 0), strict=True))
+            sd = np.maximum(np.interp(a, here.depth, here.sd), 1e-300)
+            rows.append((clean(e["name"]), a, (b - np.interp(a, here.depth, here.value)) / sd))
+            continue
         d, s = points(m.get("depth"), m.get("sigma"))
         x, f = model.curve(e["name"]) if model else ((), ())
         sigma = dict(zip(d, s, strict=True))
@@ -136,9 +153,12 @@ def residuals_figure(results: Results, name: str) -> str:
     figure = canvas(2.4, NARROW)
     left, right = figure.subplots(1, 2, sharey=True)
     reach = 1.0
+    whitened = {clean(e["name"]): _white(results, e) for e in fitted_curves(results)}
     for k, (label, u, z) in enumerate(_left(results)):
         colour = (ACCENT, WARM, INK, GREY)[k % 4]
         left.plot(u, z, "o", ms=3, color=colour, label=label)
+        white = whitened.get(label)
+        z = z if white is None else white
         order = np.sort(z)
         q = [NormalDist().inv_cdf((i + 0.5) / len(z)) for i in range(len(z))]
         right.plot(q, order, "o", ms=3, color=colour, label=label)
@@ -147,7 +167,7 @@ def residuals_figure(results: Results, name: str) -> str:
         axes.axhline(0, color=INK, lw=0.7)
         axes.axhspan(-2, 2, color=LIGHT, alpha=0.4, lw=0)
     right.plot([-reach, reach], [-reach, reach], color=GREY, lw=0.8, ls="--", label="normal law")
-    left.set(xlabel="depth (mm)", ylabel="(measured − simulated) / σ")
+    left.set(xlabel="depth (mm)", ylabel="residual / σ")
     right.set_xlabel("normal quantile")
     return svg(figure, name)
 

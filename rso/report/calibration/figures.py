@@ -15,7 +15,16 @@ from rso.report.calibration import deformed, errors, turning
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
-from rso.report.calibration.hold_panels import BEST, FINE, OTHER, Resting, draw_creep, draw_resting, left_of
+from rso.report.calibration.hold_panels import (
+    BEST,
+    FINE,
+    OTHER,
+    PLAIN,
+    Resting,
+    draw_creep,
+    draw_resting,
+    left_of,
+)
 from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
@@ -23,6 +32,7 @@ from rso.report.calibration.predictive_check import prediction_of
 from rso.report.calibration.verdict import how, interval_rows, likely
 from rso.report.canvas import (
     ACCENT,
+    FITTED,
     GREY,
     HALO,
     INK,
@@ -30,8 +40,11 @@ from rso.report.canvas import (
     NARROW,
     PALE,
     PAPER,
+    SHADE,
+    SIMULATED,
     WARM,
     WIDTH,
+    WIDTH_90,
     Look,
     canvas,
     grouped_as,
@@ -42,6 +55,7 @@ from rso.report.canvas import (
 )
 from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.reading import (
+    BandView,
     CandidateView,
     ParameterView,
     Results,
@@ -51,12 +65,14 @@ from rso.report.reading import (
     curve_unit,
     drawn_at,
     experiments,
+    fitted_band,
     fitted_curves,
     listed,
     number,
     on_the_way,
     outputs,
     points,
+    predicted_band,
     validations,
 )
 from rso.report.sketch import NAME, sketch_figure
@@ -211,10 +227,12 @@ def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
     models = compared_models(results)
     simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in models if c.curve(e["name"])[0]]
     holds = [(c, c.hold(e["name"])) for c in models if c.hold(e["name"])]
-    rest = Resting.of(whole, [(c, *points(h.get("since"), h.get("value")), h.get("error") or ()) for c, h in holds])
+    rows = [(c, *points(h.get("since"), h.get("value")), h.get("error") or ()) for c, h in holds]
+    band = fitted_band(results, e)
+    rest = Resting.of(whole, rows, band)
     if not len(u) and rest is not None:
         return _creep(name, e, unit, rest)
-    return _curves(name, e, unit, u, y, _sigma(m, u), simulated, rest)
+    return _curves(name, e, unit, u, y, _sigma(m, u), simulated, rest, band)
 
 
 def _creep(name: str, e: Mapping[str, Any], unit: Unit, hold: Resting) -> str:
@@ -248,7 +266,10 @@ def _curves(
     sigma: np.ndarray,
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
     hold: Resting | None = None,
+    band: BandView | None = None,
+    word: str = FITTED,
 ) -> str:
+    band = None if band is None or len(band.loading.depth) < 2 else band.loading
     simulated = sorted(simulated, key=lambda row: row[0].best)
     figure = canvas(3.8 if simulated else 2.6, NARROW if hold is None else WIDTH)
     rows, columns = 2 if simulated else 1, 1 if hold is None else 2
@@ -257,18 +278,25 @@ def _curves(
         rows, columns, sharex="col", sharey="row", squeeze=False, height_ratios=heights, width_ratios=widths
     )
     axes, rest = grid[0, 0], grid[1, 0] if simulated else None
-    axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    if band is None:
+        axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    else:
+        _draw_band(axes, unit, band, simulated, word)
     dots: Look = {"marker": "o", "ls": ""} if len(u) <= 60 else {"ls": "-"}
     axes.plot(u, y * unit.factor, ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK, label="measured", **dots)
     for c, x, f in simulated:
-        axes.plot(x, f * unit.factor, label=_series_name(c), **(BEST if c.best else OTHER))
-    band = " ± σ" if sigma.any() else ""
+        axes.plot(x, f * unit.factor, label=_series_name(c, band), **_look(c, band))
+    wide = " ± σ" if sigma.any() and band is None else ""
     k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
-    tag(axes, u[k], y[k] * unit.factor, f"measured{band}", offset=(-12, 9), ha="right")
+    tag(axes, u[k], y[k] * unit.factor, f"measured{wide}", offset=(-12, 9), ha="right")
     others = [c for c, _, _ in simulated if not c.best]
+    if band is not None:
+        k = int(np.argmin(np.abs(band.depth - 0.72 * band.depth[-1])))
+        at = (band.depth[k], band.value[k] * unit.factor)
+        tag(axes, *at, f"{word}, with 90 % band", colour=ACCENT, offset=(12, -9), ha="left")
     for c, x, f in simulated[-1:]:
         k = int(np.argmin(np.abs(x - 0.72 * x[-1])))
-        if c.best:
+        if c.best and band is None:
             tag(axes, x[k], f[k] * unit.factor, short(c.label), colour=ACCENT, offset=(12, -9), ha="left")
     if others:
         word = f"{len(others)} other candidate{'s' if len(others) > 1 else ''} (thin)"
@@ -280,15 +308,34 @@ def _curves(
     if rest is None:
         axes.set_xlabel("depth (mm)")
     else:
-        fine = _residuals(rest, e, u, y, sigma, simulated)
+        fine = _residuals(rest, e, u, y, sigma, simulated, band)
     if hold is not None:
         draw_resting(grid[0, 1], grid[1, 1] if rest is not None else None, hold, unit, fine)
     return svg(figure, name)
 
 
-def _series_name(c: CandidateView) -> str:
+def _draw_band(
+    axes: Axes, unit: Unit, band: BandView, simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]], word: str
+) -> None:
+    """What readings are expected to be, and where 90 % of them lie; as fine as the simulated curve that it rests on."""
+    wide = WIDTH_90 * band.sd
+    axes.fill_between(band.depth, (band.value - wide) * unit.factor, (band.value + wide) * unit.factor, **SHADE)
+    x, f = band.depth, band.value
+    for _, at, model in [row for row in simulated if row[0].best and band.moved.any()]:
+        inside = at <= band.depth[-1] * (1 + 1e-9)
+        x, f = at[inside], band.over(at[inside], model[inside])
+    axes.plot(x, f * unit.factor, label=word, **BEST)
+
+
+def _look(c: CandidateView, band: BandView | None) -> Look:
+    return OTHER if not c.best else BEST if band is None else PLAIN
+
+
+def _series_name(c: CandidateView, band: BandView | None = None) -> str:
     """The name of a curve for whoever points at it; all but the fitted model are shown or hidden together."""
-    return c.label if c.best else f"{c.label}{grouped_as('other candidates')}"
+    if not c.best:
+        return f"{c.label}{grouped_as('other candidates')}"
+    return c.label if band is None else SIMULATED
 
 
 def _residuals(
@@ -298,6 +345,7 @@ def _residuals(
     y: np.ndarray,
     sigma: np.ndarray,
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
+    band: BandView | None = None,
 ) -> Unit:
     """What is left along the depth, in the unit that is returned."""
     left = []
@@ -305,16 +353,23 @@ def _residuals(
         inside = ((u > 0) | (x[0] < 0)) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
         left.append((c, u[inside], y[inside] - np.interp(u[inside], x, f)))
     unit = shown(e.get("unit", ""), largest([float(v) for _, _, r in left for v in r]))
-    axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    if band is None:
+        axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    else:
+        wide = WIDTH_90 * band.sd * unit.factor
+        axes.fill_between(band.depth, -wide, wide, **SHADE)
+        inside = (u >= band.depth[0]) & (u <= band.depth[-1] * (1 + 1e-9))
+        r = y[inside] - np.interp(u[inside], band.depth, band.value)
+        axes.plot(u[inside], r * unit.factor, label=FITTED, **BEST)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
-        axes.plot(x, r * unit.factor, label=_series_name(c), **(BEST if c.best else OTHER))
-        if c.best:
+        axes.plot(x, r * unit.factor, label=_series_name(c, band), **_look(c, band))
+        if c.best and band is None:
             d, error = c.error(e["name"])
             if d:
                 wide = np.interp(x, d, error)
                 axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
-    axes.set(xlabel="depth (mm)", ylabel=f"measured −\nsimulated{unit.bracket}")
+    axes.set(xlabel="depth (mm)", ylabel=f"measured −\n{'simulated' if band is None else 'curve'}{unit.bracket}")
     axes.yaxis.set_major_locator(MaxNLocator(5))
     return unit
 
@@ -337,11 +392,14 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
     whole = e.get("measured") or {}
     m = on_the_way(whole)
     u, y = map(np.array, points(m.get("depth"), m.get("value")))
-    rest = Resting.of(whole, holds)
+    band = predicted_band(e, prediction_of(results, e))
+    if band is not None:
+        found, holds = ([(replace(c, best=False), *row) for c, *row in rows] for rows in (found, holds))
+    rest = Resting.of(whole, holds, band)
     if not len(u) and rest is not None:
         return _creep(name, e, unit, rest)
     if len(u) > 1:
-        return _curves(name, e, unit, u, y, _sigma(m, u), found, rest)
+        return _curves(name, e, unit, u, y, _sigma(m, u), found, rest, band, "predicted")
     rows_of_dots = [(c, float(f[-1])) for c, _, f in found]
     if (likely_one := _most_likely(results, e)) is not None:
         rows_of_dots = [likely_one, *((replace(c, best=False), f) for c, f in rows_of_dots)]

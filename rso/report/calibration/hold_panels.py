@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from scipy.interpolate import PchipInterpolator
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look, short, tag
+from rso.report.canvas import ACCENT, FITTED, GREY, INK, LIGHT, PAPER, SHADE, WIDTH_90, Look, short, tag
 from rso.report.layout.digits import Unit, shortest
-from rso.report.reading import CandidateView, at_rest, number, points
+from rso.report.reading import BandView, CandidateView, at_rest, number, points
 
 FINE = 81  # points of a drawn curve
 BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
 OTHER: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
+PLAIN: Look = {"color": ACCENT, "lw": 0.8, "ls": (0, (4, 2)), "zorder": 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +31,13 @@ class Resting:
     y: np.ndarray
     sigma: np.ndarray
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray, np.ndarray]]
+    band: BandView | None = None
 
     @staticmethod
     def of(
         measured: Mapping[str, Any],
         simulated: Sequence[tuple[CandidateView, Sequence[float], Sequence[float], Sequence[Any]]],
+        band: BandView | None = None,
     ) -> Resting | None:
         """None where there are no readings of a hold."""
         m = at_rest(measured)
@@ -48,7 +51,8 @@ class Resting:
             for c, x, f, e in simulated
             if len(x) > 1
         ]
-        return Resting(float(m["depth"][0]), t, y, sigma, sorted(rows, key=lambda row: row[0].best))
+        held = None if band is None or len(band.hold.since) < 2 else band.hold
+        return Resting(float(m["depth"][0]), t, y, sigma, sorted(rows, key=lambda row: row[0].best), held)
 
 
 def draw_creep(figure: Figure, hold: Resting, unit: Unit, fine: Unit, title: str) -> None:
@@ -78,21 +82,33 @@ def draw_resting(
 ) -> None:
     """A hold over the logarithm of time, and what is left of it."""
     t, y, s = hold.t, hold.y * unit.factor, hold.sigma * unit.factor
-    axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
-    axes.plot(t, y, "o", ms=3.2, mfc=PAPER, mec=INK, mew=0.8)
+    band = hold.band
+    if band is None:
+        axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
+    else:
+        at, wide = band.since, WIDTH_90 * band.sd * unit.factor
+        axes.fill_between(at, band.value * unit.factor - wide, band.value * unit.factor + wide, **SHADE)
+        axes.plot(at, band.value * unit.factor, label=FITTED, **BEST)
+    axes.plot(t, y, "o", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, label="measured")
     for c, x, f, _ in hold.simulated:
         at = np.geomspace(x[0], x[-1], FINE)
-        axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **(BEST if c.best else OTHER))
+        look = OTHER if not c.best else BEST if band is None else PLAIN
+        axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **look)
     axes.set_xscale("log")
     axes.set_title(f"held at {shortest(float(f'{hold.depth:.3g}'))} mm" if title is None else title, color=GREY)
     if rest is not None:
         s = hold.sigma * fine.factor
-        rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)
+        if band is None:
+            rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)
+        else:
+            wide = WIDTH_90 * band.sd * fine.factor
+            rest.fill_between(band.since, -wide, wide, **SHADE)
+            rest.plot(t, (hold.y - np.interp(t, band.since, band.value)) * fine.factor, label=FITTED, **BEST)
         rest.axhline(0, color=INK, lw=0.7)
         for c, x, f, error in hold.simulated:
             left, wide = (hold.y - np.interp(t, x, f)) * fine.factor, np.interp(t, x, error) * fine.factor
-            rest.plot(t, left, **(BEST if c.best else OTHER))
-            if c.best and wide.any():
+            rest.plot(t, left, **(OTHER if not c.best else BEST if band is None else PLAIN))
+            if c.best and wide.any() and band is None:
                 rest.fill_between(t, left - wide, left + wide, color=ACCENT, alpha=0.25, lw=0)
     below = axes if rest is None else rest
     _seconds(below, t)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rso.report.calibration.background import provenance, runs
 from rso.report.calibration.closed_forms import closed_form_sections
+from rso.report.calibration.deformed import moved_sentence
 from rso.report.calibration.displacements import is_profile, profile_blocks
 from rso.report.calibration.gap import gap_sections
 from rso.report.calibration.gauss_newton import gauss_newton_section, gauss_newton_starts
@@ -66,7 +67,9 @@ from rso.report.reading import (
     compared_models,
     curve_unit,
     drawn_at,
+    experiment,
     experiments,
+    fitted_band,
     fitted_curves,
     fitted_model,
     lettered,
@@ -268,12 +271,22 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     reached = [(a, b) for a, b in zip(u, y, strict=True) if min(x[0], 0) < a <= x[-1] * (1 + 1e-9) or a == x[0]]
     if not reached:
         return f"{name}: {len(u)} measured points; {best.label} ends before the first of them."
-    predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
+    band = fitted_band(results, e)
+    band = None if band is None or len(band.loading.depth) < 2 else band
+    if band is None:
+        predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
+    else:
+        predicted = np.interp([a for a, _ in reached], band.loading.depth, band.loading.value)
     inside = [(a, b, float(c)) for (a, b), c in zip(reached, predicted, strict=True)]
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
-    text = f"{name}: {best.label} deviates from the measurement by at most {quantity(abs(c - b), e['unit'], 2)}"
+    label = best.label if band is None else "the fitted curve"
+    text = f"{name}: {label} deviates from the measurement by at most {quantity(abs(c - b), e['unit'], 2)}"
     text += f" (at {shortest(a)} mm, where {quantity(b, e['unit'], 3, 1 / unit.factor)} was measured)."
     text += _hold_caption(whole, best.hold(e["name"]), e["unit"])
+    if band is not None:
+        said = moved_sentence(band)
+        text += f" {said} Dashed: the simulation without that." if said else " Dashed: the simulated curve."
+        return f"{text} Blue band: 90 % of such readings are expected in it."
     if points(m.get("depth"), m.get("sigma"))[0]:
         text += " Grey band: ±σ of the measurement, whose errors may go up and down together over some depth."
     if not best.search:
@@ -301,6 +314,10 @@ def metric_rows(results: Results, name: str) -> list[tuple[str, Mark, Mapping[st
     rows: list[tuple[str, Mark, Mapping[str, Any]]] = [
         (c.label, "strong" if c.best else "", c.metrics(name)) for c in compared_models(results) if c.metrics(name)
     ]
+    band = fitted_band(results, experiment(results, name))
+    if band is not None and band.moved.any() and band.data.get("metrics"):
+        rows = [(label, "" if mark == "strong" else mark, m) for label, mark, m in rows]
+        rows.insert(0, ("fitted, with contact and gain", "strong", band.data["metrics"]))
     for key, label in (("baseline", "mean of the measured curve"), ("mean_over_runs", "mean over all design runs")):
         if (results.get(key) or {}).get(name):
             rows.append((label, "quiet", results[key][name]))

@@ -11,18 +11,37 @@ import numpy as np
 from rso.core import disk
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
-from rso.report.layout.page import pictures, pour
+from rso.report.language import catalogue, figure_in_language, in_language, own_words
+from rso.report.layout.page import Tongue, pictures, pour
 
 
-def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+def render(
+    results: Mapping[str, Any],
+    folder: Path,
+    html: bool = True,
+    pdf: bool = True,
+    language: str = "en",
+    untranslated: list[str] | None = None,
+) -> list[Path]:
     """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
 
     The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
-    diagnosis that lies in the folder is shown, too.
+    diagnosis that lies in the folder is shown, too.  In another `language` the files are report.de.html and
+    report.de.pdf; sentences that have no template in it stay English and are added to `untranslated`.  ValueError for a
+    language that there is none of.
     """
     results = with_files(results, folder)
     document = report(results)
-    return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
+    figures = {name: draw(results, name) for name in pictures(document)}
+    if language == "en":
+        return pour(document, figures, folder, "report", html, pdf)
+    by = catalogue(language, own_words(results))
+    document = in_language(document, by)
+    figures = {name: figure_in_language(svg, by) for name, svg in figures.items()}
+    files = pour(document, figures, folder, f"report.{language}", html, pdf, Tongue(language, by.text))
+    if untranslated is not None:
+        untranslated += by.missing
+    return files
 
 
 def with_files(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:

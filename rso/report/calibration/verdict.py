@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from rso.inference.verdict import REFUTED
-from rso.report.calibration.deformed import deformed_blocks
+from rso.report.calibration.deformed import deformed_blocks, moved_sentence
 from rso.report.calibration.derived import (
     TILES,
     derived_facts,
@@ -43,6 +43,7 @@ from rso.report.reading import (
     candidates,
     experiment,
     finished,
+    fitted_band,
     fitted_model,
     lettered,
     listed,
@@ -318,10 +319,16 @@ def _fit(results: Results) -> list[str]:
         rmse, flat = quantity(m.get("rmse"), experiment(results, name).get("unit", ""), 3), about_zero(base)
         score = f"RMSE of {rmse}" if flat else f"NRMSE of {percent(number(m.get('nrmse')))} (RMSE {rmse})"
         whose = f"The best candidate, {best.label}," if best.search else "The fitted model, the most likely one,"
+        e = experiment(results, name)
+        band = fitted_band(results, e)
+        if band is not None and band.moved.any() and (again := band.data.get("metrics")):
+            rmse = quantity(again.get("rmse"), e.get("unit", ""), 3)
+            near = f"RMSE of {rmse}" if flat else f"NRMSE of {percent(number(again.get('nrmse')))} (RMSE {rmse})"
+            said.append(f"The fitted curve reproduces {clean(name)} with an {near}. {moved_sentence(band)}".strip())
+            whose = "The simulation by itself"
         text = f"{whose} reproduces the measured curve {clean(name)} with an {score}"
         if not flat and known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
             text += f". For scale: a flat line at the mean force has {percent(base['nrmse'])}"
-        e = experiment(results, name)
         v = prediction_of(results, e) if e.get("role") == "select" else None
         if v is not None and v.get("verdict") == "no" and (name == e["experiment"] or missed_channel(e, v)):
             text += f"; that is beyond its errors: {missed(v)}"

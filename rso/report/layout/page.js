@@ -3,6 +3,8 @@
 "use strict";
 const $ = (s, e = document) => e.querySelector(s), $$ = (s, e = document) => [...e.querySelectorAll(s)];
 const make = (tag, props = {}, ...kids) => { const e = Object.assign(document.createElement(tag), props); e.append(...kids); return e; };
+const words = JSON.parse($("#words")?.textContent || "{}"), say = s => words[s] || s, comma = document.documentElement.lang === "de" ? "," : ".";
+const shown = v => String(v).replace(".", comma);
 const dataOf = svg => { const m = $("metadata.data", svg); try { return m ? JSON.parse(m.textContent) : null; } catch { return null; } };
 
 // --- theme: the system's, unless a reader says otherwise
@@ -10,7 +12,7 @@ const dataOf = svg => { const m = $("metadata.data", svg); try { return m ? JSON
   const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)");
   const now = () => root.dataset.theme || (dark.matches ? "dark" : "light");
   const b = make("button", { className: "theme", type: "button" });
-  const say = () => { b.textContent = now() === "dark" ? "Light" : "Dark"; b.setAttribute("aria-label", `Switch to the ${b.textContent.toLowerCase()} theme`); };
+  const say = () => { const other = now() === "dark" ? "Light" : "Dark"; b.textContent = say(other); b.setAttribute("aria-label", say(`Switch to the ${other.toLowerCase()} theme`)); };
   b.onclick = () => { root.dataset.theme = now() === "dark" ? "light" : "dark"; say(); };
   say(); document.body.append(b);
 }
@@ -25,7 +27,7 @@ const reveal = () => {
 addEventListener("hashchange", reveal); reveal();
 for (const h of $$("section[id] > h2, summary > h2")) {
   const s = h.closest("section[id], details[id]");
-  if (s && h.parentElement.tagName !== "SUMMARY") h.append(make("a", { className: "anchor", href: `#${s.id}`, textContent: "#", ariaLabel: `Link to ${h.textContent.trim()}` }));
+  if (s && h.parentElement.tagName !== "SUMMARY") h.append(make("a", { className: "anchor", href: `#${s.id}`, textContent: "#", ariaLabel: `${say("Link to")} ${h.textContent.trim()}` }));
 }
 
 // --- the deformed section: depth, field, and the ring on the curve
@@ -79,7 +81,7 @@ const hero = svg => {
       const dot = $(".dot", curve[0]);
       dot.setAttribute("cx", curve[1].dots[k][0]); dot.setAttribute("cy", curve[1].dots[k][1]);
     }
-    return curve ? `${+f.u.toPrecision(3)} mm, ${curve[1].said[k]}` : `${+f.u.toPrecision(3)} mm`;
+    return curve ? `${shown(+f.u.toPrecision(3))} mm, ${curve[1].said[k]}` : `${shown(+f.u.toPrecision(3))} mm`;
   };
   const names = Object.keys(data.fields), most = Math.max(...names.map(n => data.fields[n].colours.length));
   while (bands.length < most) { const p = bands[0].cloneNode(); p.setAttribute("d", ""); bands[bands.length - 1].after(p); bands.push(p); }
@@ -94,10 +96,10 @@ const hero = svg => {
     for (let k = 0; k <= n; k += every) put("text", { x: x + 22, y: top + height * (1 - k / n) + 4.5, "font-size": 12, ...label }, look.labels[k]);
   };
   const end = data.frames.length - 1;
-  const slider = make("input", { type: "range", min: 0, max: end, step: 1, value: end, ariaLabel: "Depth of the section" });
-  const out = make("output", {}), which = make("select", { ariaLabel: "What is coloured" });
+  const slider = make("input", { type: "range", min: 0, max: end, step: 1, value: end, ariaLabel: say("Depth of the section") });
+  const out = make("output", {}), which = make("select", { ariaLabel: say("What is coloured") });
   for (const n of names) which.append(make("option", { value: n, textContent: n }));
-  const play = make("button", { type: "button", textContent: "Press" });
+  const play = make("button", { type: "button", textContent: say("Press") });
   const go = () => { out.textContent = draw(+slider.value, which.value); slider.setAttribute("aria-valuetext", out.textContent); };
   let timer = 0;
   slider.oninput = () => { clearInterval(timer); go(); };
@@ -107,14 +109,14 @@ const hero = svg => {
     timer = setInterval(() => { if (+slider.value >= end) return clearInterval(timer); slider.value = +slider.value + 1; go(); }, 220);
   };
   svg.closest("figure").insertBefore(make("div", { className: "hero" }, play, slider, out, which), svg.nextSibling);
-  out.textContent = curve ? `${+data.frames[end].u.toPrecision(3)} mm, ${curve[1].said[end]}` : "";
+  out.textContent = curve ? `${shown(+data.frames[end].u.toPrecision(3))} mm, ${curve[1].said[end]}` : "";
 };
 
 // --- a body that turns: the surface of the last frame, painter's order, own colours
 const turnable = svg => {
   const data = dataOf(svg), figure = svg.closest("figure"), W = 640, H = 400;
   const canvas = make("canvas", { width: 2 * W, height: 2 * H, tabIndex: 0 });
-  canvas.setAttribute("role", "img"); canvas.setAttribute("aria-label", svg.getAttribute("aria-label") + " Arrow keys turn it.");
+  canvas.setAttribute("role", "img"); canvas.setAttribute("aria-label", svg.getAttribute("aria-label") + " " + say("Arrow keys turn it."));
   canvas.style.cssText = "width:100%;height:auto;touch-action:pan-y;cursor:grab";
   const g = canvas.getContext("2d"), P = data.points, T = data.triangles, V = data.bands, B = data.bright;
   const rgb = data.colours.map(c => [1, 3, 5].map(k => parseInt(c.slice(k, k + 2), 16)));
@@ -157,10 +159,55 @@ const asFile = svg => {  // colours of the page become colours of the file
   const copy = svg.cloneNode(true), style = getComputedStyle(svg);
   $$("metadata", copy).forEach(m => m.remove());
   copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
-  copy.style.display = "";
+  copy.style.display = ""; copy.style.cursor = "";
+  if (svg.dataset.whole) copy.setAttribute("viewBox", svg.dataset.whole);
   return new XMLSerializer().serializeToString(copy).replace(/var\((--[a-z]+)\)/g, (_, n) => style.getPropertyValue(n).trim());
 };
 const cell = v => /[",\n]/.test(v = String(v)) ? `"${v.replace(/"/g, '""')}"` : v;
+const zoom = (svg, button) => {  // a part of a figure, by its view box: sizes of the page stay
+  const whole = svg.getAttribute("viewBox").split(/[ ,]+/).map(Number), [X, Y, W, H] = whole;
+  const now = () => svg.getAttribute("viewBox").split(/[ ,]+/).map(Number);
+  const show = (cx, cy, s) => {
+    s = Math.max(1, Math.min(s, 20));
+    const w = W / s, h = H / s, x = Math.max(X, Math.min(cx - w / 2, X + W - w)), y = Math.max(Y, Math.min(cy - h / 2, Y + H - h));
+    svg.setAttribute("viewBox", [x, y, w, h].map(v => +v.toFixed(3)).join(" ")); back.hidden = s === 1;
+  };
+  const at = e => new DOMPoint(e.clientX, e.clientY).matrixTransform(svg.getScreenCTM().inverse());
+  const on = () => enter.getAttribute("aria-pressed") === "true";
+  const enter = button(say("Zoom"), `${say("Zoom")}: ${svg.dataset.name}. ${say("Enlarge a part: drag over it, or use plus, minus and the arrow keys")}`, () => {
+    enter.setAttribute("aria-pressed", !on()); svg.style.cursor = on() ? "crosshair" : ""; svg.style.touchAction = on() ? "none" : "";
+    if (on()) { svg.tabIndex = 0; svg.focus({ preventScroll: true }); } else { svg.removeAttribute("tabindex"); reset(); }
+  });
+  enter.className = "mode"; enter.setAttribute("aria-pressed", "false");
+  enter.title = say("Enlarge a part: drag over it, or use plus, minus and the arrow keys");
+  const reset = () => show(X + W / 2, Y + H / 2, 1);
+  const back = button(say("Whole figure"), `${say("Whole figure")}: ${svg.dataset.name}`, reset); back.hidden = true;
+  let start = null, frame = null;
+  svg.addEventListener("pointerdown", e => {
+    if (!on() || e.button) return;
+    start = at(e); svg.setPointerCapture(e.pointerId); e.preventDefault(); svg.focus({ preventScroll: true });
+    frame = document.createElementNS(svg.namespaceURI, "rect"); frame.setAttribute("class", "frame"); svg.append(frame);
+  });
+  svg.addEventListener("pointermove", e => {
+    if (!start) return;
+    const q = at(e); for (const [k, v] of Object.entries({ x: Math.min(q.x, start.x), y: Math.min(q.y, start.y), width: Math.abs(q.x - start.x), height: Math.abs(q.y - start.y) })) frame.setAttribute(k, v);
+  });
+  const end = e => {
+    if (!start) return;
+    const q = at(e), p = start; start = null; frame.remove();
+    const w = Math.abs(q.x - p.x), h = Math.abs(q.y - p.y);
+    if (e.type === "pointerup" && Math.max(w / W, h / H) > 0.02) show((q.x + p.x) / 2, (q.y + p.y) / 2, 1 / Math.max(w / W, h / H));
+  };
+  svg.addEventListener("pointerup", end); svg.addEventListener("pointercancel", end);
+  svg.addEventListener("dblclick", () => { if (on()) reset(); });
+  svg.addEventListener("keydown", e => {
+    if (!on()) return;
+    const [x, y, w, h] = now(), cx = x + w / 2, cy = y + h / 2, s = W / w, d = 0.15;
+    const to = { "+": [cx, cy, 1.4 * s], "=": [cx, cy, 1.4 * s], "-": [cx, cy, s / 1.4], ArrowLeft: [cx - d * w, cy, s], ArrowRight: [cx + d * w, cy, s], ArrowUp: [cx, cy - d * h, s], ArrowDown: [cx, cy + d * h, s], Escape: [X + W / 2, Y + H / 2, 1] }[e.key];
+    if (to) { e.preventDefault(); show(...to); }
+  });
+  svg.dataset.whole = whole.join(" ");
+};
 const tools = (figure, svg) => {
   const data = dataOf(svg), name = svg.dataset.name, bar = make("div", { className: "tools" });
   const button = (text, label, act) => { const b = make("button", { type: "button", textContent: text, onclick: act }); b.setAttribute("aria-label", label); bar.append(b); return b; };
@@ -168,15 +215,16 @@ const tools = (figure, svg) => {
   const groups = series.filter(s => s.g && s.name && document.getElementById(s.g));
   const titles = new Set(groups.map(s => s.group));
   if (titles.size > 1 && titles.size < 9) for (const n of titles) {
-    const b = button(n, `Show or hide ${n}`, () => {
+    const b = button(n, `${say("Show or hide")} ${n}`, () => {
       const on = b.getAttribute("aria-pressed") === "false"; b.setAttribute("aria-pressed", on);
       for (const s of groups) if (s.group === n) document.getElementById(s.g).style.display = on ? "" : "none";
     });
     b.setAttribute("aria-pressed", "true");
   }
-  button("SVG", `Download ${name} as SVG`, () => save(`${name}.svg`, "image/svg+xml", asFile(svg)));
-  button("PNG", `Download ${name} as PNG`, () => {
-    const box = svg.viewBox.baseVal, k = 3, image = new Image();
+  if (svg.viewBox.baseVal && svg.viewBox.baseVal.width && !(data && data.kind === "turn")) zoom(svg, button);
+  button("SVG", `${say("Download as")} SVG: ${name}`, () => save(`${name}.svg`, "image/svg+xml", asFile(svg)));
+  button("PNG", `${say("Download as")} PNG: ${name}`, () => {
+    const box = new DOMRect(...(svg.dataset.whole || svg.getAttribute("viewBox")).split(/[ ,]+/).map(Number)), k = 3, image = new Image();
     image.onload = () => {
       const c = make("canvas", { width: k * box.width, height: k * box.height }), g = c.getContext("2d");
       g.fillStyle = getComputedStyle(figure).getPropertyValue("--paper"); g.fillRect(0, 0, c.width, c.height); g.drawImage(image, 0, 0, c.width, c.height);
@@ -184,9 +232,9 @@ const tools = (figure, svg) => {
     };
     image.src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(asFile(svg));
   });
-  if (series.length) button("CSV", `Download the numbers of ${name} as CSV`, () => {
-    const rows = [["series", "x", "y"]];
-    for (const s of series) s.x.forEach((x, k) => rows.push([s.name || "line", x, s.y[k]]));
+  if (series.length) button("CSV", `${say("Download as")} CSV: ${name}`, () => {
+    const rows = [[say("series"), "x", "y"]];
+    for (const s of series) s.x.forEach((x, k) => rows.push([s.name || say("line"), x, s.y[k]]));
     save(`${name}.csv`, "text/csv", rows.map(r => r.map(cell).join(",")).join("\n"));
   });
   figure.append(bar);
@@ -201,7 +249,7 @@ const tools = (figure, svg) => {
       s.p.forEach((p, k) => { const d = (p[0] - q.x) ** 2 + (p[1] - q.y) ** 2; if (d < least) { least = d; best = [s, k]; } });
     }
     tip.hidden = !best; if (!best) return;
-    const [s, k] = best, [lx, ly] = (data.labels || [])[s.a || 0] || ["x", "y"], f = v => +(+v).toPrecision(4);
+    const [s, k] = best, [lx, ly] = (data.labels || [])[s.a || 0] || ["x", "y"], f = v => shown(+(+v).toPrecision(4));
     tip.textContent = `${s.name ? s.name + "\n" : ""}${lx || "x"}: ${f(s.x[k])}\n${ly || "y"}: ${f(s.y[k])}`;
     const box = figure.getBoundingClientRect();
     tip.style.left = Math.min(e.clientX - box.left + 14, box.width - tip.offsetWidth - 4) + "px"; tip.style.top = e.clientY - box.top + 14 + "px";
@@ -210,13 +258,13 @@ const tools = (figure, svg) => {
 };
 
 // --- tables: sorting, filtering, copying
-const value = t => { const s = t.textContent.trim().replace(/−/g, "-").replace(/\u00a0|\s/g, ""); const m = s.match(/^[<+±]?(-?[\d.]+)(?:×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?/); if (!m) return null; const up = m[2] ? [...m[2]].map(c => c === "⁻" ? "-" : "⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)).join("") : "0"; return parseFloat(m[1]) * 10 ** +up; };
+const value = t => { const s = t.textContent.trim().replace(comma, ".").replace(/−/g, "-").replace(/\u00a0|\s/g, ""); const m = s.match(/^[<+±]?(-?[\d.]+)(?:×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?/); if (!m) return null; const up = m[2] ? [...m[2]].map(c => c === "⁻" ? "-" : "⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)).join("") : "0"; return parseFloat(m[1]) * 10 ** +up; };
 for (const table of $$("table")) {
   const head = $$("thead th", table), body = table.tBodies[0], rows = body ? [...body.rows] : [];
   const grouped = rows.some(r => r.cells[0] && !r.cells[0].textContent.trim());
   if (head.length && rows.length > 2 && !grouped) head.forEach((th, k) => {
     const b = make("button", { type: "button" }); b.append(...th.childNodes); th.append(b);
-    if (!b.textContent.trim()) b.append(make("span", { className: "visually-hidden", textContent: "Sort by this column" }));
+    if (!b.textContent.trim()) b.append(make("span", { className: "visually-hidden", textContent: say("Sort by this column") }));
     b.onclick = () => {
       const up = th.getAttribute("aria-sort") !== "ascending"; head.forEach(h => h.removeAttribute("aria-sort")); th.setAttribute("aria-sort", up ? "ascending" : "descending");
       const key = r => { const v = value(r.cells[k]); return v === null ? r.cells[k].textContent : v; };
@@ -225,13 +273,13 @@ for (const table of $$("table")) {
     };
   });
   if (head.length && rows.length > 12) {
-    const input = make("input", { className: "filter", type: "search", placeholder: "Filter rows", ariaLabel: "Filter the rows of this table" });
+    const input = make("input", { className: "filter", type: "search", placeholder: say("Filter rows"), ariaLabel: say("Filter the rows of this table") });
     input.oninput = () => { const q = input.value.toLowerCase(); for (const r of body.rows) r.hidden = !r.textContent.toLowerCase().includes(q); };
     table.parentElement.before(input);
   }
   if (head.length) {
-    const b = make("button", { type: "button", textContent: "Copy table" });
-    b.onclick = async () => { const text = [...table.rows].filter(r => !r.hidden).map(r => [...r.cells].map(c => c.textContent.trim()).join("\t")).join("\n"); try { await navigator.clipboard.writeText(text); b.textContent = "Copied"; } catch { save("table.tsv", "text/tab-separated-values", text); } };
+    const b = make("button", { type: "button", textContent: say("Copy table") });
+    b.onclick = async () => { const text = [...table.rows].filter(r => !r.hidden).map(r => [...r.cells].map(c => c.textContent.trim()).join("\t")).join("\n"); try { await navigator.clipboard.writeText(text); b.textContent = say("Copied"); } catch { save("table.tsv", "text/tab-separated-values", text); } };
     table.parentElement.after(make("div", { className: "tools" }, b));
   }
 }

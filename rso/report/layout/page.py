@@ -8,7 +8,7 @@ import itertools
 import json
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import jinja2
@@ -41,6 +41,24 @@ COLOURS = {  # of figures, by the variable of the page's theme
     "#dfe4e7": "steel",
 }
 _LINKS = '<p class="pages">'
+PRINTED = ("Warning.", "Of the data.")
+SPOKEN = (  # by the script of a page
+    "Light", "Dark", "Switch to the light theme", "Switch to the dark theme", "Link to", "Depth of the section",
+    "What is coloured", "Press", "Arrow keys turn it.", "Show or hide", "Download as", "Copy table", "Copied",
+    "Filter rows", "Filter the rows of this table", "Sort by this column", "Zoom", "Whole figure",
+    "Enlarge a part: drag over it, or use plus, minus and the arrow keys", "series", "line",
+)  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Tongue:
+    """The language of a page: its code, and what its own words are in it."""
+
+    language: str
+    say: Callable[[str], str]
+
+
+ENGLISH = Tongue("en", str)
 
 
 def pictures(document: Report) -> list[str]:
@@ -48,15 +66,23 @@ def pictures(document: Report) -> list[str]:
     return [b.name for s in document.sections for b in s.blocks if isinstance(b, Picture)]
 
 
-def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, html: bool, pdf: bool) -> list[Path]:
+def pour(
+    document: Report,
+    figures: Mapping[str, str],
+    folder: Path,
+    stem: str,
+    html: bool,
+    pdf: bool,
+    tongue: Tongue = ENGLISH,
+) -> list[Path]:
     """Write `stem`.html and, where typst is installed, `stem`.pdf into `folder`, which is made; list of files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if html:
-        written.append(disk.replace(folder / f"{stem}.html", html_page(document, figures)))
+        written.append(disk.replace(folder / f"{stem}.html", html_page(document, figures, tongue)))
         _link(folder)
     if pdf and has_pdf():
-        written.append(disk.replace(folder / f"{stem}.pdf", pdf_page(document, figures)))
+        written.append(disk.replace(folder / f"{stem}.pdf", pdf_page(document, figures, tongue)))
     return written
 
 
@@ -84,7 +110,7 @@ class _Figure:
     wide: bool
 
 
-def html_page(document: Report, figures: Mapping[str, str]) -> str:
+def html_page(document: Report, figures: Mapping[str, str], tongue: Tongue = ENGLISH) -> str:
     """One self-contained file; every text is escaped, only our own figures are markup."""
     loader = jinja2.FileSystemLoader(_HERE)
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
@@ -94,6 +120,9 @@ def html_page(document: Report, figures: Mapping[str, str]) -> str:
     template = environment.get_template("page.html.j2")
     return template.render(
         report=document,
+        language=tongue.language,
+        say=tongue.say,
+        words=Markup(json.dumps({w: tongue.say(w) for w in SPOKEN if tongue.say(w) != w}, ensure_ascii=False)),
         figures={k: _figure(k, v, captions.get(k, "")) for k, v in figures.items()},
         style=Markup((_HERE / "page.css").read_text("utf-8")),
         script=Markup((_HERE / "page.js").read_text("utf-8")),
@@ -132,13 +161,16 @@ def has_pdf() -> bool:
     return importlib.util.find_spec("typst") is not None
 
 
-def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
+def pdf_page(document: Report, figures: Mapping[str, str], tongue: Tongue = ENGLISH) -> bytes:
     """A4 pages set by typst; texts travel as JSON strings, which it never reads as markup."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for figure, svg in figures.items():
             (folder / f"{figure}.svg").write_text(svg, encoding="utf-8", newline="\n")
-        data = json.dumps(dataclasses.asdict(document), ensure_ascii=False)
+        spoken = {w: tongue.say(w) for w in PRINTED}
+        data = json.dumps(
+            {**dataclasses.asdict(document), "language": tongue.language, "words": spoken}, ensure_ascii=False
+        )
         (folder / "report.json").write_text(data, encoding="utf-8")
         source = folder / "page.typ"
         source.write_bytes((_HERE / "page.typ").read_bytes())

@@ -1,0 +1,154 @@
+"""Templates of one language: `"The {name} is {value}." = "{name}: {value}."`, one file a topic.
+
+A slot takes what stands in its place.  `{name}` keeps it, with numbers as the language writes them; `{name!}` is a
+phrase that has a template of its own.  A slot whose name begins with `n_` takes a number only, one that begins with
+`w_` takes one word.  The template with the most letters of its own is tried first.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+_HERE = Path(__file__).parent
+_SLOT = re.compile(r"\{(\w+)(!?)\}")
+_SENTENCE = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;])")
+_NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
+_WORDLESS = re.compile(r"[^A-Za-z]*$")
+_UNIT = r"(?:[kMGµm]?(?:N|Pa|m|s|g)(?:[²³]|⁻¹)?|min|h|d|%|°|mm/min|mm/s|N/mm)"
+_SIZE = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+_QUANTITY = re.compile(rf"(?:{_SIZE}(?:\s{_UNIT})?|{_UNIT}|{_SIZE}\s(?:h|min)\s{_SIZE}\s(?:min|s))$")
+# What a study, a file or a machine calls its own: paths, keys, hashes, versions, settings as a study file has them.
+_OWN = re.compile(
+    r"[\w./ -]+\.(?:csv|toml|json|xlsx|stl)$|[0-9a-f]{8,64}$|\d{4}-\d\d-\d\d|rso \w+ |N-mm-MPa-s$|"
+    r"[\w-]+ \d[\w.]*, [\w-]+ \d|(?:[\w ]+: )?\w+ = |\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
+)
+_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
+
+
+@dataclass(frozen=True)
+class Template:
+    """An English sentence or phrase with slots, and the same in another language."""
+
+    english: str
+    other: str
+    topic: str
+
+    @functools.cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """What the English one matches, each slot as a group of its name."""
+        parts, end, seen = [], 0, set[str]()
+        for m in _SLOT.finditer(self.english):
+            parts.append(_spaced(self.english[end : m.start()]))
+            form = _FORMS.get(m[1].partition("_")[0], r".+?") if "_" in m[1] else r".+?"
+            parts.append(f"(?P={m[1]})" if m[1] in seen else f"(?P<{m[1]}>{form})")
+            seen.add(m[1])
+            end = m.end()
+        return re.compile("".join([*parts, _spaced(self.english[end:])]), re.DOTALL)
+
+    @functools.cached_property
+    def weight(self) -> int:
+        """Letters that are its own."""
+        return len(_SLOT.sub("", self.english))
+
+
+def _spaced(text: str) -> str:
+    """A pattern of a text in which any white space is as good as any other."""
+    return r"\s+".join(re.escape(p) for p in re.split(r"\s+", text)) if text.strip() else re.sub(r"\s+", r"\\s+", text)
+
+
+@dataclass(frozen=True, eq=False)
+class Catalogue:
+    """All templates of a language; texts that have none are collected in `missing` and stay as they are."""
+
+    language: str
+    comma: str
+    templates: tuple[Template, ...]
+    kept: frozenset[str] = frozenset()  # words of the study that stay: names of experiments, files, parameters
+    missing: dict[str, None] = field(default_factory=dict)
+    _known: dict[str, str | None] = field(default_factory=dict)
+
+    @functools.cached_property
+    def _whole(self) -> dict[str, str]:
+        return {" ".join(t.english.split()): t.other for t in self.templates if not _SLOT.search(t.english)}
+
+    @functools.cached_property
+    def _slotted(self) -> list[Template]:
+        return sorted((t for t in self.templates if _SLOT.search(t.english)), key=lambda t: -t.weight)
+
+    def numbers(self, text: str) -> str:
+        """Decimal numbers as the language writes them; versions and names of files stay."""
+        return _NUMBER.sub(rf"\1{self.comma}\2", text)
+
+    def text(self, said: str) -> str:
+        """A paragraph, sentence by sentence; one that is a template as a whole goes first."""
+        if (found := self.phrase(said)) is not None:
+            return found
+        parts = _SENTENCE.split(said)
+        return " ".join(self._sentence(p) for p in parts)
+
+    def _sentence(self, said: str) -> str:
+        found = self.phrase(said)
+        if found is None:
+            self.missing.setdefault(said)
+            return self.numbers(said)
+        return found
+
+    def phrase(self, said: str) -> str | None:
+        """A sentence or a part of one; None where there is no template for it."""
+        stripped = said.strip()
+        if stripped in self.kept or _OWN.match(stripped):
+            return said
+        if _WORDLESS.match(stripped) or _QUANTITY.match(stripped):
+            return self.numbers(said)
+        if stripped not in self._known:
+            self._known[stripped] = self._found(stripped)
+        return self._known[stripped]
+
+    def _found(self, stripped: str) -> str | None:
+        if (found := self._whole.get(" ".join(stripped.split()))) is not None:
+            return self.numbers(found)
+        for t in self._slotted:
+            if (m := t.pattern.fullmatch(stripped)) and (filled := self._filled(t, m)) is not None:
+                return filled
+        return None
+
+    def _filled(self, t: Template, m: re.Match[str]) -> str | None:
+        """The other sentence with its slots filled; None where a phrase within has no template."""
+        values: dict[str, str] = {}
+        for name, mark in _SLOT.findall(t.english):
+            if not mark:
+                values[name] = self.numbers(m[name])
+            elif (inner := self.phrase(m[name])) is not None:
+                values[name] = inner
+            else:
+                return None
+        return _SLOT.sub(lambda s: values[s[1]], t.other)
+
+
+def languages() -> list[str]:
+    """Codes of the languages that a report can be written in, beside English."""
+    return sorted(p.name for p in _HERE.iterdir() if p.is_dir() and (p / "language.toml").is_file())
+
+
+@functools.lru_cache
+def _read(language: str) -> tuple[str, tuple[Template, ...]]:
+    folder = _HERE / language
+    comma = tomllib.loads((folder / "language.toml").read_text("utf-8"))["decimal"]
+    found: list[Template] = []
+    for path in sorted(folder.glob("*.toml")):
+        if path.name != "language.toml":
+            rows = tomllib.loads(path.read_text("utf-8"))
+            found += [Template(english, other, path.stem) for english, other in rows.items()]
+    return comma, tuple(found)
+
+
+def catalogue(language: str, kept: frozenset[str] = frozenset()) -> Catalogue:
+    """The templates of a language; ValueError that names the languages for another one."""
+    if language not in languages():
+        raise ValueError(f"language {language!r}: reports are written in en, {', '.join(languages())}")
+    comma, templates = _read(language)
+    return Catalogue(language, comma, templates, kept)
