@@ -137,7 +137,7 @@ def _fitted(d: Determination) -> list[dict[str, Any] | None]:
     found = curves_as_fitted(d)
     if not found:
         return [None] * len(d.misfit.data)
-    rows = []
+    rows: list[dict[str, Any] | None] = []
     for c, v in zip(found, d.misfit.data, strict=True):
         rows.append(
             {
