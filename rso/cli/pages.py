@@ -6,6 +6,7 @@ import argparse
 import shlex
 import webbrowser
 from pathlib import Path
+from typing import Any
 
 from rso.cli import output
 from rso.core import disk
@@ -29,13 +30,30 @@ def open_page(options: argparse.Namespace, folder: Path) -> int:
     return 0
 
 
+def _before_a_run(path: Path) -> dict[str, Any]:
+    """What a study shows of itself before its first run: the sketches of its experiments."""
+    from rso.calibration.plan import make_plan
+    from rso.study.cases import sketches
+    from rso.study.loader import load_study
+
+    plan = make_plan(load_study(path))
+    return {"sketches": sketches(plan.study, plan.backend)}
+
+
 def plot(options: argparse.Namespace, folder: Path) -> int:
-    """Write a figure of the report as SVG, PDF or PNG; without a name list them; 2 for what is not there."""
+    """Write a figure of the report as SVG, PDF or PNG; without a name list them; 2 for what is not there.
+
+    What is modelled is drawn of a study that has not run, too.
+    """
     from rso.report.picture_files import captions, written
 
     try:
         found = disk.read_json(folder / "results.json")
+    except FileNotFoundError:
+        found = _before_a_run(options.study) if options.figure == "sketch" else None
     except (OSError, ValueError):
+        found = None
+    if found is None:
         again = shlex.quote(str(options.study))
         output.complain(f"{folder}: has no results; run the study first: rso run {again}")
         return 2
