@@ -319,11 +319,17 @@ LAYERS = {
     "rso.report": (
         "layout",
         "reading",
+        "language",
         "canvas notes terminal",
         "sketch",
         "discrepancy model_selection pareto population",
         "calibration optimal_design",
         "picture_files",
+        "__init__",
+    ),
+    "rso.report.language": (
+        "catalogue figure own_words",
+        "document",
         "__init__",
     ),
     "rso.report.calibration": (
