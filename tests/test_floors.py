@@ -328,8 +328,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.language": (
-        "catalogue figure own_words",
-        "document",
+        "catalogue own_words",
+        "document figure",
         "__init__",
     ),
     "rso.report.calibration": (
