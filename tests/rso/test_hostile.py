@@ -611,7 +611,7 @@ def test_objects_of_a_folder_that_others_may_write_to_are_not_believed(tmp_path)
     folder.chmod(0o700)
     (tmp_path / "link").symlink_to(folder)
     with pytest.raises(PermissionError, match="is a link"):
-        _keep(tmp_path / "link", sha, content)
+        keep_artefact(tmp_path / "link", sha, content)
 
 
 # ------------------------------------------------------------------------------------------------------ machines

@@ -146,7 +146,7 @@ def _read(language: str) -> tuple[str, tuple[SentenceTemplate, ...]]:
     return comma, tuple(found)
 
 
-def catalogue(language: str, kept: frozenset[str] = frozenset()) -> Catalogue:
+def sentences_of(language: str, kept: frozenset[str] = frozenset()) -> Catalogue:
     """The templates of a language; ValueError that names the languages for another one."""
     if language not in languages():
         raise ValueError(f"language {language!r}: reports are written in en, {', '.join(languages())}")
