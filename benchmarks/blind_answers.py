@@ -36,7 +36,7 @@ from rso.evaluation.adapters import Source
 from rso.evaluation.store import RunStore
 from rso.study import laboratory_folder
 from rso.study.laboratory_nominal import Nominal, read_nominal
-from rso.study.loader import load
+from rso.study.loader import load_study
 
 SIZES = {"slab": {"thickness_mm": "thickness"}, "cylinder": {"radius_mm": "radius", "height_mm": "height"}}
 
@@ -57,15 +57,15 @@ def asked(case: Path, out: Path, seed: int) -> Asked:
     """The study of a case, written below `out`, and what is asked of it."""
     own = out / "studies" / case.name
     own.mkdir(parents=True, exist_ok=True)
-    text = laboratory_folder.study_text(case, seed, own)
+    text = laboratory_folder.study_of_folder(case, seed, own)
     if '"ellipsoid"' not in text:
         text = re.sub(r"point = \[[^]]*\],? ?", "", text)
         (own / "study.toml").write_text(text, encoding="utf-8")
-        every = [e.name for e in ask(load(own / "study.toml")).effects if e.place is None]
+        every = [e.name for e in ask(load_study(own / "study.toml")).effects if e.place is None]
         effects = f"effects = {json.dumps([n for n in every if n not in IN_SPACE])}"
         text = text.replace("[diagnose]", f"[diagnose]\n{effects}")
     (own / "study.toml").write_text(text, encoding="utf-8")
-    return ask(load(own / "study.toml"))
+    return ask(load_study(own / "study.toml"))
 
 
 def main() -> None:
@@ -91,12 +91,12 @@ def main() -> None:
     blind._asked, blind._tell = asked, lambda taken, say: None
     blind._taken = lambda case, of: {}
     with RunStore(o.out / "store") as store, WorkerPool(o.jobs, source=Source(USE)) as pool:
-        for name, found in blind.answer([o.cases / n for n in names], o.out, store, pool, seed=1, say=print):
+        for name, found in blind.diagnose_cases([o.cases / n for n in names], o.out, store, pool, seed=1, say=print):
             if "error" not in found and seen:
                 evidence, y = seen[-1]
                 said = rival(SimpleNamespace(evidence=evidence), SimpleNamespace(Y=y[None]))
                 best = {"gap": bool(said.gap[0]), "best": said.best[0], "named": sorted(said.named[0])}
-                result_files.write(o.out / f"{name}.json", {**found, "rival": best})
+                result_files.write_results(o.out / f"{name}.json", {**found, "rival": best})
             seen.clear()
 
 

@@ -254,13 +254,12 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "executor_loop fingerprints guard guarded_process joint store",
+        "artefact_files executor_loop fingerprints guard guarded_process joint store",
         "decks",
         "adapters",
         "pool",
-        "cluster",
-        "dispatch",
-        "evaluator",
+        "cluster dispatch",
+        "evaluator slurm",
         "__init__",
     ),
     "rso.evaluation.decks": (
@@ -320,11 +319,17 @@ LAYERS = {
     "rso.report": (
         "layout",
         "reading",
+        "language",
         "canvas notes terminal",
         "sketch",
         "discrepancy model_selection pareto population",
         "calibration optimal_design",
         "picture_files",
+        "__init__",
+    ),
+    "rso.report.language": (
+        "catalogue own_words",
+        "document figure",
         "__init__",
     ),
     "rso.report.calibration": (

@@ -210,7 +210,7 @@ def load(
 
 
 def executor(table: Any, jobs: int, source: Source, folder: Path, warm: bool = False) -> Any:
-    """What runs the simulations of a study by its table [dispatch]: processes of this machine, or a Dask cluster."""
+    """What runs the simulations of a study by its table [dispatch]: processes of this machine, Dask, or SLURM."""
     own = (
         source.timeout_s if source.command is None else None
     )  # a command is stopped by its adapter, which keeps its folder
@@ -219,6 +219,13 @@ def executor(table: Any, jobs: int, source: Source, folder: Path, warm: bool = F
         return evaluation.open_cluster(table.address, jobs, source, limit)
     if source.command is not None:  # folders of runs that did not end well stay with the results
         source = dataclasses.replace(source, keep_folder=str(folder / "kept"))
+    if table.engine == "slurm":
+        asked = table.slurm
+        place = folder / "slurm" if asked.folder is None else Path(asked.folder).expanduser().absolute()
+        settings = evaluation.ArraySettings(
+            minutes=asked.walltime / 60, **asked.model_dump(exclude={"walltime", "folder"})
+        )
+        return evaluation.open_slurm(place, jobs, settings, source, limit)
     return evaluation.WorkerPool(jobs, source=source, timeout_s=limit, warm=warm)
 
 

@@ -218,7 +218,7 @@ def run(options: argparse.Namespace, command: str) -> int:
         return run_objectives(options, study, folder, _store(options, folder), command)
     if options.fresh and folder.exists():
         may_be_moved(folder, study.file, study.inputs())
-    plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
+    plan = make_plan(study) if study.dispatch.engine != "local" else None  # a bad study asks for no cluster
     warm = options.fresh or not folder.exists()  # there will be simulations: workers start while the plan is made
     with executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
         plan = plan or make_plan(study)

@@ -191,24 +191,25 @@ def at_readings(
 def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
     """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,).
 
-    It is the largest difference of its interval from a spline of degree five in s = √u or a quarter of that from the
-    curve through every second point, whichever is less: each errs by more than this curve does, the former where
-    computed points scatter or lie close together, the latter where they are few.  The latter alone for fewer than five.
+    It is the largest difference of its interval from a spline of degree five in s = √u.  Where there are fewer
+    than five points, from the curve through every second one, whose error is at least four times as large.
     0 at computed points, for a single one, and before contact.
     """
     u, y = np.asarray(travel, float), np.asarray(value, float)
     knots = np.append(0.0, u)
     fine = np.unique(np.concatenate([a + (b - a) * np.linspace(0.0, 1.0, 9) for a, b in itertools.pairwise(knots)]))
-    if len(u) < 2:
-        return np.zeros(np.shape(at))
-    curve, rest = Resampling(u, y)(fine), slice((len(u) - 1) % 2, None, 2)
-    off = [np.abs(Resampling(u[rest], y[rest])(fine) - curve) / 4]
     if len(u) >= 5:
         from scipy.interpolate import make_interp_spline
 
-        off.append(np.abs(make_interp_spline(np.sqrt(knots), np.append(0.0, y), k=5)(np.sqrt(fine)) - curve))
-    inside = [(fine >= a) & (fine <= b) for a, b in itertools.pairwise(knots)]
-    largest = [min(float(o[i].max()) for o in off) for i in inside]
+        s = np.sqrt(knots)
+        other = make_interp_spline(s, np.append(0.0, y), k=5)(np.sqrt(fine))
+        off = np.abs(other - Resampling(u, y)(fine))
+    elif len(u) > 1:
+        rest = slice((len(u) - 1) % 2, None, 2)
+        off = np.abs(Resampling(u[rest], y[rest])(fine) - Resampling(u, y)(fine)) / 4
+    else:
+        return np.zeros(np.shape(at))
+    largest = [float(off[(fine >= a) & (fine <= b)].max()) for a, b in itertools.pairwise(knots)]
     where = np.clip(np.searchsorted(knots, at, side="left") - 1, 0, len(largest) - 1)
     at = np.asarray(at, float)
     computed = np.min(np.abs(np.subtract.outer(at, knots)), axis=-1) <= _ROUND_OFF * knots[-1]

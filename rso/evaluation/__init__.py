@@ -9,10 +9,12 @@ from rso.evaluation.dispatch import Event, Finished, Planned, Preparing, Retried
 from rso.evaluation.evaluator import Evaluator, Outcome, Watch, in_rows, responses, why
 from rso.evaluation.executor_loop import Ahead
 from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
+from rso.evaluation.slurm import ArraySettings, SlurmExecutor, open_slurm
 from rso.evaluation.store import Crashed, Done, Failed
 
 __all__ = [
     "Ahead",
+    "ArraySettings",
     "ClusterExecutor",
     "CommandBackend",
     "Crashed",
@@ -25,6 +27,7 @@ __all__ = [
     "Planned",
     "Preparing",
     "Retried",
+    "SlurmExecutor",
     "Source",
     "Task",
     "Watch",
@@ -35,6 +38,7 @@ __all__ = [
     "in_rows",
     "load_backend",
     "open_cluster",
+    "open_slurm",
     "responses",
     "run_all",
     "why",

@@ -7,9 +7,7 @@ no disk in common with the parent; a backend that is a module must be importable
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
-import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -18,9 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rso.contract import Case, object_path
-from rso.core import disk
+from rso.contract import Case
 from rso.evaluation.adapters import Source
+from rso.evaluation.artefact_files import artefacts_by_hash, keep_artefact
 from rso.evaluation.pool import WorkerPool, WorkersCannotStart
 
 if TYPE_CHECKING:
@@ -46,7 +44,12 @@ class ClusterExecutor(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue one call; files of a case among its arguments go along."""
-        files = {sha: self._scattered(path) for a in args if isinstance(a, Case) for sha, path in _files(a).items()}
+        files = {
+            sha: self._scattered(path)
+            for a in args
+            if isinstance(a, Case)
+            for sha, path in artefacts_by_hash(a).items()
+        }
         shas = tuple(files)
         return self._inner.submit(
             _there, self.source, self._timeout_s, fn, args, kwargs, shas, *(files[sha] for sha in shas)
@@ -117,12 +120,6 @@ def _within(jobs: int) -> Any:
     return cluster
 
 
-def _files(case: Case) -> Mapping[str, Path]:
-    """Artefacts of a case that exist, by hash."""
-    found = {sha: case.artefact(name) for name, sha in case.artefacts.items()}
-    return {sha: path for sha, path in found.items() if path is not None and path.is_file()}
-
-
 def _there(
     source: Source | None,
     timeout_s: float | None,
@@ -135,22 +132,10 @@ def _there(
     """On a worker of the cluster: put the files where the case can find them, and compute in a process apart."""
     folder = Path(tempfile.gettempdir()) / f"rso-objects-{os.getuid()}"
     for sha, content in zip(shas, contents, strict=True):
-        _keep(folder, sha, content)
+        keep_artefact(folder, sha, content)
     args = tuple(dataclasses.replace(a, objects=str(folder)) if isinstance(a, Case) and shas else a for a in args)
     pool = getattr(_here, "pool", None)
     if pool is None or _here.made_for != (source, timeout_s) or pool.broken:
         pool = _here.pool = WorkerPool(1, source=source, timeout_s=timeout_s)
         _here.made_for = (source, timeout_s)
     return pool.submit(fn, *args, **kwargs).result()
-
-
-def _keep(folder: Path, sha: str, content: bytes) -> None:
-    """Store a file under its hash, whole or not at all; somebody else may be storing it too."""
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()  # before anything in it is believed: its name is known to everybody on the machine
-    if stat.S_ISLNK(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
-        raise PermissionError(f"{folder} is a link, belongs to somebody else or others may write to it: remove it")
-    path = object_path(folder, sha)
-    if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == sha:
-        return
-    disk.replace(disk.folder(path.parent) / path.name, content)

@@ -25,7 +25,6 @@ from rso.contract import (
 )
 from rso.core.units import CHANNELS, same
 from rso.evaluation.adapters import Source, check_values
-from rso.evaluation.cluster import ClusterExecutor
 from rso.evaluation.executor_loop import Ahead, Job, drive
 from rso.evaluation.pool import WorkerPool
 from rso.evaluation.store import Crashed, Done, Failed, RunStore
@@ -95,7 +94,7 @@ class _Plan:
 
 
 @dataclass(frozen=True)
-class _Ended:
+class Ended:
     """What comes back from a worker: a result or a failure, and what it cost."""
 
     result: Any
@@ -128,16 +127,14 @@ def run_all(
     is a crash.  A stored one that lacks something, from a time when the backend did not return it, is computed again
     and replaced.
 
-    In a WorkerPool or ClusterExecutor with a `source` the backend is the one loaded there; other executors get
+    In an executor with a `source` (pool, Dask, SLURM) the backend is the one loaded there; other executors get
     `backend` itself, which must then be picklable if they are made of processes.
 
     Raises ValueError for a task that the backend does not know (before anything runs), StoreError,
     and BrokenExecutor if the executor can run nothing.
     """
     tell = watch or (lambda _: None)
-    target: Backend | Source = backend
-    if isinstance(executor, WorkerPool | ClusterExecutor) and executor.source is not None:
-        target = executor.source
+    target: Backend | Source = getattr(executor, "source", None) or backend
     ahead = {} if ahead is None else ahead
     plans = _prepare([_plan(backend, t) for t in tasks], backend, target, store, executor, retries, tell, ahead)
     book = _open(plans, backend, store, tell)
@@ -176,11 +173,11 @@ class _Book:
         state = type(outcome).__name__.lower()
         self.tell(Finished(key, case.name, state, wall_s, len(self.outcomes), len(self.runs)))  # type: ignore[arg-type]
 
-    def arrived(self, job: Job, result: _Ended | str, attempt: int, last: bool) -> None:
+    def arrived(self, job: Job, result: Ended | str, attempt: int, last: bool) -> None:
         """Take one result; a crash that is tried again is stored too, for whoever interrupts."""
         outcome = _outcome(self.runs[job.key], result, attempt)
         if last:
-            self.settle(outcome, result.wall_s if isinstance(result, _Ended) else 0.0)
+            self.settle(outcome, result.wall_s if isinstance(result, Ended) else 0.0)
         else:
             _put(self.store, outcome)
             self.tell(Retried(job.name, outcome.reason))  # type: ignore[union-attr]
@@ -204,7 +201,7 @@ def _open(plans: Sequence[_Plan], backend: Backend, store: RunStore, tell: Calla
     return _Book(backend, store, tell, runs, needs, outcomes, frozenset(poor))
 
 
-def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case) -> _Ended:
+def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case) -> Ended:
     """One run in the process that computes it; a failure comes back as a result, with its cost."""
     if isinstance(backend, Source):
         backend = backend.load()
@@ -219,10 +216,10 @@ def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case)
         result = SimulationFailed(failure.cause, failure.reason, partial, tuple(plain(failure.history)))
     except NotFinite as wrong:
         result = wrong.failure()
-    return _Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
+    return Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
 
 
-def make_artefact(backend: Backend | Source, recipe: str) -> _Ended:
+def make_artefact(backend: Backend | Source, recipe: str) -> Ended:
     """One artefact, made in the process that computes it."""
     if isinstance(backend, Source):
         backend = backend.load()
@@ -231,7 +228,7 @@ def make_artefact(backend: Backend | Source, recipe: str) -> _Ended:
         result: Any = bytes(backend.make(recipe))
     except SimulationFailed as failure:
         result = SimulationFailed(failure.cause, failure.reason)
-    return _Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
+    return Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
 
 
 def _cpu_s() -> float:
@@ -278,7 +275,7 @@ def _prepare(
         if lacking and store.get(_with_artefacts(plan, backend, store, known).key) is None:
             wanted.update(dict.fromkeys(lacking))
 
-    def arrived(job: Job, result: _Ended | str, _: int, last: bool) -> None:
+    def arrived(job: Job, result: Ended | str, _: int, last: bool) -> None:
         if isinstance(result, str):
             known[job.key] = _Lost(f"{job.name} could not be made: {result}")
             if not last:
@@ -358,12 +355,12 @@ def _with_artefacts(
     return dataclasses.replace(plan, case=case, key=run_key(backend, plan.values, case), lost=lost)
 
 
-def _outcome(plan: _Plan, result: _Ended | SimulationFailed | str, attempts: int) -> Outcome:
+def _outcome(plan: _Plan, result: Ended | SimulationFailed | str, attempts: int) -> Outcome:
     """What has become of a plan: an answer, a failure, or the reason of a crash."""
     head = (plan.key, plan.values, plan.case)
     if isinstance(result, str):
         return Crashed(*head, result, attempts)
-    ended = result if isinstance(result, _Ended) else _Ended(result, 0.0, 0.0)
+    ended = result if isinstance(result, Ended) else Ended(result, 0.0, 0.0)
     if isinstance(ended.result, Response):
         return Done(*head, ended.result, ended.wall_s, ended.cpu_s)
     f = ended.result

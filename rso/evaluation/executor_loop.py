@@ -8,9 +8,18 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 Ahead = dict[str, Future[Any]]  # what was begun before anybody waits for it, by the key of its job
+
+
+@runtime_checkable
+class KeyedExecutor(Protocol):
+    """An executor that keeps what it computed by the key of the job, beyond the life of this process."""
+
+    def submit_keyed(self, key: str, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """Queue one call, or take over what an earlier process had computed of it."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -37,7 +46,10 @@ def drive(
     running: dict[Future[Any], tuple[Job, int]] = {}
 
     def submit(job: Job, attempt: int) -> None:
-        future = (ahead.pop(job.key, None) if attempt == 1 else None) or executor.submit(*job.call)
+        begun = ahead.pop(job.key, None) if attempt == 1 else None
+        if begun is None and isinstance(executor, KeyedExecutor):
+            begun = executor.submit_keyed(job.key, *job.call)
+        future = begun or executor.submit(*job.call)
         running[future] = (job, attempt)
         future.add_done_callback(ready.put)
 

@@ -296,13 +296,41 @@ class VerifyTable(StudyFileTable):
     """Runs that may be added until it does."""
 
 
+Words = Annotated[str, Field(min_length=1, max_length=300), AfterValidator(visible_line)]
+
+
+class SlurmTable(StudyFileTable):
+    """[dispatch.slurm]: what each job of SLURM asks for.  Jobs compute one run after another, with one processor."""
+
+    partition: Words | None = None
+    """As of sbatch; by default that of the cluster."""
+    account: Words | None = None
+    """As of sbatch."""
+    qos: Words | None = None
+    """As of sbatch."""
+    walltime: Duration = 3600.0
+    """The longest that a job may take, with all its runs; SLURM takes whole minutes."""
+    memory_gb: Annotated[float, Field(gt=0)] | None = None
+    """Memory of a job, GB; by default that of the cluster."""
+    runs_per_job: Runs = 1
+    """Runs that one job computes: more of them where a run is short beside the start of a job."""
+    setup: Annotated[tuple[Words, ...], BeforeValidator(list_to_tuple)] = ()
+    """Lines of shell before a job computes, such as "module load python"."""
+    options: Settings = Field(default_factory=dict)
+    """Further words of sbatch, such as { constraint = "icelake" }."""
+    folder: Words | None = None
+    """Where calls and answers lie, which all machines must see; by default slurm/ in the folder of results."""
+    here: bool = False
+    """Whether jobs are processes of this machine, to try a study where SLURM is not."""
+
+
 class DispatchTable(StudyFileTable):
     """[dispatch]: how simulations are run."""
 
     jobs: Annotated[int, Field(ge=1, le=10_000)] = 2
     """Simulations at a time."""
-    engine: Literal["local", "dask"] = "local"
-    """Processes of this machine, or a Dask cluster."""
+    engine: Literal["local", "dask", "slurm"] = "local"
+    """Processes of this machine, a Dask cluster, or job arrays of SLURM."""
     address: Annotated[str, Field(min_length=1, max_length=300)] | None = Field(
         default=None,
         description="Of a Dask scheduler that runs already; `tls://` with certificates where others reach it, "
@@ -310,11 +338,15 @@ class DispatchTable(StudyFileTable):
     )
     timeout: Duration | None = None
     """For one run, whatever the backend's own limit."""
+    slurm: SlurmTable = SlurmTable()
+    """What each job of SLURM asks for."""
 
     @model_validator(mode="after")
-    def _address_of_dask(self) -> DispatchTable:
+    def _of_its_engine(self) -> DispatchTable:
         if self.address is not None and self.engine != "dask":
             raise ValueError('address is that of a Dask scheduler: it needs engine = "dask"')
+        if self.slurm != SlurmTable() and self.engine != "slurm":
+            raise ValueError('slurm says what jobs of SLURM ask for: it needs engine = "slurm"')
         return self
 
 

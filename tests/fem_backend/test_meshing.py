@@ -111,7 +111,7 @@ def test_slip_shrinks_elements_at_the_top():
 FRESH = """
 import hashlib, sys
 from fem_backend import meshing
-print(hashlib.sha256(meshing.make(sys.argv[1]).to_bytes()).hexdigest())
+print(hashlib.sha256(meshing.make_mesh(sys.argv[1]).to_bytes()).hexdigest())
 """
 
 

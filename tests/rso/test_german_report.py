@@ -10,7 +10,7 @@ from report_fixture import STAGES, complete, one_parameter, until
 
 from rso.report import render
 from rso.report.calibration.numbers import report
-from rso.report.language import catalogue, in_language, languages, own_words
+from rso.report.language import in_language, languages, own_words, sentences_of
 
 # Words that only English sentences have; names that a study gives are taken out before.
 ENGLISH = """the of is are were with which and or not from than that this these those its each every where what how
@@ -86,29 +86,29 @@ def test_what_the_script_says_is_german_too(pages):
 @pytest.mark.parametrize("results", [complete, one_parameter, *(lambda s=s: until(s) for s in STAGES)])
 def test_every_sentence_of_every_stage_has_a_template(results):
     found = results()
-    by = catalogue("de", own_words(found))
+    by = sentences_of("de", own_words(found))
     in_language(report(found), by)
     assert list(by.missing) == []
 
 
 @pytest.mark.parametrize("language", languages())
 def test_a_template_fills_the_slots_that_it_reads(language):
-    for t in catalogue(language).templates:
+    for t in sentences_of(language).templates:
         read, filled = (set(re.findall(r"\{(\w+)!?\}", s)) for s in (t.english, t.other))
         assert filled == read, (t.topic, t.english)
 
 
 def test_a_sentence_without_a_template_is_named_and_stays():
-    by = catalogue("de")
+    by = sentences_of("de")
     assert by.text("Nobody has said this. All runs") == "Nobody has said this. Alle Rechnungen"
     assert list(by.missing) == ["Nobody has said this."]
 
 
 def test_numbers_get_a_comma_and_versions_keep_their_points():
-    by = catalogue("de")
+    by = sentences_of("de")
     assert by.numbers("1.5 N, rso 0.1.0, −0.003, a.2.csv, 3 mm") == "1,5 N, rso 0.1.0, −0,003, a.2.csv, 3 mm"
 
 
 def test_another_language_is_refused_by_name():
     with pytest.raises(ValueError, match="en, de"):
-        catalogue("xx")
+        sentences_of("xx")

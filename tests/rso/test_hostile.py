@@ -25,7 +25,7 @@ from rso.contract import Case, Programme, Response
 from rso.core import disk
 from rso.core.printable import as_one_entry, printable
 from rso.evaluation import Source, WorkerDied, WorkerPool, load_backend
-from rso.evaluation.cluster import _keep
+from rso.evaluation.artefact_files import keep_artefact
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.store import Done, RunStore, StoreError
 from rso.study.confusable_text import drawn, look_alikes, too_deep
@@ -600,18 +600,18 @@ def test_a_fault_of_the_program_is_one_message(tmp_path, capsys, monkeypatch):
 def test_objects_of_a_folder_that_others_may_write_to_are_not_believed(tmp_path):
     content, folder = b"mesh", tmp_path / "objects"
     sha = disk_sha(content)
-    _keep(folder, sha, content)
+    keep_artefact(folder, sha, content)
     assert (folder / sha[:2] / sha).read_bytes() == content
     (folder / sha[:2] / sha).write_bytes(b"cut")
-    _keep(folder, sha, content)
+    keep_artefact(folder, sha, content)
     assert (folder / sha[:2] / sha).read_bytes() == content
     folder.chmod(0o777)
     with pytest.raises(PermissionError, match="others may write"):
-        _keep(folder, sha, content)
+        keep_artefact(folder, sha, content)
     folder.chmod(0o700)
     (tmp_path / "link").symlink_to(folder)
     with pytest.raises(PermissionError, match="is a link"):
-        _keep(tmp_path / "link", sha, content)
+        keep_artefact(tmp_path / "link", sha, content)
 
 
 # ------------------------------------------------------------------------------------------------------ machines

@@ -17,8 +17,8 @@ import rso
 
 PUBLIC = [
     "AskedRun", "Backend", "Case", "FreeCurve", "FunctionModel", "Parameter", "ParetoResult", "ParetoStudy",
-    "Programme", "Response", "RunResult", "SimulationFailed", "StudyError", "Workspace", "fit", "indent", "load",
-    "model", "pareto",
+    "Programme", "Response", "RunResult", "SimulationFailed", "SpecimensResult", "SpecimensStudy", "StudyError",
+    "Workspace", "fit", "indent", "load", "model", "pareto", "specimens",
 ]  # fmt: skip
 
 

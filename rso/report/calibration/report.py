@@ -11,7 +11,7 @@ import numpy as np
 from rso.core import disk
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
-from rso.report.language import catalogue, figure_in_language, in_language, own_words
+from rso.report.language import figure_in_language, in_language, own_words, sentences_of
 from rso.report.layout.page import Tongue, pictures, pour
 
 
@@ -35,7 +35,7 @@ def render(
     figures = {name: draw(results, name) for name in pictures(document)}
     if language == "en":
         return pour(document, figures, folder, "report", html, pdf)
-    by = catalogue(language, own_words(results))
+    by = sentences_of(language, own_words(results))
     document = in_language(document, by)
     figures = {name: figure_in_language(svg, by) for name, svg in figures.items()}
     files = pour(document, figures, folder, f"report.{language}", html, pdf, Tongue(language, by.text))

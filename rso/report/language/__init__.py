@@ -1,8 +1,8 @@
 """Reports in another language: sentences as templates by topic, in TOML files of a folder for each language."""
 
-from rso.report.language.catalogue import Catalogue, catalogue, languages
+from rso.report.language.catalogue import Catalogue, languages, sentences_of
 from rso.report.language.document import in_language
 from rso.report.language.figure import figure_in_language
 from rso.report.language.own_words import own_words
 
-__all__ = ["Catalogue", "catalogue", "figure_in_language", "in_language", "languages", "own_words"]
+__all__ = ["Catalogue", "figure_in_language", "in_language", "languages", "own_words", "sentences_of"]

@@ -31,7 +31,7 @@ _FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²�
 
 
 @dataclass(frozen=True)
-class Template:
+class SentenceTemplate:
     """An English sentence or phrase with slots, and the same in another language."""
 
     english: str
@@ -70,7 +70,7 @@ class Catalogue:
 
     language: str
     comma: str
-    templates: tuple[Template, ...]
+    templates: tuple[SentenceTemplate, ...]
     kept: frozenset[str] = frozenset()  # words of the study that stay: names of experiments, files, parameters
     missing: dict[str, None] = field(default_factory=dict)
     _known: dict[str, str | None] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class Catalogue:
         return {" ".join(t.english.split()): t.other for t in self.templates if not _SLOT.search(t.english)}
 
     @functools.cached_property
-    def _slotted(self) -> list[Template]:
+    def _slotted(self) -> list[SentenceTemplate]:
         return sorted((t for t in self.templates if _SLOT.search(t.english)), key=lambda t: -t.weight)
 
     def numbers(self, text: str) -> str:
@@ -121,7 +121,7 @@ class Catalogue:
                     return filled
         return None
 
-    def _filled(self, t: Template, m: re.Match[str]) -> str | None:
+    def _filled(self, t: SentenceTemplate, m: re.Match[str]) -> str | None:
         """The other sentence with its slots filled; None where a phrase within has no template."""
         values: dict[str, str] = {}
         for name, mark in _SLOT.findall(t.english):
@@ -142,18 +142,18 @@ def languages() -> list[str]:
 
 
 @functools.lru_cache
-def _read(language: str) -> tuple[str, tuple[Template, ...]]:
+def _read(language: str) -> tuple[str, tuple[SentenceTemplate, ...]]:
     folder = _HERE / language
     comma = tomllib.loads((folder / "language.toml").read_text("utf-8"))["decimal"]
-    found: list[Template] = []
+    found: list[SentenceTemplate] = []
     for path in sorted(folder.glob("*.toml")):
         if path.name != "language.toml":
             rows = tomllib.loads(path.read_text("utf-8"))
-            found += [Template(english, other, path.stem) for english, other in rows.items()]
+            found += [SentenceTemplate(english, other, path.stem) for english, other in rows.items()]
     return comma, tuple(found)
 
 
-def catalogue(language: str, kept: frozenset[str] = frozenset()) -> Catalogue:
+def sentences_of(language: str, kept: frozenset[str] = frozenset()) -> Catalogue:
     """The templates of a language; ValueError that names the languages for another one."""
     if language not in languages():
         raise ValueError(f"language {language!r}: reports are written in en, {', '.join(languages())}")
