@@ -19,6 +19,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
+from matplotlib.text import Text as MatplotlibText
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from rso.report.reading import ParameterView
@@ -31,6 +32,7 @@ ACCENT, WARM = "#0b5a7d", "#b4481e"
 NARROW = 5.4  # the same of figures that a phone shows whole
 WIDTH = 7.2  # inch: 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
 _GROUP = "\x1f"  # between the name of a line and that of its group
+_HALO, _HALO_STYLE = "halo", f"paint-order: stroke; stroke: {PAPER}; stroke-width: 2.2; stroke-linejoin: round"
 HALO: list[Stroke] = [withStroke(linewidth=2.2, foreground=PAPER)]
 
 _STYLE: dict[RcKeyType, Any] = {
@@ -113,6 +115,7 @@ def svg(figure: Figure, name: str, plate: bool = False) -> str:
     What its lines and marks show goes along as data, for whoever points at them; a `plate` keeps its paper white.
     """
     shown_ones = _named(figure)
+    _halos(figure)
     buffer = io.StringIO()
     # `savefig` would draw it twice, the first time only to lay it out.
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -121,6 +124,7 @@ def svg(figure: Figure, name: str, plate: bool = False) -> str:
     text = text[text.index("<svg") :]
     # Comments repeat the text of labels; a page needs neither them nor the metadata.
     text = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(rf'<g id="({_HALO}\d+)">', rf'<g id="\1" style="{_HALO_STYLE}">', text)
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
     labels = [[axes.get_xlabel(), axes.get_ylabel().replace("\n", " ")] for axes in figure.axes]
     series = [{**s, "g": f"{name}-{s['g']}"} for s in series if s["x"]]
@@ -129,6 +133,13 @@ def svg(figure: Figure, name: str, plate: bool = False) -> str:
     return re.sub(
         r"(<svg)([^>]*>)", lambda m: f'{m[1]}{mark}{m[2]}<metadata class="data">{held}</metadata>', text, count=1
     )
+
+
+def _halos(figure: Figure) -> None:
+    """Labels with a halo stay text: matplotlib would draw them as outlines, which nobody can search or translate."""
+    for n, label in enumerate(t for t in figure.findobj(MatplotlibText) if t.get_path_effects()):
+        label.set_path_effects([])
+        label.set_gid(f"{_HALO}{n}")
 
 
 def grouped_as(name: str) -> str:

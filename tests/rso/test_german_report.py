@@ -80,6 +80,7 @@ def test_what_the_script_says_is_german_too(pages):
     *_, source, _ = pages
     held = re.search(r'<div id="words" hidden>(.*?)</div>', source, re.DOTALL)[1]
     assert '"Copy table": "Tabelle kopieren"' in held
+    assert len(re.findall(r"\bsay = ", source)) == 1  # a second one would hide it
     spoken = set(re.findall(r'say\("([^"]+)"\)', source))
     assert spoken and all(f'"{w}":' in held for w in spoken - {"line"} if w not in ("SVG",)), spoken
 

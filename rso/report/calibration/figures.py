@@ -291,7 +291,7 @@ def _curves(
     tag(axes, u[k], y[k] * unit.factor, f"measured{wide}", offset=(-12, 9), ha="right")
     others = [c for c, _, _ in simulated if not c.best]
     if band is not None:
-        k = int(np.argmin(np.abs(band.depth - 0.72 * band.depth[-1])))
+        k = int(np.argmin(np.abs(band.depth - 0.56 * band.depth[-1])))
         at = (band.depth[k], band.value[k] * unit.factor)
         tag(axes, *at, f"{word}, with 90 % band", colour=ACCENT, offset=(12, -9), ha="left")
     for c, x, f in simulated[-1:]:

@@ -12,9 +12,9 @@ const dataOf = svg => { const m = $("metadata.data", svg); try { return m ? JSON
   const root = document.documentElement, dark = matchMedia("(prefers-color-scheme: dark)");
   const now = () => root.dataset.theme || (dark.matches ? "dark" : "light");
   const b = make("button", { className: "theme", type: "button" });
-  const say = () => { const other = now() === "dark" ? "Light" : "Dark"; b.textContent = say(other); b.setAttribute("aria-label", say(`Switch to the ${other.toLowerCase()} theme`)); };
-  b.onclick = () => { root.dataset.theme = now() === "dark" ? "light" : "dark"; say(); };
-  say(); document.body.append(b);
+  const label = () => { const other = now() === "dark" ? "Light" : "Dark"; b.textContent = say(other); b.setAttribute("aria-label", say(`Switch to the ${other.toLowerCase()} theme`)); };
+  b.onclick = () => { root.dataset.theme = now() === "dark" ? "light" : "dark"; label(); };
+  label(); document.body.append(b);
 }
 
 // --- closed parts open where a link leads into them
