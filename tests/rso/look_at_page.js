@@ -31,6 +31,16 @@ curve.scrollIntoView(); const svg = $("svg", curve), data = JSON.parse($("metada
 const q = new DOMPoint(...s.p[10]).matrixTransform(svg.getScreenCTM());
 svg.dispatchEvent(new PointerEvent("pointermove", { clientX: q.x, clientY: q.y }));
 found.tip = [$(".tip", curve).textContent, s.x[10], s.y[10]];
+// a part of a figure: by dragging, by keys, and back
+const box = () => svg.getAttribute("viewBox").split(" ").map(Number), whole = box(), size = svg.getBoundingClientRect().height;
+const mode = $("button.mode", curve), hit = (type, x, y) => { const m = new DOMPoint(x, y).matrixTransform(svg.getScreenCTM()); svg.dispatchEvent(new PointerEvent(type, { clientX: m.x, clientY: m.y, bubbles: true })); };
+const capture = Element.prototype.setPointerCapture; Element.prototype.setPointerCapture = () => {};
+mode.click(); hit("pointerdown", 100, 50); hit("pointermove", 150, 70); hit("pointerup", 150, 70); const part = box();
+const kept = Math.abs(svg.getBoundingClientRect().height - size) < 1;
+svg.dispatchEvent(new KeyboardEvent("keydown", { key: "+" })); const closer = box();
+svg.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight" })); const beside = box();
+svg.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape" })); found.zoom = { whole, part, kept, closer, beside, back: box() };
+mode.click(); Element.prototype.setPointerCapture = capture;
 // downloads: what would be saved
 const saved = []; const click = HTMLAnchorElement.prototype.click;
 HTMLAnchorElement.prototype.click = function () { saved.push([this.download, this.href]); };

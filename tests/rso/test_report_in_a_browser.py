@@ -102,6 +102,16 @@ def test_downloads_hold_the_figure_and_its_numbers(found):
     assert rows[0] == ["series", "x", "y"] and len(rows) > 40 and all(len(r) == 3 for r in rows)
 
 
+def test_a_part_of_a_figure_is_enlarged_and_the_page_stays(found):
+    zoom = found["zoom"]
+    x, y, wide, tall = zoom["part"]
+    assert wide < 0.5 * zoom["whole"][2] and tall / wide == pytest.approx(zoom["whole"][3] / zoom["whole"][2], rel=1e-2)
+    assert x <= 100 and x + wide >= 150 and y <= 50 and y + tall >= 70
+    assert zoom["kept"]
+    assert zoom["closer"][2] < wide and zoom["beside"][0] > zoom["closer"][0]
+    assert zoom["back"] == pytest.approx(zoom["whole"], abs=1e-2)
+
+
 def test_everything_has_a_name_a_place_and_contrast(found):
     assert found["nameless"] == [] and found["pictures"] == 0 and found["flat"] == [] and found["twice"] == []
     levels = found["levels"]
