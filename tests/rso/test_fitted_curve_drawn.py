@@ -87,6 +87,13 @@ def test_captions_state_shift_gain_and_band_and_measure_from_the_fitted_curve():
     assert "90 % band" in caption(results(), "pressed")
 
 
+def test_a_shift_far_beyond_what_was_expected_is_named():
+    found = results()
+    assert "times what was expected" not in caption(found, "curve-0")
+    found["identification"]["data"][0]["fitted"]["expected"]["contact"] = SHIFT / 3
+    assert "The contact shift is 3 times what was expected" in caption(found, "curve-0")
+
+
 def test_the_first_row_of_errors_and_the_sentence_are_of_the_fitted_curve():
     found = results()
     text = " ".join(b.text for s in report(found).sections for b in s.blocks if hasattr(b, "text"))

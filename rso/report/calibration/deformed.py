@@ -37,6 +37,7 @@ DARK = "#24282c"  # on the lightest band, whatever the theme
 STEEL = "#dfe4e7"
 WIDE, TALL = 620.0, 400.0  # of the picture, its text being 13 of it
 BAR = 92.0  # of it, for the scale of colours
+SURPRISING = 2.0  # standard deviations of a contact shift or gain before the fit
 REACH = 2.2  # half widths of the indenter or depths that are shown to either side
 TALLEST = 0.68  # of its width
 
@@ -79,7 +80,18 @@ def moved_sentence(band: BandView) -> str:
         said.append(f"contact {quantity(abs(contact), 'mm', 2)} {way} than recorded{usual}")
     if gain:
         said.append(f"force {percent(abs(gain))} too {'high' if gain > 0 else 'low'}{_usual(expected, 'gain', '')}")
-    return f"Fitted with it: {'; '.join(said)}." if said else ""
+    return " ".join([f"Fitted with it: {'; '.join(said)}.", *_surprises(contact, gain, expected)]) if said else ""
+
+
+def _surprises(contact: float | None, gain: float | None, expected: Mapping[str, Any]) -> list[str]:
+    """A shift or gain that is far beyond what was expected: it may stand for something else."""
+    named = (("contact", "contact shift", contact), ("gain", "gain", gain))
+    sizes = [(words, abs(size or 0.0) / (number(expected.get(key)) or math.inf)) for key, words, size in named]
+    return [
+        f"The {words} is {shortest(float(f'{times:.2g}'))} times what was expected: check it, or the model."
+        for words, times in sizes
+        if times > SURPRISING
+    ]
 
 
 def _usual(expected: Mapping[str, Any], key: str, unit: str, size: float | None = None) -> str:
