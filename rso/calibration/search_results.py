@@ -85,17 +85,9 @@ def best(plan: Plan, found: list[SearchResult]) -> tuple[str, int] | None:
 def closest(found: Sequence[SearchResult]) -> tuple[str, int] | None:
     """Search and place of the candidate that comes closest to what is demanded: constraints first, then targets."""
     every = [
-        (
-            max((d.size for d in c.checked if d.kind != "target"), default=0.0),
-            max((d.size for d in c.checked if d.kind == "target"), default=0.0),
-            f.plan.name,
-            k,
-        )
-        for f in found
-        for k, c in enumerate(f.result.candidates)
-        if c.state == "done"
+        (c.distance, f.plan.name, k) for f in found for k, c in enumerate(f.result.candidates) if c.state == "done"
     ]
-    return min(every)[2:] if every else None
+    return min(every)[1:] if every else None
 
 
 def _telling(plan: Plan) -> set[str]:

@@ -35,6 +35,12 @@ class Candidate:
         return self.state == "done" and all(c.met for c in self.checked)
 
     @property
+    def distance(self) -> tuple[float, float]:
+        """How far it is from what is demanded: the largest miss of a limit, then of a target (`Checked.size`)."""
+        limits, targets = ([c.size for c in self.checked if (c.kind == "target") == t] for t in (False, True))
+        return max(limits, default=0.0), max(targets, default=0.0)
+
+    @property
     def state(self) -> str:
         """'done' if every run is done, else the state of the first that is not."""
         other = [o for o in self.outcomes if not isinstance(o, Done)]
@@ -74,6 +80,7 @@ def verify(
 
     A candidate that failed or crashed is not verified and teaches no surrogate; one that failed may teach where not to
     look: `enrich` then returns another emulator of the same samples.  When it returns the same one the loop ends.
+    Where no candidate of the last round has an answer, the one of the earlier rounds that comes closest joins them.
     """
     infill = 0
     earlier: list[Candidate] = []
@@ -84,6 +91,9 @@ def verify(
         wrong = sum(not c.verified or (promised and not c.meets) for c in candidates)
         learned = enrich(emulator, candidates) if wrong and infill + wrong <= max_infill else emulator
         if learned is emulator:
+            done = [c for c in earlier if c.state == "done"]
+            if done and all(c.state != "done" for c in candidates):
+                candidates = [*candidates, min(done, key=lambda c: c.distance)]
             return Verified(choice, tuple(candidates), tuple(earlier), infill, emulator)
         earlier += candidates
         infill += len(learned.samples) - len(emulator.samples) + sum(c.state == "failed" for c in candidates)

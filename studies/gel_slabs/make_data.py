@@ -50,7 +50,7 @@ def main():
         (HERE / f"{name}.csv").write_text("\n".join(["depth_mm,Fz_N", *rows]) + "\n", encoding="utf-8")
         table.append(f"{name};{SLABS[name]:g};mould {name[0]}")
         print(f"{name}: μ = {1000 * mu:.2f} kPa, D₁ = {d1:.2f} 1/MPa")
-    (HERE / "specimens.csv").write_text("\n".join(table) + "\n", encoding="utf-8")
+    (HERE.parent / "specimens.csv").write_text("\n".join(table) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -60,8 +60,25 @@ def test_intervals_by_the_formulas():
     found = random_effects(gaussians(y, s), level=0.95)
     mean, se = closed_form(y, s, found.tau)
     assert found.interval == pytest.approx(mean + np.array([-1, 1]) * stats.t.ppf(0.975, 12) * se, abs=1e-6)
-    reach = stats.t.ppf(0.975, 11) * np.hypot(found.tau, se)
-    assert found.prediction == pytest.approx((mean - reach, mean + reach), abs=1e-6)
+
+
+def test_a_prediction_by_drawing_it():
+    """Draws of τ that satisfy Q(τ) = χ², of the mean given τ and of the next trial: algorithm 1 of Nagashima et al."""
+    y, s = log_risk_ratios()
+    rng, n = np.random.default_rng(3), 40000
+    wanted = np.sort(rng.chisquare(12, n))[::-1]
+
+    def q(tau):
+        w = 1 / (s**2 + tau**2)
+        return np.sum(w * (y - np.sum(w * y) / w.sum()) ** 2)
+
+    grid = np.concatenate([[0.0], np.geomspace(0.05, 30.0, 4000)])
+    tau = np.interp(-wanted, -np.array([q(t) for t in grid]), grid)
+    mean, se = np.array([closed_form(y, s, t) for t in tau]).T
+    new = mean + se * rng.standard_t(12, n) + tau * rng.standard_normal(n)
+    low, high = random_effects(gaussians(y, s), level=0.95).prediction
+    # 4 standard errors of the share of the draws in each tail
+    assert [np.mean(new < low), np.mean(new > high)] == pytest.approx([0.025, 0.025], abs=4 * np.sqrt(0.025 / n))
 
 
 def skewed(open_high=False):
