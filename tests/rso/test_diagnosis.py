@@ -333,6 +333,36 @@ def test_tests_that_differ_by_more_than_is_stated_do_not_hide_what_else_there_is
         assert (d.verdict, d.named) == (verdict, named), (d.verdict, d.named, d.probabilities)
 
 
+def remembering(seed: int, truth=None, ρ: float = 0.5, sd: float = 3e-3):
+    """Four places, one force channel, no repeats; each error is ρ times the one before and something new."""
+    rng, made = np.random.default_rng(seed), []
+    for k, at in enumerate([(0.0, 0.0), (10.0, 0.0), (0.0, 8.0), (20.0, 0.0)]):
+        (r,) = toy.recorded({**TRUTH, **(truth or {})}, rng, point=at, white=0.0, unload=k == 1)
+        e = rng.standard_normal(len(r.depth))
+        for i in range(1, len(e)):
+            e[i] = ρ * e[i - 1] + np.sqrt(1 - ρ**2) * e[i]
+        r = dataclasses.replace(r, channels={"Fz": r.channels["Fz"] + sd * e})
+        made.append(toy.experiment(f"p{k}", (r,), point=at, noise=Noise(Fz=sd, gain=toy.SCATTER)))
+    return make_test_plan(made)
+
+
+def test_noise_that_remembers_is_no_gap_without_repeats():
+    """Every one of these was a gap, two of eight with a cause, where the noise was taken for white.
+
+    Negative control: a real gap is found in the same noise.
+    """
+    library = build_library(BASE, remembering(0), toy.effects("stiff", "skin", "soften"), toy.run)
+
+    def verdicts(count: int, **truth: float) -> list[str]:
+        plans = [dataclasses.replace(library, plan=remembering(seed, truth)) for seed in range(count)]
+        return [discrepancy.diagnose(one, seed, nulls=NULLS).verdict for seed, one in enumerate(plans)]
+
+    assert (
+        verdicts(8).count("no_gap") >= 6
+    )  # 5 % each: two alarms of eight come by chance in 6 % of cases, three in 0.6 %
+    assert verdicts(3, skin=5.0).count("no_gap") == 0
+
+
 def test_what_is_stated_binds_only_where_a_gap_is_found_by_it():
     """Gains of 6 % and nothing in the catalogue that has them: no gap was said to be one, of readings not smooth."""
     rng = np.random.default_rng(6)

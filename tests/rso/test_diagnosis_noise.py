@@ -102,6 +102,41 @@ def test_channels_in_which_nothing_was_recorded_tell_nothing():
     assert autocorrelation.of_idle_channels(make_test_plan(tests)) is None
 
 
+def alone(rng, ρ, sizes, gap=0.0, jump=0.0, sd=3e-3):
+    """Tests of one force channel without repeats; a `gap` bends the branch, a `jump` is in the middle of the first."""
+    tests = []
+    for n in sizes:
+        e = rng.standard_normal(n)
+        for k in range(1, n):
+            e[k] = ρ * e[k - 1] + np.sqrt(1 - ρ**2) * e[k]
+        u = np.linspace(0.02, 4.0, n)
+        F = 0.04 * u**1.5 * (1.0 + gap * np.sin(u)) + sd * e - (jump if n == sizes[0] else 0.0) * (u > 2.0)
+        one = (Repeat("1", u, u / 0.5, {"Fz": F}, {}, np.full(n, "loading")),)
+        tests.append(toy.experiment(f"x{n}", one, point=(float(n), 0.0), noise=Noise(Fz=sd)))
+    return make_test_plan(tests)
+
+
+SIZES = (61, 72, 80, 91, 101)
+
+
+@pytest.mark.parametrize("ρ", [0.3, 0.5, 0.8])
+def test_one_channel_without_repeats_tells_what_its_readings_remember(ρ):
+    """By 19 windows of a plan: ρ of a reading to 0.05 in the mean of 30 plans, also below a model that is wrong."""
+    for gap in (0.0, 0.1):
+        rng = np.random.default_rng(3)
+        found = [autocorrelation.within_windows(alone(rng, ρ, SIZES, gap)) for _ in range(30)]
+        told = [0.0 if v is None else float(np.exp(-4.0 / 80 / v)) for v in found]
+        np.testing.assert_allclose(np.mean(told), ρ, rtol=0, atol=0.05)
+
+
+def test_white_noise_a_wrong_model_and_a_jump_are_no_memory():
+    """At most 3 of 60 plans, where two standard errors leave 2 %."""
+    rng = np.random.default_rng(4)
+    plans = [alone(rng, 0.0, SIZES, gap=0.1, jump=jump) for jump in (0.0, 0.1) for _ in range(30)]
+    assert sum(autocorrelation.within_windows(p) is not None for p in plans) <= 3
+    assert autocorrelation.within_windows(alone(rng, 0.8, (50,))) is None  # two windows tell nothing
+
+
 def thrice(rng, peak, contact):
     """Three records to a depth, contact found `contact` (mm, rms) off; the first is a virgin one."""
     u, off = np.linspace(0.0, peak, 81), contact * rng.standard_normal((3, 1))

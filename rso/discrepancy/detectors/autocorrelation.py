@@ -1,4 +1,4 @@
-"""How far readings are autocorrelated: from repeats, or from channels with nothing to show; never from a misfit."""
+"""How far readings are autocorrelated: from repeats, idle channels or short windows of a curve; never from a misfit."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ from scipy.optimize import brentq
 
 from rso.core.correlation import of_neighbours, restored
 from rso.data import step_of
+from rso.discrepancy.detectors.sensor import DENSE
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.test_plan import TestPlan
 
 LONG = 20  # readings of a record that tells its memory
 RECORDS = 8  # of idle channels that tell it together
+WINDOWS = 3  # of curves, each of LONG readings, that do
+UNLIKE = 4.0  # times the usual variance: a window with more than noise in it
 IDLE = 0.15  # correlation of neighbours there that counts
 
 
 def autocorrelation_length(plan: TestPlan) -> float | None:
     """Length (mm) over which readings are autocorrelated, None where nothing shows that they do."""
-    return length_over_repeats(plan) or of_idle_channels(plan)
+    return length_over_repeats(plan) or of_idle_channels(plan) or within_windows(plan)
 
 
 def length_over_repeats(plan: TestPlan) -> float | None:
@@ -71,6 +74,43 @@ def of_idle_channels(plan: TestPlan) -> float | None:
         return None
     product, power, n, Δu = (np.array(v) for v in zip(*found, strict=True))
     seen, count = float(np.sum(product / power * n) / n.sum()), int(np.median(n))
+    return _length(seen, count, float(np.median(Δu)), 0.0)
+
+
+def within_windows(plan: TestPlan) -> float | None:
+    """The same length from windows of `LONG` readings of the curves themselves, a cubic in the depth taken out of each.
+
+    Where a model is wrong, it is so over a large share of a branch, which a cubic follows in a window.  A jump is no
+    memory: windows that scatter more than `UNLIKE` times what is usual do not count.  ρ counts beyond `IDLE` and two
+    standard errors.  Records of `DENSE` readings tell more by another way, `sensor.hidden_noise`.
+    Assumption: what lasts for some readings only is noise, but in a few windows.
+    """
+    found: list[tuple[float, float, float]] = []
+    for r in (r for e in plan.experiments if e.measurement.kind == "force" for r in e.measurement.repeats):
+        for c, branch in itertools.product(FORCES, ("loading", "unloading")):
+            if c not in r.channels:
+                continue
+            at = np.flatnonzero((r.segment == branch) & (r.depth > 0.0))
+            if len(at) >= DENSE:
+                continue
+            for k in range(len(at) // LONG):
+                u, v = (x[at[k * LONG : (k + 1) * LONG]] for x in (r.depth, r.channels[c]))
+                D = v - _cubic(LONG) @ (_cubic(LONG).T @ v)
+                if step_of(r.channels[c]) < np.std(D):
+                    found.append((float(D[1:] @ D[:-1]), float(D @ D), float(np.ptp(u)) / LONG))
+    if len(found) < WINDOWS:
+        return None
+    product, power, Δu = np.array(found).T
+    alike = power <= UNLIKE * np.median(power)
+    seen = float(product[alike].sum() / power[alike].sum())
+    return _length(seen, LONG, float(np.median(Δu)), 2.0 / math.sqrt(LONG * alike.sum()))
+
+
+def _length(seen: float, count: int, Δu: float, error: float) -> float | None:
+    """−Δu / ln ρ of AR(1) noise whose `count` readings, a cubic taken out, have a lag-1 correlation as `seen`.
+
+    None below what `IDLE` shows, or less than `error` above what white noise does.
+    """
     Q = _cubic(count)
 
     def expected(ρ: float) -> float:
@@ -79,10 +119,10 @@ def of_idle_channels(plan: TestPlan) -> float | None:
         R = R - (R @ Q) @ Q.T
         return float(np.trace(R, 1) / np.trace(R))
 
-    if seen < expected(IDLE):
+    if seen < max(expected(IDLE), expected(0.0) + error):
         return None
     ρ = brentq(lambda v: expected(v) - min(seen, expected(0.98)), 0.0, 0.98)
-    return -float(np.median(Δu)) / math.log(ρ)
+    return -Δu / math.log(ρ)
 
 
 def _cubic(n: int) -> np.ndarray:
