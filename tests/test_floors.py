@@ -197,7 +197,7 @@ LAYERS = {
         "cantilever",
         "columns",
         "commented_header machine_lines whitespace_tables workbook",
-        "lines tables",
+        "lines tables tables_beside",
         "cells",
         "reading",
     ),
@@ -213,7 +213,8 @@ LAYERS = {
         "blind",
     ),
     "rso.discrepancy.detectors": (
-        "autocorrelation periodic sensor steps",
+        "periodic sensor steps",
+        "autocorrelation",
         "jumps",
     ),
     "rso.discrepancy.evidence": (

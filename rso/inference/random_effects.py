@@ -378,9 +378,8 @@ def _prediction(
     of freedom.  An interval with τ̂ alone holds 81 to 87 % where 90 % are asked (6 to 12 specimens).
     """
     k = len(closed)
-    tau = np.array(
-        [0.0, *np.geomspace(*_taus(specimens)[1::15], 60), *(max(_taus(specimens)) * 4.0 ** np.arange(1, 5))]
-    )
+    least, most = _taus(specimens)[1::15]
+    tau = np.array([0.0, *np.geomspace(least, most, 60), *(most * 4.0 ** np.arange(1, 5))])
     C = np.maximum.accumulate([float(chi2_sf(_q_at(closed, t), k - 1)) for t in tau])
     share = (np.arange(SHARES) + 0.5) / SHARES
     drawn = np.interp(share, C, tau)  # all below C(0) is no scatter, all above the last the largest

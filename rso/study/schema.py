@@ -175,8 +175,8 @@ class ExperimentTable(StudyFileTable):
     role: Literal["fit", "select", "validate"]
     """Fitted; looked at when candidates or models are chosen; or only looked at in the end."""
     data: Files
-    """Several files are repeats of one test; `book.xlsx#Sheet` is a sheet of a workbook, `file.txt#2` the second block
-    of a text file."""
+    """Several files are repeats of one test; `book.xlsx#Sheet` is a sheet of a workbook.  `file.txt#2` is the second
+    block or table of a text file, beneath or beside the first."""
     columns: ColumnsTable | None = None
     """Its own columns: these replace those of the study as a whole."""
     kind: Literal["force", "profile"] = "force"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rso.data.files.columns import Row, is_number
-from rso.data.files.workbook import BEGINS, sheet_of, text_of_workbook
+from rso.data.files.workbook import BEGINS, sheet_of, sheet_without_block, text_of_workbook
 
 MAX_BYTES = 200_000_000
 OLD = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
@@ -41,7 +41,7 @@ def file_text(path: Path) -> tuple[str, list[str]]:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
     if raw.startswith(BEGINS):
-        return text_of_workbook(path, raw, sheet)
+        return text_of_workbook(path, raw, sheet_without_block(sheet))
     if raw.startswith(OLD):
         text = "is a workbook of the old kind (.xls) or has a password; save it as .xlsx, without one"
         raise ValueError(f"{path}: {text}")

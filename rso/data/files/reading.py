@@ -5,7 +5,7 @@ Separator: semicolon, tab or comma, whichever the header has first in this order
 rows (:mod:`.whitespace_tables`); a decimal comma is understood, between commas in quotes.  Lines that start with
 '#' and lines above the header are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet,
 and a header in the last comment above bare numbers.  Tables beneath one another may be repeats
-(:mod:`rso.data.files.tables`).
+(:mod:`rso.data.files.tables`); of tables beside one another one is named (:mod:`rso.data.files.tables_beside`).
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ from rso.data.files.commented_header import head_of
 from rso.data.files.lines import file_text, numbered_lines
 from rso.data.files.rows import rows_by_label
 from rso.data.files.tables import FORCES
+from rso.data.files.tables_beside import table_beside
 from rso.data.files.whitespace_tables import parted, width_of
 from rso.data.files.workbook import BEGINS, block_of, sheet_of
 from rso.data.force_holds import HeldForce
@@ -398,9 +399,10 @@ def fingerprint(path: Path) -> str:
     """SHA-256 of what is read of a file: of its bytes, of a workbook of its sheet's, named or the only one."""
     with sheet_of(path)[0].open("rb") as file:
         if file.read(len(BEGINS)) == BEGINS:
-            return hashlib.sha256(file_text(path)[0].encode()).hexdigest()
-        file.seek(0)
-        digest = hashlib.file_digest(file, "sha256")
+            digest = hashlib.sha256(file_text(path)[0].encode())
+        else:
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256")
         if block := block_of(path):
             digest.update(f"#{block}".encode())
         return digest.hexdigest()
@@ -421,7 +423,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     whole_text, told = file_text(path)
     rows = list(numbered_lines(whole_text, comments))
     width = width_of(rows)
-    rows = [parted(row, width) for row in rows]
+    rows, beside = table_beside(path, [parted(row, width) for row in rows], block_of(path))
     above = [c for c in comments if rows and c[0] < rows[0][0]]
     if above and is_head(path, nearest := parted(above[-1], width), rows, wanted):
         rows.insert(0, nearest)
@@ -435,7 +437,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
     parts, between, machines = tables.tables_beneath(path, rows, head)
     notes += between
-    if block := block_of(path):
+    if (block := block_of(path)) and not beside:
         parts = tables.table_block(path, parts, block)
     codes = wanted["segment"].values if "segment" in wanted else own or None
     if codes is not None:

@@ -29,7 +29,8 @@ _BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
 
 
 def sheet_of(path: Path) -> tuple[Path, str]:
-    """The file of a measurement and, of "book.xlsx#Sheet", the sheet, of "file.txt#2" the block, else nothing.
+    """The file of a measurement and, of "book.xlsx#Sheet", the sheet, of "file.txt#2" the block, of "book.xlsx#Sheet#2"
+    both, else nothing.
 
     A file of that whole name comes first.
     """
@@ -38,9 +39,18 @@ def sheet_of(path: Path) -> tuple[Path, str]:
 
 
 def block_of(path: Path) -> int:
-    """The number of the block that "file.txt#2" names; 0 for a whole file and for a sheet of a workbook."""
+    """The number of the block that "file.txt#2" or "book.xlsx#Sheet#2" names; 0 for a whole file or sheet."""
     file, name = sheet_of(path)
-    return int(name) if name and file.suffix.lower() != ".xlsx" else 0
+    if file.suffix.lower() == ".xlsx":
+        match = _BLOCK.fullmatch(name)
+        return int(match[2]) if match else 0
+    return int(name or 0)
+
+
+def sheet_without_block(name: str) -> str:
+    """The sheet of "Sheet#2", which also names a table in it."""
+    match = _BLOCK.fullmatch(name)
+    return match[1] if match else name
 
 
 def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list[str]]:

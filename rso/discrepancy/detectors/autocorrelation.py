@@ -82,7 +82,7 @@ def within_windows(plan: TestPlan) -> float | None:
 
     Where a model is wrong, it is so over a large share of a branch, which a cubic follows in a window.  A jump is no
     memory: windows that scatter more than `UNLIKE` times what is usual do not count.  ρ counts beyond `IDLE` and two
-    standard errors.  Records of `DENSE` readings tell more by another way, `sensor.hidden_noise`.
+    standard errors.  For records of `DENSE` readings and more there is `sensor.hidden_noise`.
     Assumption: what lasts for some readings only is noise, but in a few windows.
     """
     found: list[tuple[float, float, float]] = []
