@@ -4,7 +4,7 @@ from rso.data import usual_errors
 from rso.data.branches import SEGMENTS
 from rso.data.creep import CreepHold, creep_curve, creep_of
 from rso.data.files.cantilever import Unsaid
-from rso.data.files.columns import CONTACT, Column
+from rso.data.files.columns import CONTACT, Column, HeaderError
 from rso.data.files.reading import Measurement, Repeat, fingerprint, read_measurement
 from rso.data.files.workbook import sheet_of
 from rso.data.holds import Hold, hold_of
@@ -23,6 +23,7 @@ __all__ = [
     "Chain",
     "Column",
     "CreepHold",
+    "HeaderError",
     "Hold",
     "MeasuredCurve",
     "Measurement",

@@ -11,6 +11,8 @@ from rso.data import curve_shape, plausibility
 SEGMENTS = ("loading", "hold", "creep", "unloading")
 SKIP = "skip"  # what a study calls a segment of a file that is not of the test: an approach, a preload
 _SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
+_SAME_START = 0.1  # of the stroke: where the cycles of a record begin
+_SHOWN = 8  # cycles that a message lists
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
 _REST, _LONG = 0.0025, 4.0
 _SETTLED = 0.0005  # of the deepest level: this near it a machine has arrived
@@ -31,9 +33,9 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
                 f"height: {plausibility.TURN} and {plausibility.ZERO}"
             )
         raise ValueError(
-            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm. Add a column 'repeat', or "
-            "name the one that counts the tests: repeat = { header = … } in [columns] of the study. Or add "
-            f"'segment' with {', '.join(SEGMENTS)}{sign}"
+            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm{_cycles_in_words(path, depth)}. "
+            "Add a column 'repeat', or name the one that counts the tests: repeat = { header = … } in [columns] of the "
+            f"study. Or add 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
     if depth[k] - after.min() > curve_shape.JITTER * stroke:
@@ -41,6 +43,45 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
     if time is not None:
         segment[_at_rest(depth, time)] = "hold"
     return segment
+
+
+def cycles(depth: np.ndarray) -> list[slice]:
+    """The tests of a record (n,) that goes down and up several times, each from where it turned upwards to the next.
+
+    A turn counts that is longer than `_SECOND_TURN` of the stroke.  Empty where there are less than two, or where one
+    begins elsewhere than the record: that one is no test from contact on.
+    """
+    least = _SECOND_TURN * float(np.ptp(depth))
+    falling, extreme, starts = False, 0, [0]
+    for k, u in enumerate(depth):
+        if (u < depth[extreme]) == falling and u != depth[extreme]:
+            extreme = k  # it goes on
+        elif abs(u - depth[extreme]) > least:
+            starts += [extreme] * falling
+            falling, extreme = not falling, k
+    ends = [*starts[1:], len(depth)]
+    alike = np.ptp(depth[starts]) <= _SAME_START * float(np.ptp(depth))
+    return [slice(a, b) for a, b in zip(starts, ends, strict=True)] if len(starts) > 1 and alike else []
+
+
+def cycle_rows(path: Path, number: int, depth: np.ndarray) -> slice:
+    """The rows of the cycle that a file's name asks for; ValueError where there is none of that number."""
+    found = cycles(depth)
+    if not found and number == 1:
+        return slice(None)
+    if number > len(found):
+        many = f"{len(found)} cycles" if found else "1"
+        raise ValueError(f"{path}: has no block {number}; it holds {many}")
+    return found[number - 1]
+
+
+def _cycles_in_words(path: Path, depth: np.ndarray) -> str:
+    """How a record's cycles are named, where it has some."""
+    found = [(n, float(depth[part].max())) for n, part in enumerate(cycles(depth), 1)]
+    if not found:
+        return ""
+    each = ", ".join(f"{path.name}#{n} to {peak:.4g} mm" for n, peak in found[:_SHOWN])
+    return f": {len(found)} cycles. Name the one that is meant: {each}{', …' * (len(found) > _SHOWN)}"
 
 
 def _turned(depth: np.ndarray) -> float:

@@ -18,7 +18,18 @@ from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES
-from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, pulls_off, read_measurement, recorded_speed, sheet_of
+from rso.data import (
+    CONTACT,
+    HeaderError,
+    Measurement,
+    Noise,
+    Unsaid,
+    combine,
+    pulls_off,
+    read_measurement,
+    recorded_speed,
+    sheet_of,
+)
 from rso.data.files.lines import file_text
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choices_text
@@ -175,9 +186,7 @@ def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Mea
     except Unsaid as error:
         words = "\n".join(f"  --column {shlex.join(_words(name, c))}" for name, c in error.columns.items())
         raise ValueError(f"{error.message}:\n{words}") from error
-    except ValueError as error:
-        if "column" not in str(error):
-            raise
+    except HeaderError as error:
         text = f"{error}\n{_header(files[0])}say what its columns are: --column depth HEADER mm --column Fz HEADER N, "
         raise ValueError(
             f"{text}and flip behind the unit where the machine counts with the other sign (rso keys columns)"

@@ -182,7 +182,11 @@ REFUSED = {  # text, columns, place and words
     "units in the cells": (table("depth,Fz", [f"{u} mm" for u in U], [f"{v} N" for v in F]), None, [":1:", "no unit"]),
     "a mass": (table("depth_mm,Fz [g]", U, F), PLAIN | {"Fz": Column("Fz [g]")}, [":1:", "'g' is a mass", "'gf'"]),
     "cut off": (table("depth_mm,Fz_N", U, F)[:-6], None, [":42:", "1 values in a table of 2 columns", "'4'"]),
-    "side by side": (table("depth_mm,Fz_N,depth_mm,Fz_N", U, F, U, F), None, [":1:", "twice", "files of their own"]),
+    "side by side": (
+        table("depth_mm,Fz_N,depth_mm,Fz_N", U, F, U, F),
+        None,
+        [":1:", "data.csv#1, data.csv#2"],
+    ),
 }
 
 

@@ -75,3 +75,38 @@ def test_a_table_with_many_columns_is_one(tmp_path, header):
     rows = [f"{u:.4f},{F:.6f},{k + 1},{k}" for k, (u, F) in enumerate(zip(DEPTH, FORCE[0], strict=True))]
     (tmp_path / "one.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
     assert len(read_measurement(tmp_path / "one.csv").repeats[0].depth) == len(DEPTH)
+
+
+def cycled(path, peaks=(1.0, 1.0, 2.0), bottom=-0.2, first=-0.2):
+    """Cycles between `bottom` and the peaks, the record beginning at `first`; noise of depth 2 µm."""
+    ways = [np.linspace(first, peaks[0], 80)]
+    for a, b in zip(peaks, [*peaks[1:], None], strict=True):
+        ways += [np.linspace(a, bottom, 60)[1:], *([] if b is None else [np.linspace(bottom, b, 80)[1:]])]
+    u = np.concatenate(ways) + 2e-3 * np.random.default_rng(1).standard_normal(sum(map(len, ways)))
+    F = 0.04 * np.maximum(u, 0.0) ** 1.5
+    rows = [f"{0.1 * k:.2f},{d:.6f},{v:.9f}" for k, (d, v) in enumerate(zip(u, F, strict=True))]
+    path.write_text("\n".join(["time_s,depth_mm,Fz_N", *rows]), encoding="utf-8")
+    return path, u
+
+
+def test_cycles_of_one_record_are_named(tmp_path):
+    """Each goes to its own peak and back; all rows of the record are in one of them."""
+    path, u = cycled(tmp_path / "cyc.csv")
+    with pytest.raises(ValueError, match=r"3 cycles. Name the one .* cyc.csv#1 to 0.9991 mm, .*cyc.csv#3 to 1.999 mm"):
+        read_measurement(path)
+    each = [read_measurement(f"{path}#{k}") for k in (1, 2, 3)]
+    assert [round(float(m.repeats[0].depth.max()), 1) for m in each] == [1.0, 1.0, 2.0]
+    np.testing.assert_array_equal(np.concatenate([m.repeats[0].depth for m in each]), np.round(u, 6))
+    assert [any("before this one are not simulated" in d for d in m.doubts) for m in each] == [False, True, True]
+    assert all(set(m.repeats[0].segment) == {"loading", "unloading"} for m in each)
+    with pytest.raises(ValueError, match="has no block 4; it holds 3 cycles"):
+        read_measurement(f"{path}#4")
+
+
+def test_cycles_that_begin_in_the_body_are_no_tests(tmp_path):
+    """Down to 0.4 mm only: none of the later ones begins at contact, and none is offered."""
+    path, _ = cycled(tmp_path / "cyc.csv", bottom=0.4)
+    with pytest.raises(ValueError, match=r"turns back more than once within 2\.\d+ mm. Add"):
+        read_measurement(path)
+    with pytest.raises(ValueError, match="has no block 2; it holds 1"):
+        read_measurement(f"{path}#2")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from array import array
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -139,7 +138,7 @@ def _hint(name: str, cell: str) -> str:
     return "; delete the row if nothing was measured there" if nothing else ""
 
 
-def segment_words(path: Path, line: array[int], text: list[str]) -> np.ndarray:
+def segment_words(path: Path, line: Sequence[int] | np.ndarray, text: list[str]) -> np.ndarray:
     for number, value in zip(line, text, strict=True):
         if value not in SEGMENTS:
             cell = value[:40]

@@ -160,6 +160,10 @@ def is_head(path: Path, comment: Row, rows: Sequence[Row], columns: Mapping[str,
     return bool(wanted) or _is_header(head, 0) or bool(_customary(path, head))
 
 
+class HeaderError(ValueError):
+    """That the columns of a file are not understood, so that somebody has to say what they are."""
+
+
 def fail(path: Path, line: int, message: str) -> NoReturn:
     """ValueError that begins with the place."""
     raise ValueError(f"{path}:{line}: {message}")

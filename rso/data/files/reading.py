@@ -25,10 +25,10 @@ import numpy as np
 
 from rso.core.units import is_counted
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
-from rso.data.branches import SEGMENTS, SKIP, segments
+from rso.data.branches import SEGMENTS, SKIP, cycle_rows, segments
 from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
-from rso.data.files.cantilever import bending
+from rso.data.files.cantilever import Unsaid, bending
 from rso.data.files.cells import (
     cell_number,
     counters,
@@ -44,6 +44,7 @@ from rso.data.files.columns import (
     LESS,
     Column,
     Head,
+    HeaderError,
     Row,
     cells_of,
     columns_of_file,
@@ -63,6 +64,7 @@ from rso.data.force_holds import HeldForce
 
 DISPLACEMENTS = ("ux", "uy", "uz")
 BOTH = "a pull looks the same where pressing counts as positive"
+EARLIER = "the cycles before this one are not simulated: what they left in the body is in its readings"
 SHOWN = 8  # codes of segments that a message shows
 MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
 
@@ -416,14 +418,37 @@ def _apart(paths: Sequence[Path]) -> None:
             raise ValueError(f"{path}: holds the same bytes as {first}; a repeat counts once")
 
 
-def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
-    """The file as columns; `file_label` goes before the labels of its repeats."""
-    wanted = with_less(wanted)
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The rows of a file under its header, by table, each with the line of its header.
+
+    `codes` say what the words of a machine's segments mean; `cycle` is the number of the cycle that is asked for, 0
+    for all; `gaps` are lines that were left out.  The remarks are of the file, of its lines and of its segments.
+    """
+
+    head: Head
+    parts: Sequence[tuple[int, list[Row]]]
+    codes: Mapping[str, str] | None
+    cycle: int
+    gaps: Sequence[int]
+    notes: Sequence[str]
+    of_file: Sequence[str]
+    of_lines: Sequence[str]
+    of_segments: Sequence[str]
+
+    @property
+    def rows(self) -> list[Row]:
+        """Those of all tables."""
+        return [row for _, part in self.parts for row in part]
+
+
+def _rows_of(path: Path, wanted: Mapping[str, Column]) -> _Rows:
+    """The header of a file and the rows that are read."""
     comments: list[Row] = []
-    whole_text, told = file_text(path)
-    rows = list(numbered_lines(whole_text, comments))
-    width = width_of(rows)
-    rows, beside = table_beside(path, [parted(row, width) for row in rows], block_of(path))
+    contents, of_file = file_text(path)
+    lines = list(numbered_lines(contents, comments))
+    width, block = width_of(lines), block_of(path)
+    rows, beside = table_beside(path, [parted(row, width) for row in lines], block)
     above = [c for c in comments if rows and c[0] < rows[0][0]]
     if above and is_head(path, nearest := parted(above[-1], width), rows, wanted):
         rows.insert(0, nearest)
@@ -433,26 +458,38 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     notes = [text for _, text in comments]
     if not rows:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
-    head, own, segmented = _segmented(find_head(path, rows, wanted, notes), rows)
+    try:
+        found = find_head(path, rows, wanted, notes)
+    except Unsaid:
+        raise
+    except ValueError as error:
+        raise HeaderError(str(error)) from error
+    head, own, of_segments = _segmented(found, rows)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
-    parts, between, machines = tables.tables_beneath(path, rows, head)
-    notes += between
-    if (block := block_of(path)) and not beside:
-        parts = tables.table_block(path, parts, block)
+    parts, between, of_lines = tables.tables_beneath(path, rows, head)
+    cycle = 0
+    if block and not beside:
+        one = tables.table_block(path, parts, block)
+        cycle, parts = block * (one == parts), one
     codes = wanted["segment"].values if "segment" in wanted else own or None
     if codes is not None:
         parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
     parts, gaps = tables.without_gaps(parts, head)
-    rows = [row for _, part in parts for row in part]
+    return _Rows(head, parts, codes, cycle, gaps, [*notes, *between], of_file, of_lines, of_segments)
+
+
+def _values_of(path: Path, found: _Rows) -> tuple[dict[str, np.ndarray], dict[str, list[str]], np.ndarray]:
+    """Columns of numbers in base units and columns of words by name, and the line of each row."""
+    head, rows = found.head, found.rows
     no_thousands(path, rows, head)
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
-    text = {name: list[str]() for name in head.at if name not in columns}
+    words = {name: list[str]() for name in head.at if name not in columns}
     line = array("q")
     counting = counters(head, range(len(head.cells)), cells_of(rows[0][1], head.separator)) if rows else []
     for number, row in rows:
         cells = row_of(path, number, row, head)
         line.append(number)
-        for name, values in text.items():
+        for name, values in words.items():
             values.append(cells[head.at[name]])
         for name, column in columns.items():
             column.append(cell_number(path, number, name, cells, head))
@@ -464,47 +501,64 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, values_of in arrays.items():
         require_plausible(path, line, name, values_of, head.unit[name])
+    return arrays, words, np.array(line)
+
+
+def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
+    """The file as columns; `file_label` goes before the labels of its repeats."""
+    wanted = with_less(wanted)
+    found = _rows_of(path, wanted)
+    head = found.head
+    arrays, words, lines = _values_of(path, found)
     less = arrays.pop(LESS, None)
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
     stated = None
-    if codes is not None:
-        stated = np.array([segment_code(path, row, head, codes) for row in rows])
-    elif "segment" in text:
-        stated = segment_words(path, line, text["segment"])
-    lines = np.array(line)
-    whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
-    labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
+    if found.codes is not None:
+        stated = np.array([segment_code(path, row, head, found.codes) for row in found.rows])
+    elif "segment" in words:
+        stated = segment_words(path, lines, words["segment"])
+    unbroken = lines - np.searchsorted(found.gaps, lines)  # a row that was left out parts no blocks
+    labels, doubts = tables.labels_of(path, found.parts, unbroken, arrays, words.get("repeat", []), stated)
     try:
         turned = header_aliases.reversed_columns(arrays, labels, head.customary) if head.customary else []
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
-    doubts = [*told, *machines, *_taken(head, turned), *segmented, *tables.left_out_note(gaps, len(line)), *doubts]
+    left_out = tables.left_out_note(found.gaps, len(lines))
+    if found.cycle:
+        plain = "repeat" not in words and stated is None and "depth" in arrays
+        at = cycle_rows(path, found.cycle, arrays["depth"] if plain else np.zeros(1))
+        arrays = {name: values[at] for name, values in arrays.items()}
+        labels, lines, less = labels[at], lines[at], None if less is None else less[at]
+        doubts += [EARLIER] if found.cycle > 1 else []
     if file_label:
-        several = "repeat" in text or len(set(labels)) > 1
+        several = "repeat" in words or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
     units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
     in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
     reckoned = _in_words(wanted)
-    doubts += reckoned + _unsubtracted(head, wanted)
     position = "depth" in head.customary and not header_aliases.from_contact(headers["depth"])
-    if pulled := header_aliases.tensile([*head.cells, *notes]):
-        if head.customary:
-            raise ValueError(
-                f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected"
-            )
-        doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
     return _Table(
         path,
         arrays,
         labels,
         stated,
         lines,
-        tuple(notes),
+        tuple(found.notes),
         head.unread,
-        tuple(doubts),
+        (
+            *found.of_file,
+            *found.of_lines,
+            *_taken(head, turned),
+            *found.of_segments,
+            *left_out,
+            *doubts,
+            *reckoned,
+            *_unsubtracted(head, wanted),
+            *_pulled(path, head, found.notes),
+        ),
         head.found,
         position,
         in_file,
@@ -513,6 +567,16 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         less,
         tuple(reckoned),
     )
+
+
+def _pulled(path: Path, head: Head, notes: Sequence[str]) -> list[str]:
+    """What to say of a record that calls itself one of tension; ValueError where its columns were guessed besides."""
+    pulled = header_aliases.tensile([*head.cells, *notes])
+    if not pulled:
+        return []
+    if head.customary:
+        raise ValueError(f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected")
+    return [f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?"]
 
 
 def _in_words(columns: Mapping[str, Column]) -> list[str]:
@@ -591,15 +655,15 @@ def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     found = f"; found are {', '.join(names)}"
     if "depth" not in names:
         also = ", and where [columns] names one column it names all that are read" if named else ""
-        raise ValueError(f"{table.path}: column depth_mm is missing{found}{also}")
+        raise HeaderError(f"{table.path}: column depth_mm is missing{found}{also}")
     if bool(forces) == bool(surface):
-        raise ValueError(
+        raise HeaderError(
             f"{table.path}: either forces (Fz_N, Fx_N, Fy_N) or a profile (x_mm, y_mm, uz_mm) is expected{found}"
         )
     if surface and not {"x", "y"} <= set(names):
-        raise ValueError(f"{table.path}: a profile needs the columns x_mm and y_mm{found}")
+        raise HeaderError(f"{table.path}: a profile needs the columns x_mm and y_mm{found}")
     if forces and {"x", "y"} & set(names):
-        raise ValueError(f"{table.path}: x_mm and y_mm belong to a profile; a force curve's place is a setting{found}")
+        raise HeaderError(f"{table.path}: x_mm and y_mm belong to a profile; a force curve's place is a setting{found}")
     return "profile" if surface else "force"
 
 

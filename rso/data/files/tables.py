@@ -51,7 +51,10 @@ def tables_beneath(
 
 
 def table_block(path: Path, tables: Sequence[tuple[int, list[Row]]], number: int) -> list[tuple[int, list[Row]]]:
-    """The block of that number of a file: one of several tables, or of the parts of one between lines that are none."""
+    """The block of that number of a file: one of several tables, or of the parts of one between lines that are none.
+
+    A single part is given back whole.
+    """
     found = list(tables)
     if len(found) < 2:
         parts: list[list[Row]] = []
@@ -59,6 +62,8 @@ def table_block(path: Path, tables: Sequence[tuple[int, list[Row]]], number: int
             if not parts or row[0] > parts[-1][-1][0] + 1:
                 parts.append([])
             parts[-1].append(row)
+        if len(parts) == 1:  # of which the cycles may be named
+            return found
         found = [(part[0][0], part) for part in parts]
     if number > len(found):
         raise ValueError(f"{path}: has no block {number}; it holds {len(found)}")
