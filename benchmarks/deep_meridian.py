@@ -54,7 +54,7 @@ class Deep:
 
 
 def cases() -> list[Deep]:
-    """Held spheres and spheres in bowls, slabs, a flat end, a cone, layers, a half-space."""
+    """Held spheres and spheres in bowls, slabs, flat ends, a cone, layers, a half-space."""
     out, to_eight, to_twelve = [], (2.0, 4.0, 5.0, 6.0, 7.0, 7.5, 8.0), (2.0, 4.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0)
     sphere = {"specimen": {"shape": "sphere", "radius": 35.0}}
     for k, values in enumerate(SETS):
@@ -73,6 +73,11 @@ def cases() -> list[Deep]:
     flat = {"shape": "flat", "radius": R, "fillet": 0.15}
     slab = {"specimen": {"shape": "slab", "thickness": 4.0 * R}, "support": {"kind": "bonded"}, "indenter": flat}
     out.append(Deep("flat", slab, SETS[0], tuple(R * d for d in (0.2, 0.4, 0.6, 0.8, 1.0)), {}))
+    for fillet in (0.02, 0.05, 0.1):  # of R, which contact has only just reached
+        barely = {"specimen": {"shape": "slab", "thickness": 2.0 * R}, "support": {"kind": "bonded"}}
+        barely["indenter"] = {**flat, "fillet": fillet * R}
+        at = tuple(R * d for d in (0.003, 0.01, 0.03, 0.06, 0.1))
+        out.append(Deep(f"shallow_{fillet:g}", barely, (0.01, 2.0 / (0.01 * 34.0)), at, {}))
     thin, values, fifths = {"specimen": {"shape": "slab", "thickness": 9.0}}, (0.01, 4.0), (0.2, 0.4, 0.6, 0.8, 1.0)
     cone = {**thin, "support": {"kind": "bonded"}, "indenter": {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.6}}
     out.append(Deep("cone", cone, values, tuple(1.3 * d for d in fifths), {}))

@@ -67,6 +67,9 @@ class Indenter(Rigid, Protocol):
     def spacing(self, r: np.ndarray) -> np.ndarray:
         """Wanted element size (…) mm, at unit fineness, on the surface at distances r (…) mm from its axis."""
 
+    def on_edge(self, radius: np.ndarray) -> np.ndarray:
+        """How far contacts of a radius (…) mm reach onto a rounded edge of it, in elements of unit fineness; else ∞."""
+
     @property
     def cover(self) -> float:
         """Distance (mm) from its axis up to which a camera from above sees no surface."""

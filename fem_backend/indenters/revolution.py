@@ -49,6 +49,10 @@ class Axial:
         """Its length over the usual one."""
         return self.length / USUAL
 
+    def on_edge(self, radius: np.ndarray) -> np.ndarray:
+        """It has no edge: ∞ (…)."""
+        return np.full_like(radius, np.inf)
+
     def planes(self) -> tuple[bool, bool]:
         """It is of revolution about its path."""
         return True, True
@@ -88,6 +92,20 @@ class OfRevolution(Axial):
                 if starts[k] == 0.0:
                     h = np.minimum(h, np.maximum(LARGEST * r, TIP * size))
         return h
+
+    def on_edge(self, radius: np.ndarray) -> np.ndarray:
+        """How far contacts of a radius (…) mm reach onto a rounded edge, in elements of unit fineness there.
+
+        (a − r_k)/h of the arc from r_k > 0 that is less than an element away; ∞ where none is.
+        """
+        a, starts = np.asarray(radius, float), [*self.meridian.starts, math.inf]
+        out = np.full_like(a, np.inf)
+        for k, (kind, _, _, size, *_) in enumerate(self.meridian.pieces):
+            if kind == ARC and starts[k] > 0.0:
+                h = WANTED * size
+                there = (a > starts[k] - h) & (a < starts[k + 1] + h)
+                out = np.where(there, np.maximum(a - starts[k], 0.0) / h, out)
+        return out
 
     def gap(
         self, x: np.ndarray, centre: ArrayLike, direction: ArrayLike = DOWN

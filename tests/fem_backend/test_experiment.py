@@ -19,6 +19,7 @@ from rso.contract import Case, Programme, Segment, SimulationFailed
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
 VALUES = {"mu": 0.01, "D1": 5.8}
 BOWL = {"support": {"kind": "bowl"}}
+FLAT = {"shape": "flat", "radius": 2.0, "fillet": 0.2}
 CONE = {"shape": "cone", "half_angle": 60.0, "tip_radius": 1.0}
 ROUND = {"specimen": {"shape": "sphere", "radius": 35.0}}
 
@@ -187,6 +188,8 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({}, {}, Programme.ramp((4.6,)), True),
         ({}, {}, Programme.ramp((4.5,)), False),
         ({}, {**ROUND, "indenter": CONE}, Programme.ramp((0.1,)), True),
+        ({}, {**ROUND, "indenter": FLAT}, Programme.ramp((0.1,)), True),
+        ({}, {**ROUND, "indenter": {"shape": "sphere"}}, Programme.ramp((0.1,)), False),
         ({}, {"indenter": {**CONE, "tip_radius": 2.0}}, Programme.ramp((0.1,)), False),
         ({}, ROUND, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), True),
         ({}, {}, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), False),

@@ -264,6 +264,16 @@ def test_elements_are_small_where_a_surface_bends():
 # -------------------------------------------------------------------------------------------------- closed forms
 
 
+def test_how_far_contact_reaches_onto_an_edge():
+    """In thirds of the radius of the fillet; on the disc, which has no edge, on balls and cones, nothing."""
+    flat = Flat(2.0, 0.3)
+    np.testing.assert_allclose(
+        flat.on_edge(np.array([1.0, 1.65, 1.7, 1.8, 2.0])), [np.inf, 0.0, 0.0, 1.0, 3.0], atol=1e-9
+    )
+    for shape in (Sphere(3.0), Cone(60.0, 0.2)):
+        assert np.all(np.isinf(shape.on_edge(np.array([0.0, 0.1, 1.0]))))
+
+
 def test_forces_on_a_half_space():
     """Sneddon's flat end and cone, and for a ball of revolution his sphere and, shallow, Hertz: to the 2e-4 of sums."""
     E, nu, d = 0.03, 0.4, np.array([0.01, 0.2, 1.0])

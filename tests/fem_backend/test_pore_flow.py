@@ -199,7 +199,10 @@ class TestALayerUnderAFlatEnd:
         np.testing.assert_allclose(one, two, rtol=2e-4)
 
     def test_relaxation(self):
-        """F/d from 0.05 to 20 a²/D: 1 % at every moment, 0.4 % beside its drained value, the radius of contact 1e-3."""
+        """F/d from 0.05 to 20 a²/D: 1 % at every moment, 0.4 % beside its drained value, the radius of contact 1e-3.
+
+        The stated error is that large at every moment, too, where mesh and steps err against each other.
+        """
         unit, fillet = self.END**2, 0.02 * self.END
         tau = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0])
         start = self.RAMP * unit
@@ -214,10 +217,12 @@ class TestALayerUnderAFlatEnd:
             (0.0, start, 25.0 * unit), (0.0, self.DEPTH, self.DEPTH), (self.DEPTH,), tuple(tau * unit)
         )
         values = {"mu": MU, "D1": D1, "permeability": self.LAYER.k}
-        found = BACKEND(values, Case("a", programme, settings)).channels
-        end = touching(self.LAYER, self.END, fillet, self.DEPTH)
+        run = BACKEND(values, Case("a", programme, settings))
+        found, end = run.channels, touching(self.LAYER, self.END, fillet, self.DEPTH)
         exact = relaxation(found["time"], start, self.LAYER, end)
         F = found["Fz"] / self.DEPTH
+        off, said = np.abs(F - exact), run.error["Fz"] / self.DEPTH
+        assert np.all(said > 0.6 * off) and np.mean(said > off) > 0.8  # an estimate: one moment of five may lie above
         np.testing.assert_allclose(F, exact, rtol=0.01)
         np.testing.assert_allclose(F / F[-1], exact / exact[-1], rtol=4e-3)
         np.testing.assert_allclose(found["contact_radius"], end.c, rtol=1e-3)
