@@ -186,7 +186,7 @@ LAYERS = {
         "force_holds plausibility",
         "branches",
         "files",
-        "holds loading_rate outliers",
+        "clouds holds loading_rate outliers",
         "repeats",
         "creep",
         "__init__",
