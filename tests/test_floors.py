@@ -333,7 +333,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms deformed derived displacements drawn_runs errors gap gauss_newton hold_panels",
+        "cloud_maps errors",
+        "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels",
         "identification influence maps range_extension turning use",
         "predictive_check responses",
         "predictions",

@@ -71,9 +71,10 @@ def channels(
     if at.probes is not None:
         u = post.displacements(at.probes, evaluation.u - at.seated)
         if placement.meridian:  # displacements are those in the half-plane of each point
-            x, y = np.array(at.settings.profile).T - np.array(_axis(at))[:, None]
-            r = np.hypot(x, y)
-            u = np.stack([u[:, 0] * np.divide(v, r, out=np.zeros_like(r), where=r > 0.0) for v in (x, y)] + [u[:, 2]], 1)
+            beside = np.array(at.settings.profile).T - np.array(_axis(at))[:, None]
+            r = np.hypot(*beside)
+            along = [u[:, 0] * np.divide(v, r, out=np.zeros_like(r), where=r > 0.0) for v in beside]
+            u = np.stack([*along, u[:, 2]], axis=1)
         u = u @ placement.rotation
         out |= {
             profile_name(p, axis): float(v)

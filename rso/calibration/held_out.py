@@ -93,10 +93,8 @@ class HeldOutReadings:
 def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
     """Every compared channel of an experiment; the components of a point cloud, whose errors go together, are one."""
     if (cloud := plan.clouds.get(name)) is not None:
-        behind, place = cloud_channels(cloud), cloud.position
-        return (
-            HeldOutReadings(name, SURFACE, "mm", cloud.depth, cloud.value, cloud.covariance, behind, place),
-        )
+        C, marks = cloud.covariance, cloud_channels(cloud)
+        return (HeldOutReadings(name, SURFACE, "mm", cloud.depth, cloud.value, C, marks, cloud.position),)
     found = []
     for channel in plan.study.experiment(name).compared:
         curve = measured(plan, name, channel)

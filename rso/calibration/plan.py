@@ -80,7 +80,8 @@ class Plan:
     `cases` are the different simulations behind the experiments that are fitted, `case_of` maps an experiment to
     one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones while
     loading, also profiles, which are never fitted, and those of creep at a held force, experiments of their own
-    (`creeps`).  `clouds` are point clouds, of which `curves` has one component.  `found` are the holds of the records, or why one is of no use, and
+    (`creeps`).  `clouds` are point clouds, of which `curves` has one component.
+    `found` are the holds of the records, or why one is of no use, and
     `holds` those that the model follows, which are compared too.
     """
 

@@ -27,6 +27,7 @@ COLUMNS = MappingProxyType(
         "Fz": "N",
         "x": "mm",
         "y": "mm",
+        "z": "mm",
         "ux": "mm",
         "uy": "mm",
         "uz": "mm",

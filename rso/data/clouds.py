@@ -127,9 +127,7 @@ def surface_correlation(places: np.ndarray, length: float) -> np.ndarray:
     return np.exp(-apart / length) if length > 0.0 else (apart == 0.0).astype(float)
 
 
-def most_telling(
-    places: np.ndarray, moved: np.ndarray, noise: Sequence[float], length: float, most: int
-) -> np.ndarray:
+def most_telling(places: np.ndarray, moved: np.ndarray, noise: Sequence[float], length: float, most: int) -> np.ndarray:
     """Points (k,) of places (n, 2) that tell most of a field of displacements, taken one after the other.
 
         next = arg max_i  S_ii / N_ii,    S = K + N,    K_ij = w_i w_j e^{−|Δx|²/2L²},    N_ij = e^{−|Δx|/ℓ}

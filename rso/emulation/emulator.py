@@ -152,15 +152,15 @@ class Emulator:
 
     def surface(self, outputs: Sequence[Output], X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Means and standard deviations (n, m) of outputs of one point cloud."""
-        s, R = self._reduce(X)
         if self.reduced is None:
             mean = self.means(outputs, X)
             return mean, np.zeros_like(mean)
         curve, points = self._cloud(outputs)
-        return tuple(v[:, points] for v in curve.predict(R))  # type: ignore[return-value]
+        mean, sd = curve.predict(self._reduce(X)[1])
+        return mean[:, points], sd[:, points]
 
     def modes_of_surface(self, outputs: Sequence[Output], X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Standard deviations (n, r) of the modes of a point cloud at X (n, d), and what they are at its outputs (m, r).
+        """Standard deviations (n, r) of the modes of a point cloud at X (n, d), and the modes at its outputs (m, r).
 
         Displacements have no stress in their unit, so similarity does not scale them.
         """

@@ -53,9 +53,9 @@ def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np
     """
     outputs, R = _at(emulator, place)
     if place.marks is not None:
-        return Model(emulator.box, lambda X: emulator.means(outputs, np.asarray(X, float))), lambda x: (
-            emulator.surface(outputs, np.asarray(x, float)[None])[1][0]
-        )
+        return Model(emulator.box, lambda X: emulator.means(outputs, np.asarray(X, float))), lambda x: emulator.surface(
+            outputs, np.asarray(x, float)[None]
+        )[1][0]
     loading, held = np.array([o.since_s == 0.0 for o in outputs]), place.held
     travel = np.array([o.depth_mm for o in outputs])[loading]
 

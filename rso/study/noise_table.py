@@ -23,7 +23,7 @@ class NoiseTable(StudyFileTable):
     uy: NotNegativeLength | None = None
     """The same along y."""
     surface_correlation: NotNegativeLength = 0.0
-    """Length on the surface over which the noise of a point cloud is correlated, e^(−distance/length); 0: not at all."""
+    """Length on the surface over which the noise of a point cloud is correlated, e^(−distance/length)."""
     camera: NotNegativeLength = 0.0
     """Of all displacements of one image of a point cloud along one axis: a rigid shift of the camera."""
     depth: NotNegativeLength = 0.0

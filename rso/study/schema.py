@@ -180,7 +180,7 @@ class ExperimentTable(StudyFileTable):
     columns: ColumnsTable | None = None
     """Its own columns: these replace those of the study as a whole."""
     kind: Literal["force", "profile", "surface"] = "force"
-    """Forces against depth; displacements of marks, which are not fitted by `rso run`; or of a point cloud, which are."""
+    """Forces against depth; displacements of marks, not fitted by `rso run`; or of a point cloud, which is."""
     channels: Channels = ()
     """Those compared with the model; by default Fz, uz of a profile, and ux, uy, uz of a point cloud."""
     points: Annotated[int, Field(ge=1, le=300)] | None = None
@@ -210,7 +210,9 @@ class ExperimentTable(StudyFileTable):
     @model_validator(mode="after")
     def _of_a_surface(self) -> ExperimentTable:
         if self.kind == "surface" and self.role == "select":
-            raise ValueError('a point cloud (kind = "surface") is fitted or validates: choose role = "fit" or "validate"')
+            raise ValueError(
+                'a point cloud (kind = "surface") is fitted or validates: choose role = "fit" or "validate"'
+            )
         if self.points is not None and self.kind != "surface":
             raise ValueError('points belongs to a point cloud, kind = "surface"')
         return self
