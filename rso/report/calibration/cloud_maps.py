@@ -114,7 +114,8 @@ def _map(
         return None
     each = [m.groups() for m in marks if m is not None]
     place = np.array([[float(x), float(y)] for _, x, y in each])
-    return CloudMap(experiment, role, np.array([c for c, _, _ in each]), place, *arrays, p_value)
+    u, y, f, s = arrays
+    return CloudMap(experiment, role, np.array([c for c, _, _ in each]), place, u, y, f, s, p_value)
 
 
 def _array(values: Any) -> np.ndarray:
