@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sample_studies import Inline, read
 
 from fem_backend.backend import BACKEND
 from rso.calibration.pipeline import run_study
@@ -11,7 +12,6 @@ from rso.calibration.plan import make_plan
 from rso.contract import Case, Programme
 from rso.evaluation.store import RunStore
 from rso.study.loader import load_study
-from sample_studies import Inline, read
 
 MU, D1, SIGMA = 0.01, 60.0, 0.004
 SETTINGS = {
