@@ -1,4 +1,4 @@
-"""Point clouds of a whole surface (digital image correlation): thinned by what they tell, with noise of their own."""
+"""Point clouds of a whole surface (digital image correlation): thinned to the most informative points, with noise of their own."""
 
 from __future__ import annotations
 
@@ -75,13 +75,13 @@ def surface_cloud(measurement: Measurement, noise: Noise, components: Sequence[s
     whole = (count > 0).all(axis=0)
     if not whole.any():
         raise ValueError(
-            f"{where}: no point is in all {len(images)} images (depths); x_mm and y_mm are its place on the undeformed "
-            "surface, the same at every depth, and depth_mm is that of the image"
+            f"{where}: no point is in all {len(images)} images (depths). x_mm and y_mm are its place on the undeformed "
+            "surface, the same at every depth; depth_mm is that of the image"
         )
     taken = len(images)
     kept = np.unique(np.linspace(0, taken - 1, min(taken, IMAGES)).round().astype(int))
     images, table, seen = images[kept], table[:, kept][:, :, whole], places[whole]
-    chosen = most_telling(seen, table[:, -1], [noise.of(c) for c in components], noise.surface_correlation, points)
+    chosen = most_informative(seen, table[:, -1], [noise.of(c) for c in components], noise.surface_correlation, points)
     table, at = table[:, :, chosen], seen[chosen]
     shape = table.shape
     c, k, p = (i.ravel() for i in np.indices(shape))
@@ -112,7 +112,7 @@ def cloud_curve(cloud: SurfaceCloud, component: str) -> MeasuredCurve:
 
 def said_of_cloud(cloud: SurfaceCloud) -> list[str]:
     """What of a cloud is compared, in sentences."""
-    rule = ", those that tell most of the dent beside the noise (docs/data.md)" if cloud.points < cloud.seen else ""
+    rule = ", the most informative ones (docs/data.md)" if cloud.points < cloud.seen else ""
     said = [f"Compared are {cloud.points} of {cloud.seen} points of the surface{rule}."]
     if cloud.images < cloud.taken:
         said.append(f"Compared are {cloud.images} of {cloud.taken} depths, evenly spread to the deepest.")
@@ -127,8 +127,10 @@ def surface_correlation(places: np.ndarray, length: float) -> np.ndarray:
     return np.exp(-apart / length) if length > 0.0 else (apart == 0.0).astype(float)
 
 
-def most_telling(places: np.ndarray, moved: np.ndarray, noise: Sequence[float], length: float, most: int) -> np.ndarray:
-    """Points (k,) of places (n, 2) that tell most of a field of displacements, taken one after the other.
+def most_informative(
+    places: np.ndarray, moved: np.ndarray, noise: Sequence[float], length: float, most: int
+) -> np.ndarray:
+    """Points (k,) of places (n, 2) that inform most on a field of displacements, taken one after the other.
 
         next = arg max_i  S_ii / N_ii,    S = K + N,    K_ij = w_i w_j e^{−|Δx|²/2L²},    N_ij = e^{−|Δx|/ℓ}
 
@@ -171,7 +173,7 @@ def most_telling(places: np.ndarray, moved: np.ndarray, noise: Sequence[float], 
 
 def _slopes(images: np.ndarray, table: np.ndarray) -> np.ndarray:
     """∂u/∂depth of displacements (c, k, p) in images at depths (k,) mm: of a d + b d² through contact, if there are two
-    images; one tells only u/d."""
+    images; one shows only u/d."""
     terms = np.stack([images, images**2], axis=1)[:, : min(2, len(images))]
     slopes = np.stack([np.ones_like(images), 2.0 * images], axis=1)[:, : terms.shape[1]]
     fit = slopes @ np.linalg.pinv(terms)

@@ -184,7 +184,7 @@ class ExperimentTable(StudyFileTable):
     channels: Channels = ()
     """Those compared with the model; by default Fz, uz of a profile, and ux, uy, uz of a point cloud."""
     points: Annotated[int, Field(ge=1, le=300)] | None = None
-    """Of a point cloud: how many of its points are compared, 30 unless stated; those are taken that tell most."""
+    """Of a point cloud: how many of its points are compared, 30 unless stated; the most informative are taken."""
     branch: Literal["loading", "unloading"] = "loading"
     """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
     backend: str | None = None

@@ -13,7 +13,7 @@ import sample_studies as studies
 from rso.calibration.plan import make_plan
 from rso.cli.checking import check_lines
 from rso.data import Noise, read_measurement, surface_cloud
-from rso.data.clouds import most_telling
+from rso.data.clouds import most_informative
 from rso.doe import Box
 from rso.inference import Data, Misfit, Model, gauss_newton
 from rso.report.calibration.cloud_maps import cloud_maps
@@ -140,7 +140,7 @@ def test_a_wrong_file_or_key_is_said(marked, header, more, said):
 def test_a_check_says_how_many_points_are_compared(marked):
     study = load_study(studies.write(marked, backend=MARKED, experiments=TOP + CLOUD.format("fit") + NOISE))
     said = "\n".join(check_lines(study, marked / "results", trust=True))
-    assert "Compared are 30 of 225 points of the surface, those that tell most" in said
+    assert "Compared are 30 of 225 points of the surface, the most informative ones" in said
 
 
 # ---------------------------------------------------------------------------------------------------------- thinning
@@ -158,12 +158,12 @@ def test_points_that_are_kept_tell_more_than_any_drawn_by_chance():
     places = grid(13)
     moved = exact(places, 2.0)[2:]
     rng, length = np.random.default_rng(0), 2.0
-    chosen = most_telling(places, moved, [SIGMA], length, 12)
+    chosen = most_informative(places, moved, [SIGMA], length, 12)
     assert len(set(chosen)) == 12
     w = np.abs(moved[0]) / SIGMA
     mine = gained(places, w, length, 5.0, chosen)
     assert mine > max(gained(places, w, length, 5.0, rng.permutation(len(places))[:12]) for _ in range(200))
-    assert np.array_equal(most_telling(places[:5], moved[:, :5], [SIGMA], length, 12), np.arange(5))
+    assert np.array_equal(most_informative(places[:5], moved[:, :5], [SIGMA], length, 12), np.arange(5))
 
 
 # --------------------------------------------------------------------------------------------------------- inference
