@@ -186,7 +186,7 @@ LAYERS = {
         "force_holds plausibility",
         "branches",
         "files",
-        "holds loading_rate outliers",
+        "clouds holds loading_rate outliers",
         "repeats",
         "creep",
         "__init__",
@@ -334,7 +334,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "background closed_forms deformed derived displacements drawn_runs errors gap gauss_newton hold_panels",
+        "cloud_maps errors",
+        "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels",
         "identification influence maps range_extension turning use",
         "predictive_check responses",
         "predictions",

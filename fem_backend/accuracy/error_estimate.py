@@ -61,12 +61,23 @@ def stated_errors(settings: Settings, knobs: Knobs, result: Result) -> dict[str,
     Skins: at the top, K/μ = 60, 0.05 to 0.67 R thick, 0.1 to 30 times as stiff, coarse and standard beside fine.
     """
     if result.coarser is None:
-        return calibrated(settings, knobs, result)
+        return _sideways(settings, result, calibrated(settings, knobs, result))
     found = coarse_mesh_errors(settings, knobs, result)
-    if not settings.large_strain:
-        return found
-    least = calibrated(settings, knobs, result)
-    return {name: np.maximum(error, LEAST_SHARE * least[name]) for name, error in found.items()}
+    if settings.large_strain:
+        least = calibrated(settings, knobs, result)
+        found = {name: np.maximum(error, LEAST_SHARE * least[name]) for name, error in found.items()}
+    return _sideways(settings, result, found)
+
+
+def _sideways(settings: Settings, result: Result, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The same where no horizontal displacement of a point is known better, in proportion, than its vertical one."""
+    for place in settings.profile:
+        up = profile_name(place)
+        share = np.minimum(found[up] / np.maximum(np.abs(result.channels[up]), 1e-300), 1.0)
+        for name in (profile_name(place, "x"), profile_name(place, "y")):
+            if name in found:
+                found[name] = np.maximum(found[name], share * np.abs(result.channels[name]))
+    return found
 
 
 def calibrated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
@@ -560,9 +571,13 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
         free = mesh * (1.0 - q) * np.maximum(np.abs(at[name]), load)
         kink = (4.0 * q * (1.0 - q)) ** 2 * settings.h0**2 / settings.indenter.length * stretched(settings, knobs)
         out[name] = np.stack([free, free * stiff, kink, down], axis=-1)
+        for axis in "xy":  # beneath the indenter, too, a point may slide: nothing of it is given
+            if (beside := at.get(profile_name(place, axis))) is not None and beside.any():
+                free = mesh * np.maximum(np.abs(beside), load)
+                out[profile_name(place, axis)] = np.stack([free, free * stiff, 0.0 * kink, 0.0 * free], axis=-1)
     return out
 
 
 def calibration_kind(name: str) -> str:
     """Which shares of a calibration are those of a channel."""
-    return "force" if name in FORCES else "uz" if name.startswith("uz(") else name
+    return "force" if name in FORCES else "uz" if name.startswith(("ux(", "uy(", "uz(")) else name

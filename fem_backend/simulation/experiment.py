@@ -370,9 +370,9 @@ def element_size(settings: Settings, meridian: bool) -> float:
     return settings.fineness * (own if settings.fine is None else min(own, settings.fine[0]))
 
 
-def profile_name(place: tuple[float, float]) -> str:
-    """Channel of the vertical displacement (mm, up) of the surface point above the reference place (x, y) mm."""
-    return f"uz({place[0]:g},{place[1]:g})"
+def profile_name(place: tuple[float, float], axis: str = "z") -> str:
+    """Channel of the displacement (mm) along an `axis` of the surface point above the reference place (x, y) mm."""
+    return f"u{axis}({place[0]:g},{place[1]:g})"
 
 
 def plain_settings(settings: Settings) -> dict[str, Any]:

@@ -69,14 +69,29 @@ def channels(
         "slipping": float(share),
     }
     if at.probes is not None:
-        uz = post.displacements(at.probes, evaluation.u - at.seated) @ up
-        out |= {profile_name(p): float(v) for p, v in zip(at.settings.profile, uz, strict=True)}
+        u = post.displacements(at.probes, evaluation.u - at.seated)
+        if placement.meridian:  # displacements are those in the half-plane of each point
+            beside = np.array(at.settings.profile).T - np.array(_axis(at))[:, None]
+            r = np.hypot(*beside)
+            along = [u[:, 0] * np.divide(v, r, out=np.zeros_like(r), where=r > 0.0) for v in beside]
+            u = np.stack([*along, u[:, 2]], axis=1)
+        u = u @ placement.rotation
+        out |= {
+            profile_name(p, axis): float(v)
+            for p, row in zip(at.settings.profile, u, strict=True)
+            for axis, v in zip("xyz", row, strict=True)
+        }
     return out
 
 
 def units(settings: Settings) -> dict[str, str]:
     """Channel → unit of everything that an experiment returns."""
-    return UNITS | {profile_name(p): "mm" for p in settings.profile}
+    return UNITS | {profile_name(p, axis): "mm" for p in settings.profile for axis in "xyz"}
+
+
+def _axis(at: InitialState) -> tuple[float, float]:
+    """Place (mm) of the axis of a meridian: marks of a specimen that is alike everywhere count from the indenter."""
+    return at.settings.point if at.placement.specimen.alike else (0.0, 0.0)
 
 
 def whole(placement: Placement, force: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
-from rso.calibration.readings import as_data, curve_place, measured, of_emulator
+from rso.calibration.readings import as_data, cloud_data, cloud_place, curve_place, measured, of_emulator
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, outputs_sample, tolerance_misses
 from rso.core.distributions import chi2_ppf
@@ -289,7 +289,8 @@ def _wall(plan: Plan, box: Box) -> Callable[[np.ndarray], np.ndarray] | None:
 
 
 def fitted_readings(plan: Plan) -> list[tuple[CurvePlace, Data]]:
-    """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors."""
+    """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors; point
+    clouds behind them."""
     found, fitted = [], _fitted(plan)
     for name, channel in fitted:
         curve = measured(plan, name, channel)
@@ -298,7 +299,8 @@ def fitted_readings(plan: Plan) -> list[tuple[CurvePlace, Data]]:
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         place = curve_place(name, curve, keep, deepest)
         found.append((place, as_data(label, name, curve, keep)))
-    return found
+    clouds = [n for n in plan.clouds if n in plan.case_of]
+    return [*found, *((cloud_place(plan, n), cloud_data(plan, n)) for n in clouds)]
 
 
 def searched_ranges(plan: Plan) -> Box:
@@ -334,7 +336,7 @@ def _start(plan: Plan, found: Sequence[SearchResult]) -> np.ndarray:
 
 def _fitted(plan: Plan) -> list[tuple[str, str]]:
     """(experiment, channel) of the curves with role "fit"; where there are none, of all not kept for the end."""
-    every = [e for e in plan.study.experiments if e.name in plan.case_of]
+    every = [e for e in plan.study.experiments if e.name in plan.case_of and e.kind == "force"]
     mine = [e for e in every if e.role == "fit"] or every
     return [(e.name, c) for e in mine for c in e.compared]
 

@@ -86,6 +86,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
                     "channel": p.channel,
                     "points": len(p.depth),
                     "errors": shares(v),
+                    **({} if p.marks is None else {"marks": p.marks.tolist(), "measured": v.value}),
                     "fitted": c,
                 }
                 for p, v, c in zip(found.places, d.misfit.data, _fitted(d), strict=True)

@@ -16,14 +16,27 @@ from rso import doe
 from rso.contract import Backend, Case
 from rso.core import disk
 from rso.core.similarity import Group, group
-from rso.data import CreepHold, Hold, MeasuredCurve, combine, value_at
+from rso.data import (
+    CreepHold,
+    Hold,
+    MeasuredCurve,
+    SurfaceCloud,
+    cloud_curve,
+    combine,
+    said_of_cloud,
+    value_at,
+)
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
+from rso.inference import SURFACE
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
     case_for,
+    cloud_case,
+    cloud_channels,
+    measured_clouds,
     measured_curves,
     measured_profiles,
     merge_cases,
@@ -67,7 +80,8 @@ class Plan:
     `cases` are the different simulations behind the experiments that are fitted, `case_of` maps an experiment to
     one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones while
     loading, also profiles, which are never fitted, and those of creep at a held force, experiments of their own
-    (`creeps`).  `found` are the holds of the records, or why one is of no use, and
+    (`creeps`).  `clouds` are point clouds, of which `curves` has one component.
+    `found` are the holds of the records, or why one is of no use, and
     `holds` those that the model follows, which are compared too.
     """
 
@@ -89,6 +103,7 @@ class Plan:
     found: Mapping[str, Hold | str] = dataclasses.field(default_factory=dict)
     holds: Mapping[str, Hold] = dataclasses.field(default_factory=dict)
     creeps: Creeps = dataclasses.field(default_factory=Creeps)
+    clouds: Mapping[str, SurfaceCloud] = dataclasses.field(default_factory=dict)
 
     def of_hold(self, name: str, inline: bool = False) -> list[str]:
         """What there is to say of the hold of an experiment, in lines or `inline`; nothing where there is none."""
@@ -101,6 +116,8 @@ class Plan:
 
     def remarks(self, name: str, inline: bool = False) -> list[str]:
         """What there is to say of the data of an experiment, of its holds in lines or `inline`."""
+        if name in self.clouds:
+            return [*self.study.measurement(name).doubts, *said_of_cloud(self.clouds[name])]
         if (hold := self.creeps.followed.get(name)) is not None:
             loading = loading_experiment(name)
             return [f"Depth over time while {hold.force:.3g} N are held, behind the loading of {loading!r}."]
@@ -168,8 +185,10 @@ def make_plan(
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)
+    clouds = measured_clouds(study)
     curves = {**measured_curves(study), **measured_profiles(study)}
-    refuse_what_is_not_modelled(study, backend, resolved, curves)
+    curves |= {n: cloud_curve(c, study.experiment(n).compared[-1]) for n, c in clouds.items()}
+    refuse_what_is_not_modelled(study, backend, resolved, curves, clouds)
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     forces = [e.name for e in study.experiments if e.kind == "force"]
     there = [n for n in forces if not curves[n].back]
@@ -192,8 +211,13 @@ def make_plan(
         if e.name not in creeps.followed
     }
     cases, case_of = _cases(study, backend, fitted, asked, resolved, holds, creeps)
+    on_surface = [e.name for e in study.experiments if e.kind == "surface" and e.role == "fit"]
+    case_of |= {n: len(cases) + k for k, n in enumerate(on_surface)}
+    cases = (*cases, *(cloud_case(study, n, clouds[n]) for n in on_surface))
     validation = {
-        e.name: profile_case(study, e.name, curves[e.name])
+        e.name: cloud_case(study, e.name, clouds[e.name])
+        if e.kind == "surface"
+        else profile_case(study, e.name, curves[e.name])
         if e.kind == "profile"
         else creep_case(study, e.name, creeps.followed[e.name])
         if e.name in creeps.followed
@@ -211,6 +235,7 @@ def make_plan(
         for u, since in _readings(asked.get(e.name, ()), holds.get(e.name) or creeps.followed.get(e.name))
     ]
     outputs = list(dict.fromkeys([*outputs, *(o for s in searches for o in s.outputs)]))
+    outputs += [o for n in on_surface for o in cloud_outputs(n, clouds[n])]
     extras = [*_others(backend, fitted[0], asked[fitted[0].name], main.targets), *map(limited, constraints)]
     plan = Plan(
         study,
@@ -218,7 +243,7 @@ def make_plan(
         backend,
         source,
         box,
-        _group(study, backend, resolved, box, creeps),
+        _with_surface(_group(study, backend, resolved, box, creeps), outputs),
         cases,
         case_of,
         validation,
@@ -231,9 +256,22 @@ def make_plan(
         found,
         holds,
         creeps,
+        clouds,
     )
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
+
+
+def cloud_outputs(name: str, cloud: SurfaceCloud) -> list[Output]:
+    """What is read of a simulation for a point cloud, reading by reading."""
+    each = zip(cloud_channels(cloud).tolist(), cloud.depth.tolist(), strict=True)
+    return [Output(name, channel, depth, "mm") for channel, depth in each]
+
+
+def _with_surface(group: Group, outputs: Sequence[Output]) -> Group:
+    """The similarity with the displacements of points of a surface: there is no stress in their unit."""
+    marks = dict.fromkeys((SURFACE, *(o.channel for o in outputs if o.on_surface)), 0)
+    return dataclasses.replace(group, outputs={**group.outputs, **marks})
 
 
 def _cases(

@@ -25,7 +25,7 @@ from rso.contract import Response
 from rso.core.curves import Metrics, metrics
 from rso.doe import Box
 from rso.evaluation import Done, why
-from rso.inference import Determination
+from rso.inference import SURFACE, Determination
 from rso.inference.identifiability import WIDE
 from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.inference.predictive_test import UNLIKELY, PredictiveTest, open_by, predictive_test
@@ -230,6 +230,7 @@ def _row(v: PredictiveCheck) -> dict[str, Any]:
                 "unit": c.kept.unit,
                 "depth": c.kept.depth,
                 **c.kept.times,
+                **({"marks": c.kept.simulated.tolist()} if c.kept.channel == SURFACE else {}),
                 "measured": c.kept.value,
                 "sigma": c.kept.sigma,
                 "predicted": c.predicted,

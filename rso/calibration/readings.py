@@ -9,9 +9,10 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.contract import Response
 from rso.core.curves import CREEP, error_between_points, first_loading, hold_rows, on_the_way_back
-from rso.data import MeasuredCurve, combine
+from rso.data import MeasuredCurve, cloud_curve, combine
 from rso.emulation.emulator import Emulator, Output
-from rso.inference import CurvePlace, Data, ModelErrors, emulated, outputs_of, resample
+from rso.inference import SURFACE, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
+from rso.study.cases import cloud_channels
 from rso.study.creep import loading_experiment
 
 
@@ -23,6 +24,8 @@ def force_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
 
 def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     """A channel of an experiment, its repeats combined: loading, and its hold behind it where the model follows one."""
+    if name in plan.clouds:
+        return cloud_curve(plan.clouds[name], channel)
     curve, hold = plan.curves[name], plan.holds.get(name)
     if curve.channel == channel and hold is None:
         return curve
@@ -43,7 +46,7 @@ def curve_label(plan: Plan, name: str, channel: str) -> str:
 
 def compared_curves(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
     """Label → experiment and measured curve of every channel that is compared of the experiments to fit and select."""
-    pairs = [(n, c) for n in plan.case_of for c in plan.study.experiment(n).compared]
+    pairs = [(n, c) for n in plan.case_of if n not in plan.clouds for c in plan.study.experiment(n).compared]
     return {curve_label(plan, n, c): (n, measured(plan, n, c)) for n, c in pairs}
 
 
@@ -66,12 +69,26 @@ def curve_place(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: floa
 
 def curve_data(plan: Plan, place: CurvePlace) -> Data:
     """A measured curve with what repeats and the experimenter say about its errors."""
+    if place.marks is not None:
+        return cloud_data(plan, place.experiment)
     curve = measured(plan, place.experiment, place.channel)
     keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
     test = loading_experiment(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
     return as_data(label, test, curve, keep)  # one contact and one gain of loading and creep
+
+
+def cloud_place(plan: Plan, name: str) -> CurvePlace:
+    """Where and when the readings of a point cloud were taken."""
+    cloud = plan.clouds[name]
+    return CurvePlace(name, SURFACE, cloud.depth, marks=cloud_channels(cloud))
+
+
+def cloud_data(plan: Plan, name: str) -> Data:
+    """The readings of a point cloud with their errors."""
+    cloud = plan.clouds[name]
+    return Data(name, "mm", cloud.depth, cloud.value, cloud.covariance)
 
 
 def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray) -> Data:
@@ -113,6 +130,9 @@ def model_errors(
     is the standard deviation of what stands for simulations, None where nothing does.  In creep the error changes with
     the elements that the contact reaches, and so with the depth that is read.
     """
+    if place.marks is not None:  # its depths are computed ones
+        stated = np.zeros(len(readings)) if response is None else error_at(response, place)
+        return ModelErrors(stated, None, 0.0, emulator)
     off, spacing = np.zeros(len(place.depth)), 0.0
     if not (place.back or place.held.all()):  # else every travel that is compared is computed, or many are
         off = np.where(place.held, 0.0, error_between_points(travel, value, place.depth))
@@ -124,6 +144,8 @@ def model_errors(
 
 def of_response(response: Response, place: CurvePlace, readings: np.ndarray) -> ModelErrors:
     """The same of a curve that this response itself is, without an emulator."""
+    if place.marks is not None:
+        return model_errors(response, place, readings, place.depth, readings)
     curve = response.curve(place.channel)
     used = first_loading(curve.travel_mm)
     return model_errors(response, place, readings, curve.travel_mm[used], np.asarray(curve.value)[used])
@@ -133,6 +155,8 @@ def of_emulator(
     emulator: Emulator, x: np.ndarray, response: Response | None, place: CurvePlace, readings: np.ndarray
 ) -> ModelErrors:
     """The same of the curve that an emulator has at x (d,)."""
+    if place.marks is not None:
+        return model_errors(response, place, readings, place.depth, readings, emulated(emulator, place)[1](x))
     outputs = [o for o in outputs_of(emulator.outputs, place) if not o.since_s]
     travel = np.array([o.depth_mm for o in outputs])
     value = emulator.means(outputs, x[None])[0] if outputs else travel
@@ -154,6 +178,9 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
 
     It is no share of the value: a lateral force may vanish on its way, and its error does not.
     """
+    if place.marks is not None:
+        errors = {c: response.curve(c).error for c in place.channels}
+        return of_marks(response, place, errors)
     curve = response.curve(place.channel)
     if place.channel == CREEP and place.since is not None:
         return curve.error[hold_rows(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]

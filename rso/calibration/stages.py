@@ -218,7 +218,7 @@ def _of(run: Run) -> tuple[Mapping[str, float], tuple[Outcome, ...]]:
 
 def decisive(plan: Plan) -> list[str]:
     """Ids of the outputs that a search or a metric rests on: the fitted curves and what is constrained."""
-    return [o.id for o in (*plan.outputs, *map(limited, plan.constraints))]
+    return [o.id for o in (*plan.outputs, *map(limited, plan.constraints)) if not o.on_surface]
 
 
 def tolerance_misses(

@@ -27,6 +27,7 @@ COLUMNS = MappingProxyType(
         "Fz": "N",
         "x": "mm",
         "y": "mm",
+        "z": "mm",
         "ux": "mm",
         "uy": "mm",
         "uz": "mm",
@@ -41,7 +42,7 @@ LADDERS = {
     "N": (("N", 1.0), ("mN", 1e3)),
     "mm": (("mm", 1.0), ("µm", 1e3)),
 }
-COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS), *BARE_COLUMNS)
+COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS if name != "z"), *BARE_COLUMNS)
 UNITS = MappingProxyType(
     {"mm": "mm, um, nm, m, inch", "s": "s, ms, min", "N": "N, mN, uN, nN, kN, gf, lbf"}
 )  # of each kind, some

@@ -2,6 +2,7 @@
 
 from rso.data import usual_errors
 from rso.data.branches import SEGMENTS
+from rso.data.clouds import POINTS, SurfaceCloud, cloud_curve, said_of_cloud, surface_cloud
 from rso.data.creep import CreepHold, creep_curve, creep_of
 from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import CONTACT, Column, HeaderError
@@ -19,6 +20,7 @@ __all__ = [
     "CONTACT",
     "CROSS",
     "LATERAL",
+    "POINTS",
     "SEGMENTS",
     "Chain",
     "Column",
@@ -31,8 +33,10 @@ __all__ = [
     "Record",
     "Repeat",
     "StatedNoise",
+    "SurfaceCloud",
     "Unsaid",
     "autocorrelation",
+    "cloud_curve",
     "combine",
     "correct",
     "creep_curve",
@@ -45,8 +49,10 @@ __all__ = [
     "record",
     "recorded_curve",
     "recorded_speed",
+    "said_of_cloud",
     "sheet_of",
     "step_of",
+    "surface_cloud",
     "usual_errors",
     "value_at",
     "without_spikes",

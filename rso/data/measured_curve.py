@@ -15,7 +15,7 @@ from rso.data import usual_errors
 class Noise:
     """Standard uncertainties stated by the experimenter.
 
-    `Fx`, `Fy`, `Fz` N (x and y are as z unless given), `uz` mm (all displacements), `depth` mm, of each reading by
+    `Fx`, `Fy`, `Fz` N and `ux`, `uy`, `uz` mm (x and y are as z unless given), `depth` mm, of each reading by
     itself (white); `contact` mm, by which the depths of a whole test are off together; `gain`, relative, of all forces
     of a test; `calibration`, relative, of all forces of all tests: that of their cell.  `correlation` mm: length over
     which the force noise, then that of the mean of repeats, and what a column such as Fz_sigma_N states, is correlated
@@ -23,7 +23,8 @@ class Noise:
 
     `gain`, `contact` and `correlation` are None where nobody states them: then what is usual counts
     (:mod:`~rso.data.usual_errors`), as far as repeats do not show it; 0 says that there is none.  A stated calibration
-    states the gain as well.
+    states the gain as well.  `surface_correlation` mm: length over which the noise of displacements is correlated on
+    the surface; `camera` mm: by which all displacements of one image along one axis are off together.
     """
 
     Fz: float = 0.0
@@ -35,6 +36,10 @@ class Noise:
     correlation: float | None = None
     contact: float | None = None
     calibration: float = 0.0
+    ux: float | None = None
+    uy: float | None = None
+    surface_correlation: float = 0.0
+    camera: float = 0.0
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -45,7 +50,8 @@ class Noise:
     def of(self, channel: str) -> float:
         """Additive standard uncertainty of one channel."""
         if channel in ("ux", "uy", "uz"):
-            return self.uz
+            sideways = {"ux": self.ux, "uy": self.uy}.get(channel)
+            return self.uz if sideways is None else sideways
         own = {"Fx": self.Fx, "Fy": self.Fy, "Fz": self.Fz}[channel]
         return self.Fz if own is None else own
 
@@ -69,6 +75,10 @@ class Noise:
             correlation=self.correlation or 0.0,
             contact=self.contact or 0.0,
             calibration=self.calibration,
+            ux=self.ux,
+            uy=self.uy,
+            surface_correlation=self.surface_correlation,
+            camera=self.camera,
         )
 
     def of_test(self, deepest: float) -> StatedNoise:

@@ -81,7 +81,7 @@ def ask(study: Study) -> Asked:
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)
-    experiments = [_experiment(study, n) for n in range(len(study.experiments))]
+    experiments = [_experiment(study, n) for n, e in enumerate(study.experiments) if e.kind != "surface"]
     _refuse_what_is_not_modelled(study, backend, experiments)
     try:
         plan = discrepancy.make_test_plan(_powered(backend, experiments))

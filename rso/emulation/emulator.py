@@ -59,6 +59,11 @@ class Output:
         return f"{self.experiment}:{self.channel}@{self.depth_mm:g}{held}{' back' * self.back}"
 
     @property
+    def on_surface(self) -> bool:
+        """Whether it is the displacement of a point of a cloud, as ``uz(3,0)``."""
+        return "(" in self.channel
+
+    @property
     def order(self) -> tuple[float, float]:
         """Where it stands along its curve: loading by depth, then the hold by time."""
         return self.since_s, self.depth_mm
@@ -144,6 +149,32 @@ class Emulator:
         f = self._several[names].mean(R)
         scale = {c: self.group.expand(c, np.ones(len(s)), s) for c in {o.channel for o in outputs}}
         return f * np.stack([scale[o.channel] for o in outputs], axis=1)
+
+    def surface(self, outputs: Sequence[Output], X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means and standard deviations (n, m) of outputs of one point cloud."""
+        if self.reduced is None:
+            mean = self.means(outputs, X)
+            return mean, np.zeros_like(mean)
+        curve, points = self._cloud(outputs)
+        mean, sd = curve.predict(self._reduce(X)[1])
+        return mean[:, points], sd[:, points]
+
+    def modes_of_surface(self, outputs: Sequence[Output], X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Standard deviations (n, r) of the modes of a point cloud at X (n, d), and the modes at its outputs (m, r).
+
+        Displacements have no stress in their unit, so similarity does not scale them.
+        """
+        if self.reduced is None:
+            return np.zeros((len(X), 1)), np.zeros((len(outputs), 1))
+        curve, points = self._cloud(outputs)
+        R = self._reduce(X)[1]
+        sd = np.stack([a.predict(R)[1] for a in curve.coefficients], axis=1)
+        return curve.inflate * sd, (curve.modes * curve.weight).T[points]
+
+    def _cloud(self, outputs: Sequence[Output]) -> tuple[WholeCurve, list[int]]:
+        each = [self.surrogates[o.id] for o in outputs]
+        assert all(isinstance(m, CurvePoint) for m in each)
+        return each[0].curve, [m.point for m in each]  # type: ignore[union-attr]
 
     def beyond(self, X: np.ndarray) -> np.ndarray:
         """Mask (n,) of the points of the unit cube of `box` that lie outside the hull of the (reduced) samples."""
@@ -258,7 +289,14 @@ def learn_emulator(
     X, columns = _data(bare)
     seen = _data(replace(bare, samples=tuple(held))) if held else None
     fitted: dict[str, Surrogate | CurvePoint] = {}
-    for members in _curves(outputs) if kind == "whole_curve" else ():
+    clouds = {e: [o for o in outputs if o.on_surface and o.experiment == e] for e in {o.experiment for o in outputs}}
+    for members in filter(None, clouds.values()):  # hundreds of outputs, and few ways in which they move
+        Y, noise, G = _stacked(columns, members)
+        at = np.arange(1.0, len(members) + 1)
+        cloud = fit_curve(X, at, Y, seed=seed, log=False, noise_sd=noise, gradients=G, unit="mm", names=reduced.names)
+        fitted |= {o.id: CurvePoint(cloud, j) for j, o in enumerate(members)}
+    curves = [m for m in _curves(outputs) if not m[0].on_surface] if kind == "whole_curve" else []
+    for members in curves:
         Y, noise, G = _stacked(columns, members)
         at = np.array([o.since_s or o.depth_mm for o in members])
         curve = fit_curve(X, at, Y, seed=seed, noise_sd=noise, gradients=G, unit=members[0].unit, names=reduced.names)

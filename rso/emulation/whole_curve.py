@@ -14,6 +14,7 @@ from rso.emulation.model_choice import Surrogate, fit_surrogate, from_dict, refi
 from rso.emulation.scores import Scores, score
 
 MODES, LEFT_OUT = 8, 1e-6  # at most so many modes; fewer where they leave out less than this share of the curves' size
+SMALL = 1e-3  # of the largest: abscissae with smaller values count no more than this
 NORMAL_95 = 1.959964
 
 
@@ -224,6 +225,7 @@ def _scaled(Y: np.ndarray, log: bool) -> tuple[np.ndarray, np.ndarray]:
     if log:
         return np.log(Y), np.ones(Y.shape[1])
     weight = np.sqrt(np.mean(Y**2, axis=0))
+    weight = np.maximum(weight, SMALL * weight.max())  # what is zero by symmetry is no more than rounding
     weight = np.where(weight > 0, weight, 1.0)
     return Y / weight, weight
 

@@ -27,10 +27,12 @@ from rso.inference.intervals import (
 from rso.inference.least_squares import Fit, all_minima, fit_at, gauss_newton, levenberg_marquardt
 from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, split_common_errors, stack
 from rso.inference.models import (
+    SURFACE,
     CurvePlace,
     emulated,
     emulated_together,
     has_gradients,
+    of_marks,
     outputs_of,
     readings_of,
     resample,
@@ -44,6 +46,7 @@ from rso.inference.usual_errors import elsewhere, widening, with_usual
 from rso.inference.verdict import Verdict, judge_parameter
 
 __all__ = [
+    "SURFACE",
     "WEIGHTINGS",
     "CurvePlace",
     "Data",
@@ -92,6 +95,7 @@ __all__ = [
     "lenient",
     "levenberg_marquardt",
     "minimise",
+    "of_marks",
     "on_runs",
     "outputs_of",
     "profile_likelihood",

@@ -14,6 +14,7 @@ from rso.emulation.emulator import Emulator, Output
 from rso.inference.likelihood import Model
 
 Run = Callable[[Mapping[str, float]], Mapping[str, Response]]
+SURFACE = "surface"  # the channel of a point cloud: many marks and components together
 DIFFERENCE = 1e-3  # of the unit cube, for a backend without derivatives: above the scatter of converged runs
 
 
@@ -22,7 +23,8 @@ class CurvePlace:
     """Where a curve was measured: depths (n,) mm of one channel of one experiment.
 
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without a hold.
-    `back`: all are readings of the unloading.
+    `back`: all are readings of the unloading.  Of a point cloud the channel is `SURFACE`, and `marks` (n,) are those of
+    a response behind each reading, at a depth that is computed; None of a curve.
     """
 
     experiment: str
@@ -30,6 +32,12 @@ class CurvePlace:
     depth: np.ndarray
     since: np.ndarray | None = None
     back: bool = False
+    marks: np.ndarray | None = None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels of a response that are read."""
+        return (self.channel,) if self.marks is None else tuple(dict.fromkeys(self.marks.tolist()))
 
     @property
     def held(self) -> np.ndarray:
@@ -44,6 +52,10 @@ def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np
     ValueError if the emulator knows nothing of the curve, or not as deep.
     """
     outputs, R = _at(emulator, place)
+    if place.marks is not None:
+        return Model(emulator.box, lambda X: emulator.means(outputs, np.asarray(X, float))), lambda x: emulator.surface(
+            outputs, np.asarray(x, float)[None]
+        )[1][0]
     loading, held = np.array([o.since_s == 0.0 for o in outputs]), place.held
     travel = np.array([o.depth_mm for o in outputs])[loading]
 
@@ -82,6 +94,8 @@ def spread_of(emulator: Emulator, place: CurvePlace, X: np.ndarray) -> tuple[np.
     ValueError as :func:`emulated`.
     """
     outputs, R = _at(emulator, place)
+    if place.marks is not None:
+        return emulator.modes_of_surface(outputs, np.asarray(X, float))
     return np.stack([emulator.predict(o, np.asarray(X, float))[1] for o in outputs], axis=1), R
 
 
@@ -94,13 +108,19 @@ def _at(emulator: Emulator, place: CurvePlace) -> tuple[list[Output], np.ndarray
 
 
 def outputs_of(outputs: Sequence[Output], place: CurvePlace) -> list[Output]:
-    """Those of a curve: loading by travel, then its hold by time."""
+    """Those of a curve: loading by travel, then its hold by time; of a cloud that of each reading."""
+    if place.marks is not None:
+        known = {(o.channel, round(o.depth_mm, 9)): o for o in outputs if o.experiment == place.experiment}
+        each = zip(place.marks.tolist(), place.depth.tolist(), strict=True)
+        return [known[c, round(u, 9)] for c, u in each] if known else []
     mine = [o for o in outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
     return sorted(mine, key=lambda o: o.order)
 
 
 def readings_of(outputs: Sequence[Output], values: np.ndarray, place: CurvePlace) -> np.ndarray:
     """Values (n,) at measured places of those (m,) of `outputs`, sorted as :func:`outputs_of` does."""
+    if place.marks is not None:
+        return values
     if place.held.any() or place.back:
         return readings_matrix(outputs, place) @ values
     loading = np.array([not o.since_s for o in outputs])
@@ -113,6 +133,8 @@ def readings_matrix(outputs: Sequence[Output], place: CurvePlace) -> np.ndarray:
 
     Loading is a spline over the travels; moments of a hold are those that were asked for.  ValueError for another one.
     """
+    if place.marks is not None:
+        return np.eye(len(outputs))
     travel = np.array([o.depth_mm for o in outputs if not o.since_s])
     n, held = len(travel), place.held
     if place.back:
@@ -157,7 +179,7 @@ def simulated_curves(
 
     def derivative(x: np.ndarray) -> np.ndarray:
         answer = at(x)
-        if all(has_gradients(answer[p.experiment], p.channel, box) for p in places):
+        if all(has_gradients(answer[p.experiment], c, box) for p in places for c in p.channels):
             rows = [np.stack([resample(answer[p.experiment], p, n) for n in box.names], axis=1) for p in places]
             return np.vstack(rows) * box.slope(x)
         here = values(x)
@@ -171,6 +193,19 @@ def simulated_curves(
     return Model(box, lambda X: np.stack([values(x) for x in np.array(X, float)]), derivative)
 
 
+def of_marks(response: Response, place: CurvePlace, table: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Entries (n,) of a `table` by channel behind the readings of a cloud; ValueError for a depth not computed."""
+    assert place.marks is not None
+    found = np.empty(len(place.depth))
+    travel = response.curve(place.marks[0]).travel_mm
+    for k, (channel, depth) in enumerate(zip(place.marks.tolist(), place.depth.tolist(), strict=True)):
+        at = int(np.argmin(np.abs(travel - depth)))
+        if abs(travel[at] - depth) > 1e-6:
+            raise ValueError(f"{channel} of {place.experiment!r} is not computed at {depth:g} mm")
+        found[k] = np.asarray(table[channel])[at]
+    return found
+
+
 def has_gradients(response: Response, channel: str, box: Box) -> bool:
     """Whether a response knows the derivatives of a channel by every parameter of the box."""
     return all(channel in response.gradients.get(n, {}) for n in box.names)
@@ -178,6 +213,8 @@ def has_gradients(response: Response, channel: str, box: Box) -> bool:
 
 def resample(response: Response, place: CurvePlace, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
+    if place.marks is not None:
+        return of_marks(response, place, response.gradients[knob] if knob else response.channels)
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
     time, travel = response.channels["time"], curve.travel_mm

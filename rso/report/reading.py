@@ -416,7 +416,7 @@ def validations(results: Results, e: Mapping[str, Any]) -> list[Mapping[str, Any
 
 def fitted_curves(results: Results) -> tuple[Mapping[str, Any], ...]:
     """Force curves that the search knows; profiles of these roles are only kept."""
-    return tuple(e for e in experiments(results, "fit", "select") if e.get("kind") != "profile")
+    return tuple(e for e in experiments(results, "fit", "select") if e.get("kind") not in ("profile", "surface"))
 
 
 def experiment(results: Results, name: str) -> Mapping[str, Any]:

@@ -32,6 +32,8 @@ class FittedCurveBlock(ResultBlock):
     channel: str = holds("its channel")
     points: int = holds("number of readings")
     errors: ByName = holds("part → root mean square of its standard deviation over the largest value")
+    marks: Texts | None = holds("of a point cloud: component and place (mm) of each reading, as uz(3,0)", absent=True)
+    measured: Numbers | None = holds("of a point cloud: its readings", "mm", absent=True)
     fitted: FittedReadingsBlock | None = holds("what was fitted; null where the weighting knows no errors", absent=True)
 
 

@@ -163,6 +163,9 @@ class PredictedChannelBlock(ResultBlock):
     unit: str = holds("its unit")
     depth: Numbers = holds("depth", "mm")
     since: Numbers | None = holds("time in a hold", "s", absent=True)
+    marks: tuple[str, ...] | None = holds(
+        "of a point cloud: component and place (mm) of each reading, as uz(3,0)", absent=True
+    )
     measured: Numbers = holds("readings")
     sigma: Numbers = holds("their standard uncertainty")
     predicted: Numbers = holds("prediction")

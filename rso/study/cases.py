@@ -7,13 +7,24 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
 from rso.core.units import CHANNELS, COLUMNS, UNITS, same, value_in_unit
-from rso.data import Hold, MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
+from rso.data import (
+    POINTS,
+    Hold,
+    MeasuredCurve,
+    Measurement,
+    SurfaceCloud,
+    combine,
+    recorded_speed,
+    surface_cloud,
+    without_spikes,
+)
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.line_numbers import Place
 from rso.study.resolve import Resolved
@@ -48,6 +59,22 @@ def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
 def measured_profiles(study: Study) -> dict[str, MeasuredCurve]:
     """Vertical displacements of every profile, repeats combined, with the reference places in `position`."""
     return _measured(study, "profile")
+
+
+def measured_clouds(study: Study) -> dict[str, SurfaceCloud]:
+    """The readings of every point cloud that are compared; StudyError for one that cannot be used."""
+    clouds, problems = {}, []
+    for n, e in enumerate(study.experiments):
+        if e.kind == "surface":
+            points = POINTS if e.points is None else e.points
+            try:
+                clouds[e.name] = surface_cloud(study.measurement(e.name), study.noise_of(e.name), e.compared, points)
+            except ValueError as error:
+                place = "noise" if "state the noise" in str(error) else "data"
+                problems.append(Problem(("experiments", n, place), f"cannot be used: {error}", e.files))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+    return clouds
 
 
 def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
@@ -206,16 +233,29 @@ def profile_case(study: Study, name: str, curve: MeasuredCurve) -> Case:
     return dataclasses.replace(case, settings={**case.settings, "profile": profile_places(curve)})
 
 
+def cloud_case(study: Study, name: str, cloud: SurfaceCloud) -> Case:
+    """The same for a point cloud."""
+    case = case_for(study, name, tuple(map(float, np.unique(cloud.depth))))
+    places = [list(map(float, p)) for p in np.unique(cloud.position, axis=0)]
+    return dataclasses.replace(case, settings={**case.settings, "profile": places})
+
+
+def cloud_channels(cloud: SurfaceCloud) -> np.ndarray:
+    """Channels (n,) of a response behind the readings of a point cloud."""
+    each = zip(cloud.component.tolist(), cloud.position, strict=True)
+    return np.array([mark_channel(p, component) for component, p in each])
+
+
 def profile_places(curve: MeasuredCurve) -> list[list[float]]:
     """Different reference places [x, y] (mm) of a profile."""
     assert curve.position is not None
     return [list(map(float, p)) for p in np.unique(curve.position + 0.0, axis=0)]  # + 0.0: no negative zero
 
 
-def mark_channel(place: Sequence[float]) -> str:
-    """Channel of the vertical displacement of the surface point whose reference place is (x, y) mm."""
+def mark_channel(place: Sequence[float], component: str = "uz") -> str:
+    """Channel of a displacement of the surface point whose reference place is (x, y) mm."""
     x, y = (float(v) + 0.0 for v in place)
-    return f"uz({x:g},{y:g})"
+    return f"{component}({x:g},{y:g})"
 
 
 def profile_depths(curve: MeasuredCurve) -> tuple[float, ...]:
@@ -302,7 +342,11 @@ def _pace(programme: Programme) -> float:
 
 
 def refuse_what_is_not_modelled(
-    study: Study, backend: Backend, resolved: Resolved, curves: Mapping[str, MeasuredCurve]
+    study: Study,
+    backend: Backend,
+    resolved: Resolved,
+    curves: Mapping[str, MeasuredCurve],
+    clouds: Mapping[str, SurfaceCloud] = MappingProxyType({}),
 ) -> None:
     problems = foreign_units(study, backend)
     for n, e in enumerate(study.experiments):
@@ -318,6 +362,10 @@ def refuse_what_is_not_modelled(
             problems += [] if found in problems else [found]  # what all experiments share is said once
         if e.kind == "force":
             problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
+        elif e.kind == "surface":
+            if wrong is None and (why := _refusal(backend, cloud_case(study, e.name, clouds[e.name]))) is not None:
+                text = f"the backend {backend.name!r} has no such points: {why}"
+                problems.append(Problem((*place, "data"), text, e.files))
         elif e.compared != ("uz",):
             text = 'a profile is compared by its vertical displacements: leave this out, or give ["uz"]'
             problems.append(Problem((*place, "channels"), text, list(e.compared)))
@@ -400,8 +448,8 @@ def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
         if study.experiment(c.experiment).role == "validate":
             text = 'is for validation (role = "validate") and cannot be constrained'
             problems.append(Problem((*place, "experiment"), text, c.experiment))
-        elif study.experiment(c.experiment).kind == "profile":
-            text = "is a profile; constraints are on the response to a force experiment"
+        elif study.experiment(c.experiment).kind != "force":
+            text = f"is a {study.experiment(c.experiment).kind}; constraints are on the response to a force experiment"
             problems.append(Problem((*place, "experiment"), text, c.experiment))
     return problems
 

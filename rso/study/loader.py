@@ -148,7 +148,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
-        if measurement.kind != e.kind:
+        if measurement.kind != ("profile" if e.kind == "surface" else e.kind):
             yield Problem((*place, "kind"), f"the columns of {e.files} are those of a {measurement.kind}", e.kind)
             continue
         measurements.setdefault(e.name, measurement)

@@ -17,7 +17,15 @@ class NoiseTable(StudyFileTable):
     Fy: NotNegativeForce | None = None
     """The same of Fy."""
     uz: NotNegativeLength = 0.0
-    """The same of a displacement of the surface."""
+    """Of each displacement of the surface along z."""
+    ux: NotNegativeLength | None = None
+    """The same along x; that of uz where it is not given."""
+    uy: NotNegativeLength | None = None
+    """The same along y."""
+    surface_correlation: NotNegativeLength = 0.0
+    """Length on the surface over which the noise of a point cloud is correlated, e^(−distance/length)."""
+    camera: NotNegativeLength = 0.0
+    """Of all displacements of one image of a point cloud along one axis: a rigid shift of the camera."""
     depth: NotNegativeLength = 0.0
     """Of the depth of each reading by itself: many readings average it out."""
     gain: Share | None = None

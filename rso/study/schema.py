@@ -179,10 +179,12 @@ class ExperimentTable(StudyFileTable):
     block or table of a text file, beneath or beside the first."""
     columns: ColumnsTable | None = None
     """Its own columns: these replace those of the study as a whole."""
-    kind: Literal["force", "profile"] = "force"
-    """Forces against depth, or displacements of marks on the surface, which are not fitted by `rso run`."""
+    kind: Literal["force", "profile", "surface"] = "force"
+    """Forces against depth; displacements of marks, not fitted by `rso run`; or of a point cloud, which is."""
     channels: Channels = ()
-    """Those compared with the model; by default Fz, or uz for a profile."""
+    """Those compared with the model; by default Fz, uz of a profile, and ux, uy, uz of a point cloud."""
+    points: Annotated[int, Field(ge=1, le=300)] | None = None
+    """Of a point cloud: how many of its points are compared, 30 unless stated; the most informative are taken."""
     branch: Literal["loading", "unloading"] = "loading"
     """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
     backend: str | None = None
@@ -202,7 +204,18 @@ class ExperimentTable(StudyFileTable):
     @property
     def compared(self) -> tuple[str, ...]:
         """Channels to compare."""
-        return self.channels or (("Fz",) if self.kind == "force" else ("uz",))
+        usual = {"force": ("Fz",), "profile": ("uz",), "surface": ("ux", "uy", "uz")}
+        return self.channels or usual[self.kind]
+
+    @model_validator(mode="after")
+    def _of_a_surface(self) -> ExperimentTable:
+        if self.kind == "surface" and self.role == "select":
+            raise ValueError(
+                'a point cloud (kind = "surface") is fitted or validates: choose role = "fit" or "validate"'
+            )
+        if self.points is not None and self.kind != "surface":
+            raise ValueError('points belongs to a point cloud, kind = "surface"')
+        return self
 
     @property
     def files(self) -> str:

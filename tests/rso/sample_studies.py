@@ -61,6 +61,9 @@ class Marked(indentation_backend.Layer):
             f"uz({x:g},{y:g})": displacement(found.channels["travel"], x, y, c)
             for x, y in case.settings.get("profile", ())
         }
+        for x, y in case.settings.get("profile", ()):
+            for axis, place in (("x", x), ("y", y)):
+                marks[f"u{axis}({x:g},{y:g})"] = sideways(found.channels["travel"], place, x, y, c)
         return dataclasses.replace(
             found, channels={**found.channels, **marks}, units={**found.units, **dict.fromkeys(marks, "mm")}
         )
@@ -69,6 +72,11 @@ class Marked(indentation_backend.Layer):
 def displacement(h: np.ndarray, x: float, y: float, c: float) -> np.ndarray:
     """uz (mm) of a mark at travel h (mm): one part follows the travel, one the force of a sphere; c = mu D1."""
     return -np.exp(-(x**2 + y**2) / 100) * (0.3 * h + 0.2 * c / (1 + c) * h**1.5)
+
+
+def sideways(h: np.ndarray, along: float, x: float, y: float, c: float) -> np.ndarray:
+    """ux or uy (mm) of a mark whose place on that axis is `along` mm: towards the indenter, the less the larger c."""
+    return -0.05 * along * np.exp(-(x**2 + y**2) / 50) * h / (1 + c)
 
 
 class Inline(Executor):

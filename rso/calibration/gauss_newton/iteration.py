@@ -110,7 +110,7 @@ class _Eyes:
         """Parameters by which the runs have no derivatives; StudyError where the study wants the backend's own."""
         plan, box = self.bench.plan, self.frame.box
         answers = [(p, _response(outcomes[plan.case_of[p.experiment]])) for p in self.places]
-        lack = {n: p for n in box.names for p, r in answers if p.channel not in r.gradients.get(n, {})}
+        lack = {n: p for n in box.names for p, r in answers if set(p.channels) - set(r.gradients.get(n, {}))}
         if lack and plan.study.search.derivatives == "backend":
             each = ", ".join(f"{p.channel} of {p.experiment!r} by {n}" for n, p in lack.items())
             text = (

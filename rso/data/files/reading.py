@@ -115,8 +115,8 @@ class Measurement:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the measured channels (without x and y)."""
-        return tuple(k for k in self.repeats[0].channels if k not in ("x", "y"))
+        """Names of the measured channels (without places)."""
+        return tuple(k for k in self.repeats[0].channels if k not in ("x", "y", "z"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -662,8 +662,10 @@ def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
         )
     if surface and not {"x", "y"} <= set(names):
         raise HeaderError(f"{table.path}: a profile needs the columns x_mm and y_mm{found}")
-    if forces and {"x", "y"} & set(names):
-        raise HeaderError(f"{table.path}: x_mm and y_mm belong to a profile; a force curve's place is a setting{found}")
+    if forces and {"x", "y", "z"} & set(names):
+        raise HeaderError(
+            f"{table.path}: x_mm, y_mm and z_mm belong to a profile; a force curve's place is a setting{found}"
+        )
     return "profile" if surface else "force"
 
 

@@ -29,8 +29,8 @@ class Marks:
 
 
 def is_profile(e: Mapping[str, Any]) -> bool:
-    """Whether an experiment is a surface profile, not a curve."""
-    return e.get("kind") == "profile"
+    """Whether an experiment is a surface profile or a point cloud, not a curve."""
+    return e.get("kind") in ("profile", "surface")
 
 
 def predictions(results: Results, e: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], Marks | None]]:

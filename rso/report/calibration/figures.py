@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from rso.report.calibration import deformed, errors, turning
+from rso.report.calibration import cloud_maps, deformed, errors, turning
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
@@ -107,6 +107,7 @@ FIGURES: Mapping[str, Drawing] = {  # what stands before the hyphen of a name â†
     "validation": _validation,
     "surface": lambda results, k, name: surfaces(results, name),
     "sensitivity": lambda results, k, name: sensitivity(results, name),
+    cloud_maps.NAME: cloud_maps.cloud_figure,
     "along": along_figure,
     "shapes": lambda results, k, name: shapes_figure(results, name),
     "morris": lambda results, k, name: morris_figure(results, name),

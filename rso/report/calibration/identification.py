@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rso.inference.intervals import pieces
+from rso.report.calibration.cloud_maps import cloud_blocks
 from rso.report.calibration.derived import derived_table
 from rso.report.calibration.errors import error_blocks
 from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
@@ -50,6 +51,7 @@ def identification_section(results: Results) -> Section:
     for p, d in rows:
         if d.get("reason"):
             blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))
+    blocks += cloud_blocks(results)
     blocks += error_blocks(results)
     blocks += [t for t in (_directions(results, data), _values(results, data)) if t is not None]
     return Section("identification", title, tuple(blocks))
