@@ -16,7 +16,8 @@ KEYED = ("units", "before", "gain")  # tables whose keys are names
 
 def names_of(found: Any) -> frozenset[str]:
     """Names in the data of any other command: what stands under a key that is for names, however deep."""
-    return frozenset(w for name in _named(found) for w in (clean(name), symbol(name), _ratio(name)) if w)
+    own = frozenset(w for name in _named(found) for w in (clean(name), symbol(name), _ratio(name)) if w)
+    return own - {clean(e.get("label")) for e in listed(found, "effects")}  # what people call an effect has a template
 
 
 def _ratio(name: str) -> str:
