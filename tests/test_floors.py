@@ -331,6 +331,7 @@ LAYERS = {
     "rso.report.language": (
         "catalogue own_words",
         "document figure",
+        "pages",
         "__init__",
     ),
     "rso.report.calibration": (

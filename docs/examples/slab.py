@@ -12,7 +12,7 @@ import pandas as pd
 import rso
 
 ROOT = Path(__file__).parents[2]
-SLAB = {"shape": "slab", "thickness": "6 mm"}
+SLAB = {"shape": "slab", "thickness": 6.0}
 BALL = {"shape": "sphere", "radius": 3.0}
 COARSE = {"mesh": {"level": "coarse"}}
 

@@ -179,7 +179,9 @@ def _of_a_study(known: Any) -> None:
         _specimen(command)
         command.set_defaults(call=call)
         if name == "report":
-            text = "language of the page of run, beside the English one: de (the other pages are in English only)"
+            text = (
+                "language of the pages, beside the English ones: de; studies without measurements are in English only"
+            )
             command.add_argument("--language", choices=("en", "de"), default="en", help=text)
         else:
             text = "folder of the simulations, which studies may share, one at a time (default: that of the results)"

@@ -611,13 +611,11 @@ def report(options: argparse.Namespace, command: str) -> int:
             if found["schema"] != schema:
                 raise ValueError(f"schema {found['schema']}, expected {schema}")
             missing: list[str] = []
-            if options.language != "en" and draw is render:
-                files = render(found, folder, language=options.language, untranslated=missing)
-            elif options.language != "en":
+            if options.language != "en" and draw is render_pareto:
                 output.complain(f"{path.name}: its page is in English only; left as it is")
                 continue
-            else:
-                files = draw(found, folder, html=True, pdf=True)
+            more = {} if draw is render_pareto else {"language": options.language, "untranslated": missing}
+            files = draw(found, folder, html=True, pdf=True, **more)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             output.complain(
                 f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "
@@ -626,11 +624,7 @@ def report(options: argparse.Namespace, command: str) -> int:
             return EXIT_BAD_INPUT
         for file in files:
             output.say(file)
-        if missing:
-            output.complain(
-                f"{len(missing)} sentences have no template in {options.language} and stay English; the first: "
-                f"{missing[0]}"
-            )
+        output.untranslated(missing, options.language)
         then = (found.get("provenance") or {}).get("data_sha256") or now
         if changed := sorted(f for f in then.keys() | now.keys() if then.get(f) != now.get(f)):
             output.complain(

@@ -100,3 +100,10 @@ def say_why_ended(code: int, reason: str | None) -> int:
 
 def _columns() -> int:
     return shutil.get_terminal_size().columns
+
+
+def untranslated(missing: Sequence[str], language: str) -> None:
+    """How many sentences of a page stay English, and one of them."""
+    if missing:
+        many = "1 sentence has" if len(missing) == 1 else f"{len(missing)} sentences have"
+        complain(f"{many} no template in {language}, English left in place; the first: {missing[0]}")

@@ -210,7 +210,10 @@ def report_of_many(options: argparse.Namespace, folder: Path) -> int:
     for s in found.studies:
         one = specimen_results(folder, s.specimen, s.sha256)
         if one is not None and is_finished(one):
-            render(dict(one), folder_of(folder, s.specimen), html=True, pdf=s.report.pdf)
-    for file in render_specimens(answer, folder, html=True, pdf=True):
+            place = folder_of(folder, s.specimen)
+            render(dict(one), place, html=True, pdf=s.report.pdf, language=options.language)
+    missing: list[str] = []
+    for file in render_specimens(answer, folder, language=options.language, untranslated=missing):
         output.say(file)
+    output.untranslated(missing, options.language)
     return 0

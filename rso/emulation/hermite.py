@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -18,6 +19,7 @@ ORDER = 4  # of the error of a cubic Hermite spline in its step
 class Cubic:
     """A surrogate over [0, 1]: its spline, the largest error where an inner run is left out, its largest value."""
 
+    d: ClassVar[int] = 1
     spline: CubicHermiteSpline
     left_out: float
     largest: float

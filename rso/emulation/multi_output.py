@@ -42,6 +42,8 @@ class MultiOutput:
                 if id(model.curve) not in curves:
                     curves[id(model.curve)] = model.curve.mean(X)
                 found[:, k] = curves[id(model.curve)][:, model.point]
+            elif not isinstance(model, Kriging):
+                found[:, k] = model.mean(X)
         return found
 
 

@@ -28,6 +28,8 @@ def study_source(path: str | Path) -> tuple[Path, str]:
                 if near
                 else ("write one with: rso new CURVE.csv …; or try a worked one: rso example")
             )
+            if any((file.parent / name).is_file() for name in ("results.json", "diagnosis.json", "specimens.json")):
+                cure = f"the folder holds results: show their pages with: rso open {file.parent}"
             raise StudyError([f"{file}: there is no such study file; {cure}"])
         if not file.is_file():
             raise StudyError([f"{file}: is not a file; a study file such as study.toml is expected"])

@@ -252,8 +252,15 @@ def test_files_that_are_no_toml(tmp_path, capsys, content):
 def test_a_study_that_is_not_there(tmp_path, capsys):
     assert main(["run", str(tmp_path / "stuby.toml")]) == 2
     assert "there is no such study file" in capsys.readouterr().err
+
     with pytest.raises(SystemExit, match="2"):
         main(["simulate", "study.toml"])
+
+
+def test_a_folder_of_results_without_its_study_is_shown_by_open(tmp_path, capsys):
+    (tmp_path / "results.json").write_text("{}")
+    assert main(["report", str(tmp_path)]) == 2
+    assert f"rso open {tmp_path}" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize("jobs", ["0", "-1", "many", "０", "10001", "9" * 5000])

@@ -80,6 +80,15 @@ def test_every_verdict_gives_both_files(verdict, written):
         assert bad not in text
 
 
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_german_page_has_a_template_for_every_sentence(verdict, tmp_path):
+    missing = []
+    (page,) = render_diagnosis(read_back(story(verdict)), tmp_path, pdf=False, language="de", untranslated=missing)
+    assert page.name == "diagnosis.de.html"
+    own = {"the same test with the surface wetted", "a ball of 6 mm radius"}  # of the fixture, no backend says them
+    assert not set(missing) - own, "\n".join(missing)
+
+
 def test_same_data_same_bytes_whatever_the_users_settings(tmp_path, written):
     first = written("explained")
     with matplotlib.rc_context({"font.size": 30, "axes.grid": True, "svg.fonttype": "none"}):

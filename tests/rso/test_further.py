@@ -9,6 +9,7 @@ import pytest
 import sample_studies as studies
 import soft_ball
 from sample_studies import Inline
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from test_ladder import STUDY, climbed, curve
 
@@ -16,7 +17,8 @@ from rso.calibration.plan import make_plan
 from rso.cli import main
 from rso.doe import Box
 from rso.emulation.emulator import Output, Sample
-from rso.emulation.hermite import along_one
+from rso.emulation.hermite import Cubic, along_one
+from rso.emulation.multi_output import multi_output
 from rso.evaluation.store import RunStore
 from rso.inference import Model, determine, expected_sd
 from rso.inference.likelihood import Misfit
@@ -182,6 +184,24 @@ def test_what_is_expected_is_said_truth_by_truth_with_units(found):
     fits = next(b for s in report(data).sections for b in s.blocks if getattr(b, "title", "") == "Fits")
     values = {row[1].text: row[2].text for row in fits.rows}
     assert values["D₁"] == "–"
+
+
+def test_the_german_page_has_a_template_for_every_sentence_of_a_design(found, tmp_path):
+    missing = []
+    (page,) = render_next(found[1], tmp_path, pdf=False, language="de", untranslated=missing)
+    assert page.name == "next.de.html"
+    assert not missing, "\n".join(missing)
+
+
+def test_cubics_that_are_asked_together_say_what_each_says():
+    """Of x³ and 2 − x a cubic Hermite spline is exact; outputs beside each other are not mixed up."""
+    x = np.linspace(0.0, 1.0, 4)
+    cubics = [
+        Cubic(CubicHermiteSpline(x, x**3, 3 * x**2), 0.0, 1.0),
+        Cubic(CubicHermiteSpline(x, 2 - x, np.full(4, -1.0)), 0.0, 2.0),
+    ]
+    at = np.array([[0.1], [0.55], [0.9]])
+    assert multi_output(cubics).mean(at) == pytest.approx(np.hstack([at**3, 2 - at]), abs=1e-14)
 
 
 def test_page_and_command(found, tmp_path, capsys):

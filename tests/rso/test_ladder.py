@@ -331,6 +331,13 @@ def test_file_and_page(stiff, tmp_path):
     assert render_ladder(data, tmp_path / "again")[0].read_bytes() == files[0].read_bytes()
 
 
+def test_the_german_page_has_a_template_for_every_sentence(stiff, tmp_path):
+    missing = []
+    (page,) = render_ladder(stiff[1], tmp_path, pdf=False, language="de", untranslated=missing)
+    assert page.name == "ladder.de.html"
+    assert not missing, "\n".join(missing)
+
+
 def test_the_page_has_values_only_of_what_is_determined_and_tells_of_unused_tests(stiff):
     data = json.loads(json.dumps(stiff[1]))
     level = found_level(data, data["chosen"])

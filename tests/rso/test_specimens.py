@@ -9,6 +9,7 @@ import rso
 from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.summary import folder_of
+from rso.report import render_specimens
 from rso.result_types import FILES
 from rso.study.errors import StudyError
 from rso.study.specimens import load_specimens
@@ -125,6 +126,15 @@ def test_specimens_are_fitted_and_summarised(springs):
     more = rso.specimens(springs, backend=spring).run()
     assert more.data["counts"]["done"] == 4 and len(CALLS) <= 2
     assert (folder_of(springs / "results", "a") / "results.json").read_bytes() == kept
+
+
+def test_the_german_summary_has_a_template_for_every_sentence(springs):
+    """With an outlier, one without an answer and an interval that is open on one side."""
+    write(springs, "name,settings.area,parameters.k.low,parameters.k.high\na,,,\nb,,91,99\nc,4,,\n")
+    data, missing = rso.specimens(springs, backend=spring).run().data, []
+    (page,) = render_specimens(data, springs, pdf=False, language="de", untranslated=missing)
+    assert page.name == "specimens.de.html"
+    assert missing == ["area"]  # a setting of this backend alone
 
 
 def test_one_without_an_answer_stops_no_other(springs):

@@ -11,8 +11,8 @@ import numpy as np
 from rso.core import disk
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
-from rso.report.language import figure_in_language, in_language, own_words, sentences_of
-from rso.report.layout.page import Tongue, pictures, pour
+from rso.report.language import own_words, write_page
+from rso.report.layout.page import pictures
 
 
 def render(
@@ -33,15 +33,7 @@ def render(
     results = with_files(results, folder)
     document = report(results)
     figures = {name: draw(results, name) for name in pictures(document)}
-    if language == "en":
-        return pour(document, figures, folder, "report", html, pdf)
-    by = sentences_of(language, own_words(results))
-    document = in_language(document, by)
-    figures = {name: figure_in_language(svg, by) for name, svg in figures.items()}
-    files = pour(document, figures, folder, f"report.{language}", html, pdf, Tongue(language, by.text))
-    if untranslated is not None:
-        untranslated += by.missing
-    return files
+    return write_page(document, figures, folder, "report", html, pdf, language, own_words(results), untranslated)
 
 
 def with_files(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:

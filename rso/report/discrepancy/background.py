@@ -20,7 +20,7 @@ def background(found: Found) -> Section:
     blocks += [Text(clean(n), "note") for n in listed(found, "notes")]
     failed = [clean(f) for f in listed(found, "failed_runs")]
     if failed:
-        columns = [column("Run", words(failed), number=False)]
+        columns = [column("Run", words(failed, "code"), number=False)]
         note = "Their place is taken by the nearest run that has an answer."
         blocks.append(table(f"Failed runs ({len(failed)})", columns, note, folded=len(failed) > _LONG))
     else:
@@ -32,18 +32,19 @@ def background(found: Found) -> Section:
 
 def _model(found: Found) -> Table | None:
     """What the base model is: what all experiments share of the settings, and what is open or fixed."""
-    rows = [(clean(k), _setting(v)) for k, v in (found.get("settings") or {}).items()]
+    settings = (found.get("settings") or {}).items()
+    rows = [(Cell(clean(k), mark="code"), Cell(_setting(v), mark="code")) for k, v in settings]
     units, m = found.get("units") or {}, found.get("modulus") or {}
     if m.get("name"):
         unit = str(units.get(m["name"]) or "")
         ends = [quantity(number(m.get(k)), unit) for k in ("low", "high")]
-        rows.append((symbol(str(m["name"])), f"open, {' to '.join(ends)}"))
+        rows.append((Cell(symbol(str(m["name"]))), Cell(f"open, {' to '.join(ends)}")))
     for k, low_high in (found.get("ranges") or {}).items():
         ends = [quantity(number(v), str(units.get(k) or "")) for v in low_high]
-        rows.append((symbol(k), f"open, {' to '.join(ends)}"))
+        rows.append((Cell(symbol(k)), Cell(f"open, {' to '.join(ends)}")))
     if not rows:
         return None
-    names, values = (words([row[k] for row in rows]) for k in (0, 1))
+    names, values = (tuple(row[k] for row in rows) for k in (0, 1))
     return table("Base model", [column("", names, number=False), column("", values, number=False)])
 
 

@@ -3,6 +3,16 @@
 from rso.report.language.catalogue import Catalogue, languages, sentences_of
 from rso.report.language.document import in_language
 from rso.report.language.figure import figure_in_language
-from rso.report.language.own_words import own_words
+from rso.report.language.own_words import names_of, own_words
+from rso.report.language.pages import write_page
 
-__all__ = ["Catalogue", "figure_in_language", "in_language", "languages", "own_words", "sentences_of"]
+__all__ = [
+    "Catalogue",
+    "figure_in_language",
+    "in_language",
+    "languages",
+    "names_of",
+    "own_words",
+    "sentences_of",
+    "write_page",
+]

@@ -18,7 +18,8 @@ _SLOT = re.compile(r"\{(\w+)(!?)\}")
 _SENTENCE = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;]|p = )")
 _NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
 _WORDLESS = re.compile(r"[^A-Za-z]*$")
-_UNIT = r"(?:[kMGµm]?(?:N|Pa|m|s|g)(?:[²³]|⁻¹)?|min|h|d|%|°|mm/min|mm/s|N/mm)"
+_PART = r"(?:[kMGµmn]?(?:N|Pa|m|s|g|J|V|Hz)(?:[²³⁴]|⁻¹)?|min|h|d|deg|%|°)"
+_UNIT = rf"(?:1?/?{_PART}(?:[/·]{_PART})*)"
 _SIZE = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
 _QUANTITY = re.compile(rf"(?:{_SIZE}(?:\s{_UNIT})?|{_UNIT}|{_SIZE}\s(?:h|min)\s{_SIZE}\s(?:min|s))$")
 # What a study, a file or a machine calls its own: paths, keys, hashes, versions, settings as a study file has them.

@@ -2,10 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from rso.report.layout.digits import channel_text, clean, symbol
 from rso.report.reading import Results, candidates, listed, parameters, views
+
+NAMED = ("name", "letter", "experiment", "parameter", "effect", "channel", "file", "curve", "mounting", "focus")
+LISTED = ("experiments", "channels", "added")  # lists of names
+KEYED = ("units", "before", "gain")  # tables whose keys are names
+
+
+def names_of(found: Any) -> frozenset[str]:
+    """Names in the data of any other command: what stands under a key that is for names, however deep."""
+    own = frozenset(w for name in _named(found) for w in (clean(name), symbol(name), _ratio(name)) if w)
+    return own - {clean(e.get("label")) for e in listed(found, "effects")}  # what people call an effect has a template
+
+
+def _ratio(name: str) -> str:
+    """A parameter that is a share of another, by the letters of both: C₂₀/μ."""
+    return "".join(part if part in "/·" else symbol(part) for part in re.split("([/·])", name))
+
+
+def _named(found: Any) -> Iterator[str]:
+    if isinstance(found, Mapping):
+        for key, value in found.items():
+            keyed = (key in KEYED and isinstance(value, Mapping)) or (key in LISTED and isinstance(value, list | tuple))
+            yield from (v for v in (value if keyed else [value] if key in NAMED else ()) if isinstance(v, str))
+            yield from _named(value)
+    elif isinstance(found, list | tuple):
+        for value in found:
+            yield from _named(value)
 
 
 def own_words(results: Results) -> frozenset[str]:

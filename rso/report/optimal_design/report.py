@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from rso.core import disk
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
+from rso.report.language import names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import (
     DASH,
@@ -25,7 +26,7 @@ from rso.report.layout.digits import (
     symbol,
 )
 from rso.report.layout.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
-from rso.report.layout.page import pictures, pour
+from rso.report.layout.page import pictures
 from rso.report.model_selection.report import interval_text, value_text
 from rso.report.reading import listed, number
 from rso.report.sketch import NAME, sketch_blocks, sketch_figure
@@ -35,15 +36,22 @@ MOST = 12  # pairs in the table
 SHADES = ("#9ecae1", "#6baed6", "#3182bd", "#0b5a7d", "#08306b", "#4a1486", "#7a0177")
 
 
-def render_next(found: Found, folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+def render_next(
+    found: Found,
+    folder: Path,
+    html: bool = True,
+    pdf: bool = True,
+    language: str = "en",
+    untranslated: list[str] | None = None,
+) -> list[Path]:
     """Write next.html, next.pdf and next.svg into `folder` from the plain data of next.json; list of files.
 
-    The same data give the same bytes.
+    The same data give the same bytes. In another `language` the pages alone are written, as next.de.html.
     """
     document = report(found)
     drawn = {n: draw(found, n) for n in pictures(document)}
-    files = pour(document, drawn, folder, "next", html, pdf)
-    if "sizes" in drawn:
+    files = write_page(document, drawn, folder, "next", html, pdf, language, names_of(found), untranslated)
+    if "sizes" in drawn and language == "en":
         path = folder / "next.svg"
         # On its own it needs a ground: readers' pages may be dark.
         head, rest = drawn["sizes"].split(">", 1)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from rso.report.language import names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import DASH, Unit, between, clean, known, percent, sentence, significant, symbol
 from rso.report.layout.document import Block, Cell, Fact, Facts, Picture, Report, Section, Text, column, table, words
-from rso.report.layout.page import pour
 from rso.report.population.figures import draw, unit_of
 
 Found = Mapping[str, Any]
@@ -30,10 +30,18 @@ METHOD = (
 )
 
 
-def render_specimens(found: Found, folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+def render_specimens(
+    found: Found,
+    folder: Path,
+    html: bool = True,
+    pdf: bool = True,
+    language: str = "en",
+    untranslated: list[str] | None = None,
+) -> list[Path]:
     """Write specimens.html and specimens.pdf into `folder` from the plain data of specimens.json; list of files."""
     figures = {f"forest-{p['parameter']}": draw(found, p["parameter"]) for p in found["population"]}
-    return pour(report(found), figures, folder, "specimens", html, pdf)
+    own = names_of(found)
+    return write_page(report(found), figures, folder, "specimens", html, pdf, language, own, untranslated)
 
 
 def report(found: Found) -> Report:
@@ -62,7 +70,9 @@ def answer(found: Found) -> Section:
 
 
 def _begun(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
+    """A sentence; the letter of a parameter at its head stays as it is."""
+    first = text[:1] if ":" in text.split(" ")[0] else text[:1].upper()
+    return f"{first}{text[1:]}{'' if text.endswith('.') else '.'}"
 
 
 def _population(found: Found) -> Block:
