@@ -1,4 +1,4 @@
-"""Point clouds of a whole surface (digital image correlation): thinned to the most informative points, with noise of their own."""
+"""Point clouds of a whole surface (digital image correlation): thinned to the most informative points, with own noise."""
 
 from __future__ import annotations
 
