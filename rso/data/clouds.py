@@ -1,4 +1,4 @@
-"""Point clouds of a whole surface (digital image correlation): thinned to the most informative points, with own noise."""
+"""Point clouds of a surface (digital image correlation): thinned to the most informative points, with own noise."""
 
 from __future__ import annotations
 
@@ -148,7 +148,11 @@ def most_informative(
     w2 = np.sum((moved[:, near].mean(axis=2) / np.array(noise)[:, None]) ** 2, axis=0)
     w2 = np.maximum(w2, 1e-12 * w2.max() or 1.0)
     middle = np.average(places, axis=0, weights=w2)
-    size = float(np.sqrt(np.average(np.sum((places - middle) ** 2, axis=1), weights=w2))) or 1.0
+    away2 = np.sum((places - middle) ** 2, axis=1)
+    size = float(np.sqrt(np.average(away2, weights=w2))) or 1.0
+    # Three numbers of the field alone: a choice by each point's own reading would prefer large errors.
+    shape = 1.0 / (1.0 + away2 / size**2)
+    w2 = shape * float(w2.sum() / shape.sum())
     w = np.sqrt(w2)
     signal, white = w2 + 1.0, np.ones(n)
     parts: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
