@@ -88,7 +88,10 @@ def check_lines(
     jobs = jobs or study.dispatch.jobs
     seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
     time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
-    lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
+    most = "at most" if direct else "about"
+    lines.append(f"  time of simulations: {most} {time} ({seconds:.3g} s a simulation, {known.basis})")
+    if not direct:
+        lines.append("    surrogates, searches and the report take about half a minute more")
     return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
 
 

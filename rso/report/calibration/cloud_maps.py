@@ -81,7 +81,7 @@ def cloud_figure(results: Results, k: int, name: str) -> str:
         for axes, values, limit, title in (
             (row[0], m.measured[mine] * unit.factor, size, f"{component} measured{unit.bracket}"),
             (row[1], m.simulated[mine] * unit.factor, size, f"{component} simulated{unit.bracket}"),
-            (row[2], m.off[mine], _LIMIT, f"{component} difference (standard deviations)"),
+            (row[2], m.off[mine], _LIMIT, f"{component} difference (σ)"),
         ):
             norm = TwoSlopeNorm(0.0, -limit, limit)
             drawn = axes.scatter(x, y, c=values, s=30, cmap=_BOTH, norm=norm, edgecolors=INK, linewidths=0.4)
