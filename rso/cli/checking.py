@@ -91,7 +91,7 @@ def check_lines(
     most = "at most" if direct else "about"
     lines.append(f"  time of simulations: {most} {time} ({seconds:.3g} s a simulation, {known.basis})")
     if not direct:
-        lines.append("    surrogates, searches and the report take about half a minute more")
+        lines.append("    surrogates, searches and the report come on top")
     return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
 
 

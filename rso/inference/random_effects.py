@@ -375,7 +375,7 @@ def _prediction(
     """Ends of the prediction interval: θ = m(τ) + τ z + sd(τ) t, with τ from its confidence distribution.
 
     That distribution is C(τ) = P(χ²_{k−1} ≥ Q(τ)) with the generalised Q, z is standard normal and t has k − 1 degrees
-    of freedom.  An interval with τ̂ alone holds 81 to 87 % where 90 % are asked (6 to 12 specimens).
+    of freedom.  With τ̂ alone it would be too narrow where specimens are few (`python benchmarks/random_effects.py`).
     """
     k = len(closed)
     least, most = _taus(specimens)[1::15]

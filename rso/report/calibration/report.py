@@ -4,25 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from rso.core import disk
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
-from rso.report.language import own_words, write_page
-from rso.report.layout.page import pictures
+from rso.report.language import PageOptions, own_words, write_page
 
 
-def render(
-    results: Mapping[str, Any],
-    folder: Path,
-    html: bool = True,
-    pdf: bool = True,
-    language: str = "en",
-    untranslated: list[str] | None = None,
-) -> list[Path]:
+def render(results: Mapping[str, Any], folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
     """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
 
     The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
@@ -31,9 +23,7 @@ def render(
     language that there is none of.
     """
     results = with_files(results, folder)
-    document = report(results)
-    figures = {name: draw(results, name) for name in pictures(document)}
-    return write_page(document, figures, folder, "report", html, pdf, language, own_words(results), untranslated)
+    return write_page(report(results), lambda n: draw(results, n), folder, "report", own_words(results), options)
 
 
 def with_files(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:

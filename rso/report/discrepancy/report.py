@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from rso.discrepancy.parameters import called, known_alone, unproved
 from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
@@ -36,7 +36,7 @@ from rso.report.discrepancy.reading import (
 )
 from rso.report.discrepancy.shrinkage import each_its_own, how_much, share_text
 from rso.report.discrepancy.signatures import ROWS, colours
-from rso.report.language import names_of, write_page
+from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import DASH, NBSP, aligned, clean, known, percent, quantity, significant, symbol
 from rso.report.layout.document import (
@@ -54,7 +54,6 @@ from rso.report.layout.document import (
     table,
     words,
 )
-from rso.report.layout.page import pictures
 from rso.report.reading import listed, number, pair
 from rso.report.sketch import sketch_blocks
 
@@ -71,21 +70,12 @@ _VERDICTS = {
 }
 
 
-def render_diagnosis(
-    found: Found,
-    folder: Path,
-    html: bool = True,
-    pdf: bool = True,
-    language: str = "en",
-    untranslated: list[str] | None = None,
-) -> list[Path]:
+def render_diagnosis(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
     """Write diagnosis.html and diagnosis.pdf into `folder` from the plain data of a diagnosis; list of files.
 
     The same data give the same bytes. What a diagnosis does not hold is said to be missing.
     """
-    document = report(found)
-    figures = {n: draw(found, n) for n in pictures(document)}
-    return write_page(document, figures, folder, "diagnosis", html, pdf, language, names_of(found), untranslated)
+    return write_page(report(found), lambda n: draw(found, n), folder, "diagnosis", names_of(found), options)
 
 
 def report(found: Found) -> Report:

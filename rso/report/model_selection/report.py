@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
-from rso.report.language import names_of, write_page
+from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import (
     DASH,
@@ -38,7 +38,6 @@ from rso.report.layout.document import (
     table,
     words,
 )
-from rso.report.layout.page import pictures
 from rso.report.model_selection.figures import Found, draw, fitted, levels, role_word, title
 from rso.report.reading import listed, number, pair
 from rso.report.sketch import sketch_blocks
@@ -54,21 +53,12 @@ _VERDICTS: dict[str, Cell] = {
 DRAWN = 6  # curves
 
 
-def render_ladder(
-    found: Found,
-    folder: Path,
-    html: bool = True,
-    pdf: bool = True,
-    language: str = "en",
-    untranslated: list[str] | None = None,
-) -> list[Path]:
+def render_ladder(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
     """Write ladder.html and ladder.pdf into `folder` from the plain data of ladder.json; list of files.
 
     The same data give the same bytes.
     """
-    document = report(found)
-    figures = {n: draw(found, n) for n in pictures(document)}
-    return write_page(document, figures, folder, "ladder", html, pdf, language, names_of(found), untranslated)
+    return write_page(report(found), lambda n: draw(found, n), folder, "ladder", names_of(found), options)
 
 
 def report(found: Found) -> Report:

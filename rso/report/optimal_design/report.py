@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rso.core import disk
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
-from rso.report.language import names_of, write_page
+from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import (
     DASH,
@@ -36,25 +37,18 @@ MOST = 12  # pairs in the table
 SHADES = ("#9ecae1", "#6baed6", "#3182bd", "#0b5a7d", "#08306b", "#4a1486", "#7a0177")
 
 
-def render_next(
-    found: Found,
-    folder: Path,
-    html: bool = True,
-    pdf: bool = True,
-    language: str = "en",
-    untranslated: list[str] | None = None,
-) -> list[Path]:
+def render_next(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
     """Write next.html, next.pdf and next.svg into `folder` from the plain data of next.json; list of files.
 
     The same data give the same bytes. In another `language` the pages alone are written, as next.de.html.
     """
     document = report(found)
-    drawn = {n: draw(found, n) for n in pictures(document)}
-    files = write_page(document, drawn, folder, "next", html, pdf, language, names_of(found), untranslated)
-    if "sizes" in drawn and language == "en":
+    drawn = functools.cache(lambda n: draw(found, n))
+    files = write_page(document, drawn, folder, "next", names_of(found), options)
+    if "sizes" in pictures(document) and options.get("language", "en") == "en":
         path = folder / "next.svg"
         # On its own it needs a ground: readers' pages may be dark.
-        head, rest = drawn["sizes"].split(">", 1)
+        head, rest = drawn("sizes").split(">", 1)
         ground = f'{head}><rect width="100%" height="100%" fill="{PAPER}"/>'
         files.append(disk.replace(path, ground + rest))
     return files

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 from urllib.parse import quote
 
-from rso.report.language import names_of, write_page
+from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import DASH, Unit, between, clean, known, percent, sentence, significant, symbol
 from rso.report.layout.document import Block, Cell, Fact, Facts, Picture, Report, Section, Text, column, table, words
@@ -30,18 +30,11 @@ METHOD = (
 )
 
 
-def render_specimens(
-    found: Found,
-    folder: Path,
-    html: bool = True,
-    pdf: bool = True,
-    language: str = "en",
-    untranslated: list[str] | None = None,
-) -> list[Path]:
+def render_specimens(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
     """Write specimens.html and specimens.pdf into `folder` from the plain data of specimens.json; list of files."""
-    figures = {f"forest-{p['parameter']}": draw(found, p["parameter"]) for p in found["population"]}
-    own = names_of(found)
-    return write_page(report(found), figures, folder, "specimens", html, pdf, language, own, untranslated)
+    return write_page(
+        report(found), lambda n: draw(found, n.removeprefix("forest-")), folder, "specimens", names_of(found), options
+    )
 
 
 def report(found: Found) -> Report:
