@@ -33,7 +33,7 @@ ACROSS, ACROSS_WEIGHTS = np.polynomial.legendre.leggauss(48)  # over the mean, �
 WIDE = 8.0
 NOTHING = 1e-4  # of the least width of a likelihood: a τ below is none
 SPREAD = 1e3  # of the largest distance between two specimens, or of a width: τ is not looked for beyond
-SHARES = 200  # parts of equal probability into which τ and the error of the mean are divided for a prediction
+SHARES = 128  # parts of equal probability into which τ and the error of the mean are divided for a prediction
 OUTLIER = 0.05  # probability with which any specimen at all is called one although none is
 
 
@@ -224,7 +224,7 @@ def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) 
         raise ValueError("random_effects: no specimen is bounded on both sides")
     k = len(closed)
     tau = _tau(specimens) if k > 1 else 0.0
-    mean, sd = _mean_at(specimens, closed, tau)
+    mean, sd, _ = _mean_at(specimens, closed, tau)
     interval = None
     if k > 1:
         reach = float(t_ppf(0.5 * (1 + level), k - 1)) * sd
@@ -361,12 +361,13 @@ def _taus(specimens: Sequence[SpecimenLikelihood]) -> list[float]:
 
 def _mean_at(
     specimens: Sequence[SpecimenLikelihood], closed: Sequence[SpecimenLikelihood], tau: float
-) -> tuple[float, float]:
-    """The mean at this τ and its Hartung–Knapp standard error."""
+) -> tuple[float, float, float]:
+    """The mean at this τ, its Hartung–Knapp standard error, and the generalised Q(τ)."""
     mean = _mode(specimens, tau)
     information = float(marginal(specimens, np.array([mean]), tau).curvature.sum())
-    own = _scatter(marginal(closed, np.array([mean]), tau)) / max(len(closed) - 1, 1)
-    return mean, math.sqrt(max(1.0, own if len(closed) > 1 else 1.0) / information)
+    scatter = _scatter(marginal(closed, np.array([mean]), tau))
+    excess = max(1.0, scatter / (len(closed) - 1)) if len(closed) > 1 else 1.0
+    return mean, math.sqrt(excess / information), scatter if len(closed) == len(specimens) else _q_at(closed, tau)
 
 
 def _prediction(
@@ -377,14 +378,14 @@ def _prediction(
     That distribution is C(τ) = P(χ²_{k−1} ≥ Q(τ)) with the generalised Q, z is standard normal and t has k − 1 degrees
     of freedom.  With τ̂ alone it would be too narrow where specimens are few (`python benchmarks/random_effects.py`).
     """
-    k = len(closed)
-    least, most = _taus(specimens)[1::15]
-    tau = np.array([0.0, *np.geomspace(least, most, 60), *(most * 4.0 ** np.arange(1, 5))])
-    C = np.maximum.accumulate([float(chi2_sf(_q_at(closed, t), k - 1)) for t in tau])
+    k, (least, most) = len(closed), _taus(specimens)[1::15]
+    tau = np.array([*np.geomspace(least, most, 16), *(most * 4.0 ** np.arange(1, 5))])
+    known = np.array([_mean_at(specimens, closed, t) for t in (0.0, *tau)])
+    C = np.clip(np.maximum.accumulate([float(chi2_sf(q, k - 1)) for q in known[:, 2]]), 1e-12, 1.0 - 1e-12)
     share = (np.arange(SHARES) + 0.5) / SHARES
-    drawn = np.interp(share, C, tau)  # all below C(0) is no scatter, all above the last the largest
-    known = np.array([_mean_at(specimens, closed, t) for t in tau])
-    m, sd = (np.interp(drawn, tau, known[:, n])[:, None] for n in (0, 1))
+    # ln τ is nearly linear in the logit of C; all below C(least) is no scatter, all above the last C the largest.
+    drawn = np.where(share < C[1], 0.0, np.exp(np.interp(special.logit(share), special.logit(C[1:]), np.log(tau))))
+    m, sd = (np.interp(drawn, [0.0, *tau], known[:, n])[:, None] for n in (0, 1))
     centre = m + sd * t_ppf(share, k - 1)
     spread = np.maximum(drawn, NOTHING * sd[:, 0])[:, None]
 
