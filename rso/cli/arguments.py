@@ -115,7 +115,11 @@ def _new(known: Any, own: Sequence[Option]) -> None:
     text = "write a study file for your own data, with every guess marked, and check it"
     new = known.add_parser("new", help=text, description=text)
     new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
-    new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
+    several = new.add_mutually_exclusive_group()
+    several.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
+    several.add_argument(
+        "--specimens", action="store_true", help="each file is of a specimen of its own; their sizes go into a table"
+    )
     new.add_argument("--validate", nargs="+", default=[], metavar="FILE", help="a file only looked at in the end")
     for o in own:
         _add(new, o)

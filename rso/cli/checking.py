@@ -74,7 +74,14 @@ def check_lines(
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())
     shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
-    lines = [f"{study.file}: good", f"  {study.study.title}", *_sketches(plan), *_things(plan), *_filled(plan), *asked]
+    lines = [
+        f"{study.file}: good",
+        f"  {study.study.title}",
+        *sketch_lines(plan),
+        *_things(plan),
+        *_filled(plan),
+        *asked,
+    ]
     lines += [f"  similarity: {plan.group.why}", f"  simulations: {total} at most ({shown})" + ("" if direct else ",")]
     if direct:
         lines.append("    most descents need 3 to 8 points: they end as soon as a run agrees with its prediction;")
@@ -95,7 +102,7 @@ def check_lines(
     return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
 
 
-def _sketches(plan: Plan) -> list[str]:
+def sketch_lines(plan: Plan) -> list[str]:
     """Each different experiment in a sentence, the first as a drawing too."""
     found = cases.sketches(plan.study, plan.backend)
     lines = []

@@ -39,50 +39,77 @@ def check(options: argparse.Namespace, command: str) -> int:
 
 
 def new(options: argparse.Namespace, command: str) -> int:
-    from rso.calibration.plan import make_plan
-    from rso.cli.checking import check_lines
     from rso.evaluation.adapters import load_backend
-    from rso.study.errors import StudyError
-    from rso.study.loader import load_study
-    from rso.study.new_study import NewTest, note_on_single_tests, study_text
+    from rso.study.new_study import NewTest, note_on_single_tests, specimens_texts, study_text
 
+    out: Path = options.out
+    own = out.stem == "study"  # a folder of results, and a table, belong to one study file
+    table = out.with_name("specimens.csv" if own else f"{out.stem}_specimens.csv")
     point = None if options.point is None else tuple(options.point)
+    rows = None
     try:
         columns: dict[str, dict[str, Any]] = {}
-        for name, table in map(_column, options.column):
-            if columns.setdefault(name, table) is not table:
+        for name, words in map(_column, options.column):
+            if columns.setdefault(name, words) is not words:
                 raise ValueError(f"--column {name}: is given twice")
-        test = NewTest(_given(options), point, options.repeats, columns)
-        text = study_text(options.out, load_backend(USE), test, options.fit, options.validate)
+        test = NewTest(_given(options), point, options.repeats, columns, options.specimens)
+        if options.specimens and options.validate:
+            raise ValueError("--validate: of specimens a test to validate is a column data.NAME of their table")
+        if options.specimens:
+            text, rows = specimens_texts(out, table, load_backend(USE), test, options.fit)
+        else:
+            text = study_text(out, load_backend(USE), test, options.fit, options.validate)
     except ValueError as error:
         output.complain(error)
         return EXIT_BAD_INPUT
-    draft = options.out.with_name(f"{options.out.name}.draft")
+    _written(out, text, table if rows is not None else None, rows or "")
+    output.say(f"{out}: written; look at the lines with <-")
+    if rows is not None:
+        output.say(f"{table}: written; sizes and remarks of each specimen go there")
+    print()
+    folder = out.absolute().parent / ("results" if own else f"results_{out.stem}")
+    there = [] if own else ["--out", str(folder)]
+    then = f"then: {shlex.join(['rso', 'run', str(out), *there])}"
+    if rows is not None:
+        from rso.cli.specimens import check_specimens
+
+        found = check_specimens(argparse.Namespace(study=out, trust=False), folder)
+        output.say(then)
+        return found
+    from rso.cli.checking import check_lines
+    from rso.study.loader import load_study
+
+    note = note_on_single_tests(test, options.fit)
+    study = load_study(out)
+    output.lines([*check_lines(study, folder, False, folder), *([note] if note else []), then])
+    return 0
+
+
+def _written(out: Path, text: str, table: Path | None, rows: str) -> None:
+    """Write a new study, and its table if it has one, once it has proved to run; StudyError, and no file, else."""
+    from rso.calibration.plan import make_plan
+    from rso.population.plans import specimen_plans
+    from rso.study.errors import StudyError
+    from rso.study.loader import load_study
+    from rso.study.specimens import load_specimens
+
+    draft = out.with_name(f"{out.name}.draft")
     try:
+        if table:
+            disk.replace(table, rows)
         disk.replace(draft, text)
-        study = load_study(draft)
-        make_plan(study)
-        draft.replace(options.out)
+        if table:
+            specimen_plans(load_specimens(draft))
+        else:
+            make_plan(load_study(draft))
+        draft.replace(out)
     except StudyError as error:  # nothing is left behind that the next try would find
-        said = [p.replace(str(draft), str(options.out)) for p in error.problems]
+        said = [p.replace(str(draft), str(out)) for p in error.problems]
         raise StudyError([*said, "the study that this would be cannot run; it was not written"]) from error
     finally:
         draft.unlink(missing_ok=True)
-    output.say(f"{options.out}: written; look at the lines with <-")
-    print()
-    study = load_study(options.out)
-    own = options.out.stem == "study"  # a folder of results belongs to one study file
-    folder = study.folder / ("results" if own else f"results_{options.out.stem}")
-    note = note_on_single_tests(test, options.fit)
-    there = [] if own else ["--out", str(folder)]
-    output.lines(
-        [
-            *check_lines(study, folder, False, folder),
-            *([note] if note else []),
-            f"then: {shlex.join(['rso', 'run', str(options.out), *there])}",
-        ]
-    )
-    return 0
+        if table and not out.exists():
+            table.unlink(missing_ok=True)
 
 
 def _given(options: argparse.Namespace) -> dict[str, tuple[float | str, ...]]:

@@ -12,6 +12,7 @@ from typing import Any
 from rso.calibration.plan import Plan, source_of
 from rso.cli import output
 from rso.cli.answer import interval_in_unit
+from rso.cli.checking import sketch_lines
 from rso.contract import digest
 from rso.core import disk
 from rso.core.symbols import symbol
@@ -46,7 +47,7 @@ def check_specimens(options: argparse.Namespace, folder: Path) -> int:
         output.lines([*head, f"  {what} is foreign code and was not loaded; if you trust it: rso check --trust"])
         return 0
     plans = specimen_plans(found)
-    output.lines([*head, *_things(found, plans), *_alike(plans), f"  results: {folder}"])
+    output.lines([*head, *sketch_lines(plans[0]), *_things(found, plans), *_alike(plans), f"  results: {folder}"])
     name = shlex.quote(found.names[0])
     output.say(f"  one alone, in full: rso check {shlex.quote(str(options.study))} --specimen {name}")
     return 0

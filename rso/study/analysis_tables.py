@@ -8,6 +8,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import (
+    OR_ONE,
+    TEXT,
     Bound,
     Channels,
     Confidence,
@@ -15,6 +17,7 @@ from rso.study.fields import (
     Name,
     Runs,
     Settings,
+    also,
     expected,
     list_to_tuple,
     listed_once,
@@ -60,10 +63,13 @@ def _rungs(value: Any) -> Any:
     return tuple(tuple({"name": v} if isinstance(v, str) else v for v in rung) for rung in rungs)
 
 
+Rung = Annotated[tuple[Annotated[LevelTable, also(TEXT)], ...], OR_ONE]
+
+
 class LadderTable(StudyFileTable):
     """[ladder]: models from simple to rich, until the data ask for no more."""
 
-    levels: Annotated[tuple[tuple[LevelTable, ...], ...], BeforeValidator(_rungs)] = ()
+    levels: Annotated[tuple[Rung, ...], BeforeValidator(_rungs)] = ()
     """From simple to rich, a list within the list holds alternatives; by default all that the backend offers."""
     runs: Runs | None = None
     """Size of the design of each level."""

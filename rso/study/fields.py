@@ -101,9 +101,20 @@ def visible_line(value: str) -> str:
     return value
 
 
+TEXT = {"type": "string"}
+
+
 def expected(words: str) -> Any:
     """What is allowed, in words, where the type does not show (see :mod:`rso.study.keys`)."""
     return Field(json_schema_extra={"expected": words})
+
+
+def also(*schemas: dict[str, Any]) -> Any:
+    """What a file may say in place of this, as JSON schemas (see :func:`rso.study.keys.study_schema`)."""
+    return Field(json_schema_extra={"or": list(schemas)})
+
+
+OR_ONE = Field(json_schema_extra={"alone": True})  # a list that a file may say by its only member
 
 
 def number_in(
@@ -120,7 +131,7 @@ Channels = Annotated[Names, AfterValidator(listed_once)]
 Files = Annotated[
     tuple[Annotated[str, Field(min_length=1)], ...],
     BeforeValidator(one_or_more),
-    Field(min_length=1, json_schema_extra={"expected": "a file, or a list of files"}),
+    Field(min_length=1, json_schema_extra={"expected": "a file, or a list of files", "alone": True}),
 ]
 _NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
 Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]

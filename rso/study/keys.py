@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
 from rso.core.default_backend import PACKAGE
 from rso.study.errors import choices_text
+from rso.study.fields import TEXT
 from rso.study.schema import Study
 
 Shape = Mapping[str, Any]  # a piece of a JSON schema
@@ -41,7 +42,31 @@ def reference(table: str = "") -> list[str]:
 
 def study_schema() -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a study file, for editors that complete and check TOML by one."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Study.model_json_schema()}
+    whole = _as_written(Study.model_json_schema())
+    own = whole["$defs"]["ExperimentTable"]
+    own["required"] = [key for key in own["required"] if key != "data"]  # specimens have their own
+    alone = {"properties": {"experiments": {"items": {"required": ["data"]}}}}
+    whole |= {"if": {"not": {"required": ["specimens"]}}, "then": alone}
+    whole["properties"]["specimens"] = _or(whole["properties"]["specimens"], [TEXT])
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}
+
+
+def _as_written(shape: Any) -> Any:
+    """A schema of what a study holds as one of what may stand in its file, such as text for a number with a unit."""
+    if isinstance(shape, list):
+        return [_as_written(one) for one in shape]
+    if not isinstance(shape, dict):
+        return shape
+    inner = {key: _as_written(value) for key, value in shape.items()}
+    other = [*inner.pop("or", []), *([inner["items"]] if inner.pop("alone", None) is True else [])]
+    other += [TEXT] if isinstance(shape.get("unit"), str) else []
+    return _or(inner, other) if other else inner
+
+
+def _or(shape: Shape, other: Sequence[Shape]) -> dict[str, Any]:
+    around = {key: shape[key] for key in ("title", "description", "default") if key in shape}
+    inner = {key: value for key, value in shape.items() if key not in around}
+    return {**around, "anyOf": [inner, *other]}
 
 
 def _tables(shape: Shape, known: Shape) -> Iterator[tuple[str, str, Shape]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import itertools
 import os
 import re
@@ -17,7 +19,7 @@ from pydantic import ValidationError
 from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.inline_toml import inline
-from rso.core.units import COLUMN_NAMES
+from rso.core.units import COLUMN_NAMES, in_base
 from rso.data import (
     CONTACT,
     HeaderError,
@@ -39,6 +41,8 @@ from rso.study.settings_files import paths_seen_from
 GUESS = "# <-"  # behind what nobody has stated
 TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
 TOP = (0.0, 0.0)
+TEST = "press"  # the experiment of a study of many specimens
+SPECIMEN = "specimen"  # the setting with its sizes
 
 
 @dataclass(frozen=True)
@@ -46,14 +50,15 @@ class NewTest:
     """What the readings do not show.
 
     The backend's own options by name; the point (mm) that was pressed where the name of a file says none (the top
-    without); whether the files fitted are repeats of one test; and what columns are called, with the keys of
-    [columns], where the files do not say it themselves.
+    without); whether the files fitted are repeats of one test, or each of a specimen of its own; and what columns are
+    called, with the keys of [columns], where the files do not say it themselves.
     """
 
     given: Given
     point: tuple[float, float] | None = None
     repeats: bool = False
     columns: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    specimens: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,48 @@ def study_text(
 
     ValueError where a study is at `file` already, and for data that are not there, given twice or not understood.
     """
+    experiments, settings, parameters = _beginning(file, backend, test, fitted, validated)
+    folder = file.absolute().parent
+    lines = _head(folder, f"Indentation: {experiments[0].name}", settings, parameters, test.columns)
+    for e in experiments:
+        data = [_beside(f, folder) for f in e.files]
+        lines += [*_lines(e, e.name, _keys(e), data[0] if len(data) == 1 else data), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def specimens_texts(file: Path, table: Path, backend: Backend, test: NewTest, fitted: Sequence[str]) -> tuple[str, str]:
+    """The texts of a study of many specimens to be written at `file` and of its table beside it, a data file for each.
+
+    What all tests have in common stands in the study, and sizes and what is a test's own in the table.  ValueError as
+    of :func:`study_text`, and where the table is there already.
+    """
+    if table.exists():
+        raise ValueError(f"{table}: is there already; --out names a study in another folder")
+    experiments, settings, parameters = _beginning(file, backend, test, fitted, ())
+    folder = file.absolute().parent
+    keys = [_keys(e) for e in experiments]
+    common = {k: v for k, v in keys[0].items() if all(own.get(k) == v for own in keys)}
+    own = list(dict.fromkeys(k for each in keys for k in each if k not in common))
+    sizes = {k: v for k, v in settings[SPECIMEN].value.items() if isinstance(v, int | float)}
+    lines = _head(folder, "Indentation of several specimens", settings, parameters, test.columns)
+    lines.insert(1, f"specimens = {inline(table.name)}  {GUESS} a row for each: write its own sizes there\n")
+    guessed = any(e.measurement.guessed for e in experiments)
+    first = replace(experiments[0], measurement=replace(experiments[0].measurement, guessed=guessed))
+    lines += _lines(first, TEST, common, None)
+    text = io.StringIO()
+    rows = csv.writer(text, delimiter=";", lineterminator="\n")
+    columns = [f"settings.{SPECIMEN}.{k}" for k in sizes] + [f"experiments.{TEST}.{k}" for k in own]
+    rows.writerow(["name", f"data.{TEST}", *columns, "note"])
+    for e, each in zip(experiments, keys, strict=True):
+        cells = [inline(each[k]) if k in each else "" for k in own]
+        rows.writerow([e.name, _beside(e.files[0], folder), *sizes.values(), *cells, ""])
+    return "\n".join(lines).rstrip() + "\n", text.getvalue()
+
+
+def _beginning(
+    file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], validated: Sequence[str]
+) -> tuple[list[_Experiment], Mapping[str, Line], Mapping[str, Line]]:
+    """Experiments, settings and parameters of a study to be written at `file`; ValueError where it cannot be."""
     if file.exists():
         raise ValueError(f"{file}: is there already; --out names another file")
     if not file.absolute().parent.is_dir():
@@ -84,12 +131,23 @@ def study_text(
     forces = [e for e in experiments if e.measurement.kind == "force"]
     depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
     settings = studies.first_settings(test.given, depths)
-    folder = file.absolute().parent
-    title = inline(f"Indentation: {experiments[0].name}")
+    shown = [e for e in experiments if "Fz" in e.measurement.channels] or experiments
+    asked = shown if test.specimens else shown[:1]
+    return experiments, settings, _widest([_parameters(studies, settings, e) for e in asked])
+
+
+def _head(
+    folder: Path,
+    title: str,
+    settings: Mapping[str, Line],
+    parameters: Mapping[str, Line],
+    columns: Mapping[str, Mapping[str, Any]],
+) -> list[str]:
+    """The study down to its first experiment."""
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
         "[study]",
-        f"title = {title}  {GUESS} for the report",
+        f"title = {inline(title)}  {GUESS} for the report",
         "seed = 1",
         "",
         "[backend]",
@@ -99,14 +157,12 @@ def study_text(
         *(_line(key, replace(line, value=paths_seen_from(line.value, folder))) for key, line in settings.items()),
         "",
         "[parameters]",
-        *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()),
+        *(_line(k, line) for k, line in parameters.items()),
         "",
     ]
-    if test.columns:
-        lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in test.columns.items()), ""]
-    for e in experiments:
-        lines += [*_lines(e, file.absolute().parent), ""]
-    return "\n".join(lines).rstrip() + "\n"
+    if columns:
+        lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in columns.items()), ""]
+    return lines
 
 
 def note_on_single_tests(test: NewTest, fitted: Sequence[str]) -> str:
@@ -208,13 +264,10 @@ def _line(key: str, line: Line) -> str:
     return f"{key} = {inline(line.value)}{mark}{line.remark}"
 
 
-def _parameters(
-    studies: NewStudies, settings: Mapping[str, Line], experiments: Sequence[_Experiment]
-) -> Mapping[str, Line]:
-    """Ranges by the first force curve, if there is one; ValueError naming its file."""
-    force = next((e for e in experiments if "Fz" in e.measurement.channels), None)
+def _parameters(studies: NewStudies, settings: Mapping[str, Line], force: _Experiment) -> Mapping[str, Line]:
+    """Ranges by a curve of force, without one for any record; ValueError naming its file."""
     values = {key: line.value for key, line in settings.items()}
-    if force is None:
+    if "Fz" not in force.measurement.channels:
         return studies.first_parameters(values, np.empty(0), np.empty(0))
     curve = combine(force.measurement, Noise())
     depth, value = curve.depth, curve.value
@@ -229,24 +282,50 @@ def _parameters(
         raise ValueError(f"{force.files[0]}: {error}") from error
 
 
-def _lines(e: _Experiment, folder: Path) -> list[str]:
-    m, data = e.measurement, [_beside(f, folder) for f in e.files]
-    lines = [
-        "[[experiments]]",
-        f"name = {inline(e.name)}",
-        f'role = "{e.role}"',
-        f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
-    ]
-    if m.kind == "force" and pulls_off(m):
-        lines += [f'branch = "unloading"  {GUESS} Fz pulls during unloading, which shows how it sticks']
-    settings = [f"point = {list(e.point or TOP)}"]
+def _widest(found: Sequence[Mapping[str, Line]]) -> Mapping[str, Line]:
+    """The least range of each parameter that holds those of all."""
+
+    def base(bound: float | str) -> float:
+        return in_base(bound)[0] if isinstance(bound, str) else bound
+
+    lines = {}
+    for name in dict.fromkeys(name for one in found for name in one):
+        given = [one[name] for one in found if name in one]
+        given = [g for g in given if "low" in g.value] or given[:1]
+        if "low" not in given[0].value:  # a value that is fixed
+            lines[name] = given[0]
+            continue
+        low, high = (at((g.value[end] for g in given), key=base) for at, end in ((min, "low"), (max, "high")))
+        remark = given[0].remark if len(given) == 1 else f"the least that holds those by each of {len(given)} files"
+        lines[name] = replace(given[0], value={**given[0].value, "low": low, "high": high}, remark=remark)
+    return lines
+
+
+def _keys(e: _Experiment) -> dict[str, Any]:
+    """Keys of an experiment beside its data, with dots, as its readings show them."""
+    m = e.measurement
     if m.kind == "profile":
-        lines += ['kind = "profile"']
-    else:
-        lines += ['channels = ["Fz", "Fx", "Fy"]'] if {"Fx", "Fy"} <= set(m.channels) else []
-        settings += ["unload = true"] if any(np.any(r.segment == "unloading") for r in m.repeats) else []
+        return {"kind": "profile", "settings.point": list(e.point or TOP)}
+    keys: dict[str, Any] = {"branch": "unloading"} if pulls_off(m) else {}
+    if {"Fx", "Fy"} <= set(m.channels):
+        keys["channels"] = ["Fz", "Fx", "Fy"]
+    keys["settings.point"] = list(e.point or TOP)
+    if any(np.any(r.segment == "unloading") for r in m.repeats):
+        keys["settings.unload"] = True
+    return keys
+
+
+def _lines(e: _Experiment, name: str, keys: Mapping[str, Any], data: str | list[str] | None) -> list[str]:
+    """An experiment as the study says it; its data may stand elsewhere."""
+    m = e.measurement
+    lines = ["[[experiments]]", f"name = {inline(name)}", f'role = "{e.role}"']
+    turned = f"  {GUESS} {TURNED}" * m.guessed
+    lines += [f"data = {inline(data)}{turned}"] if data is not None else [turned.strip()] * m.guessed
+    stuck = f"  {GUESS} Fz pulls during unloading, which shows how it sticks"
+    lines += [f"{k} = {inline(v)}{stuck * (k == 'branch')}" for k, v in keys.items() if "." not in k]
+    settings = {k.removeprefix("settings."): v for k, v in keys.items() if k.startswith("settings.")}
     whose = f"  {GUESS} by the name of the file" if e.by_name else f"  {GUESS} the top" if e.point is None else ""
-    lines += [f"settings = {{ {', '.join(settings)} }}{whose}"]
+    lines += [f"settings = {inline(settings)}{whose}"] if settings else []
     if m.kind == "force" and not recorded_speed(m):
         lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body is history-dependent']
     unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']

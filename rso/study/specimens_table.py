@@ -16,7 +16,7 @@ from rso.data.files.columns import cells_of, is_number, separator_of
 from rso.data.files.lines import file_text, numbered_lines
 from rso.study.base_table import StudyFileTable
 from rso.study.errors import Problem, choices_text, schema_problems
-from rso.study.fields import Name, Settings, expected
+from rso.study.fields import TEXT, Name, Settings, also, expected
 from rso.study.line_numbers import LineElsewhere, Place
 
 NAME = "{name}"  # in names of data files: that of the specimen
@@ -37,6 +37,7 @@ OwnFiles = Annotated[
     dict[str, Any],
     BeforeValidator(_by_experiment),
     expected("a file or a list of files, or a table of these by experiment"),
+    also(TEXT, {"type": "array", "items": TEXT}),
 ]
 
 

@@ -12,6 +12,7 @@ from fem_backend.backend import BACKEND
 from rso.cli import main
 from rso.study.loader import load_study
 from rso.study.new_study import NewTest, study_text
+from rso.study.specimens import load_specimens
 
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
 
@@ -287,3 +288,41 @@ def test_two_signs_that_were_turned_are_marked_as_a_guess(tmp_path, sign):
     assert new(tmp_path, str(tmp_path / "top.csv")) == 0
     (line,) = (v for v in (tmp_path / "study.toml").read_text().splitlines() if v.startswith("data"))
     assert ("# <- pressed, as both signs were turned; a pull looks the same" in line) == (sign < 0)
+
+
+@pytest.mark.usefixtures("no_library")
+def test_many_specimens_are_a_study_with_a_table(tmp_path, capsys):
+    """Each file is one specimen's; what is not the same for all stands in the table, and ranges hold those of each."""
+    for name, mu in (("gel 1", 0.004), ("gel 2", 0.008), ("point_10_0", 0.016)):
+        (tmp_path / f"{name}.csv").write_text(hertz(mu))
+    files = [str(tmp_path / f"{name}.csv") for name in ("gel 1", "gel 2", "point_10_0")]
+    assert new(tmp_path, *files, "--specimens") == 0
+    said = capsys.readouterr().out
+    assert "specimens.csv: written" in said and "3 specimens" in said and "rso run" in said
+    found = load_specimens(tmp_path / "study.toml")
+    assert found.names == ["gel 1", "gel 2", "point_10_0"]
+    assert [s.experiments[0].settings["point"] for s in found.studies] == [[0, 0], [0, 0], [10, 0]]
+    low, high = (
+        float(str(v).split()[0])
+        for v in (found.studies[0].parameters["mu"].low, found.studies[0].parameters["mu"].high)
+    )
+    alone = []
+    for k, file in enumerate(files):
+        (tmp_path / str(k)).mkdir()
+        assert new(tmp_path / str(k), file) == 0
+        own = load_study(tmp_path / str(k)).parameters["mu"]
+        alone += [float(str(v).split()[0]) for v in (own.low, own.high)]
+    assert (low, high) == (min(alone), max(alone)) and high / low > 4 * alone[1] / alone[0]
+
+
+@pytest.mark.usefixtures("no_library")
+def test_a_table_of_specimens_is_neither_overwritten_nor_left_behind(tmp_path, capsys):
+    (tmp_path / "a.csv").write_text(hertz())
+    (tmp_path / "pulled.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{0.1 * k},{-0.01 * k}\n" for k in range(30)))
+    assert new(tmp_path, str(tmp_path / "a.csv"), str(tmp_path / "pulled.csv"), "--specimens") == 2
+    assert not list(tmp_path.glob("*.toml*")) and not (tmp_path / "specimens.csv").exists()
+    assert "pulled.csv" in capsys.readouterr().err
+    (tmp_path / "specimens.csv").write_text("mine")
+    assert new(tmp_path, str(tmp_path / "a.csv"), "--specimens") == 2
+    assert "specimens.csv: is there already" in capsys.readouterr().err
+    assert (tmp_path / "specimens.csv").read_text() == "mine" and not (tmp_path / "study.toml").exists()

@@ -1,13 +1,16 @@
 """The reference of study files: complete, the page in docs/ as printed, and true to what a study accepts."""
 
+import copy
+import tomllib
 from pathlib import Path
 
+import jsonschema
 import pytest
 import sample_studies as studies
 
 from rso.cli import main
 from rso.study.errors import StudyError
-from rso.study.keys import reference
+from rso.study.keys import reference, study_schema
 from rso.study.loader import load_study
 from rso.study.schema import Study
 
@@ -52,3 +55,42 @@ def test_a_table_alone_and_one_that_is_not_there(capsys):
     assert out.startswith("## [search]") and "## [[search.targets]]" in out and "[doe]" not in out
     assert main(["keys", "serach"]) == 2
     assert "did you mean 'search'" in capsys.readouterr().err
+
+
+STUDIES = sorted(p for p in (Path(__file__).parents[2] / "studies").rglob("*.toml") if "[study]" in p.read_text())
+
+
+@pytest.fixture(scope="module")
+def editor():
+    """What an editor does with the schema."""
+    jsonschema.Draft202012Validator.check_schema(study_schema())
+    return jsonschema.Draft202012Validator(study_schema())
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=lambda p: str(p.relative_to(p.parents[1])))
+def test_an_editor_finds_nothing_wrong_with_a_study_that_runs(editor, file):
+    assert [e.message for e in editor.iter_errors(tomllib.loads(file.read_text(encoding="utf-8")))] == []
+
+
+@pytest.mark.parametrize(
+    "place, value, word",
+    [
+        (("experiments", 0, "rolle"), "fit", "rolle"),
+        (("experiments", 0, "role"), "fitted", "fitted"),
+        (("experiments", 0, "data"), 3, "3"),
+        (("experiments", 0, "data"), None, "data"),
+        (("experiments", 0, "noise", "Fz"), [1.0], "1.0"),
+        (("specimens",), 3, "3"),
+        (("ladder", "levels"), [[3]], "3"),
+    ],
+)
+def test_an_editor_marks_what_no_study_may_say(editor, place, value, word):
+    study = copy.deepcopy(tomllib.loads(STUDIES[0].read_text(encoding="utf-8")))
+    inner = study
+    for key in place[:-1]:
+        inner = inner[key] if isinstance(inner, list) else inner.setdefault(key, {})
+    if value is None:
+        del inner[place[-1]]
+    else:
+        inner[place[-1]] = value
+    assert any(word in e.message for e in editor.iter_errors(study))
