@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -61,45 +62,20 @@ def combine(
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
     if measurement.kind == "profile":
         return _combine_profile(measurement, noise, channel)
-    measurement = without_spikes(measurement)[0]
-    branches = [_branch(r, channel, segment) for r in measurement.repeats if np.any(r.segment == segment)]
-    if not branches:
-        present = sorted({str(s) for r in measurement.repeats for s in r.segment})
-        raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
-    u = _grid(measurement, [b[0] for b in branches])
-    y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
-    many = len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])  # averaged, if all were like this one
-    own_length = noise.correlation or 0.0
-    power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
-    mean = y.mean(axis=0)
-    smooth, slope = _smooth(u, mean)
-    n, depth, since = len(u), u, None
-    if hold is not None:
-        exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING
-        rows = [held(r, hold, channel, exponent) for r in measurement.repeats]
-        y, power = (np.hstack([a, [b[k] for b in rows]]) for k, a in enumerate((y, power)))
-        many = np.hstack([many, len(rows) * np.array([b[2] for b in rows])])
-        mean = y.mean(axis=0)
-        smooth, slope = _continued(hold, mean, smooth, slope)
-        depth, since = np.append(u, np.full(len(hold.since), hold.depth)), np.append(np.zeros(n), hold.since)
-        u = np.append(u, hold.depth + hold.speed * hold.since)
-    together = 1.0 if own_length > 0 else many
-    stated = np.sqrt(np.mean(power / together, axis=0))
-    along = exponential(u, own_length) if own_length > 0 else np.eye(len(u))
-    r = len(y)
-    deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
-    own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, y.shape), axis=0))
-    said = (np.outer(stated, stated) + np.outer(own, own)) * along + np.diag(deep)
-    if r > 1:
-        white_said = np.diag(said) if own_length == 0 else deep
+    means = _averaged(without_spikes(measurement)[0], channel, segment, hold)
+    u, y, smooth, slope, n = means.along, means.each, means.smooth, means.slope, means.loading
+    said, deep = _stated(means, noise, channel)
+    if len(y) > 1:
+        white_said = np.diag(said) if not noise.correlation else deep
         seen, freedom, shared, left = _scatter(u, y, smooth, slope, white_said, np.diag(said), noise, n)
     else:
+        mean = y[0]
         # small force, steep bend: not to be noise
         there = of_record(u[:n], mean[:n] - _power_series(u[:n], mean[:n])(u[:n]), smooth[:n], said[:n, :n])
         noisy = there if hold is None else _both(there, n, _of_hold(hold, mean[n:], smooth[n:], said[n:, n:]))
         seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise, n)
     covariance = seen + said
-    untold = r == 1 and own_length == 0
+    untold = len(y) == 1 and not noise.correlation
     white = np.sqrt(np.diag(covariance)) if untold else None
     whole = {"gain": noise.gain, "calibration": noise.calibration, "contact": noise.contact}
     for name, size in whole.items():
@@ -114,18 +90,71 @@ def combine(
     return MeasuredCurve(
         channel,
         COLUMNS[channel],
-        depth,
-        mean,
+        means.depth,
+        y.mean(axis=0),
         sigma,
-        len(branches),
+        len(y),
         covariance,
         freedom=freedom,
         shared=shared,
         white=white,
         usual=left,
-        since=since,
+        since=means.since,
         back=segment == "unloading",
     )
+
+
+@dataclass(frozen=True)
+class _Means:
+    """Repeats on one grid (n,) of loading with the moments of a hold behind it.
+
+    Way of the indenter u, readings of each repeat (r, n), how many of its readings each averages and the mean square
+    of what is stated of these (both (r, n)); ŷ, ŷ', depth, time of the hold; and how many points are of loading.
+    """
+
+    along: np.ndarray
+    each: np.ndarray
+    many: np.ndarray
+    power: np.ndarray
+    smooth: np.ndarray
+    slope: np.ndarray
+    depth: np.ndarray
+    since: np.ndarray | None
+    loading: int
+
+
+def _averaged(measurement: Measurement, channel: str, segment: str, hold: Hold | None) -> _Means:
+    """The repeats of one segment on a grid of the depths that all reach; ValueError as :func:`combine`."""
+    branches = [_branch(r, channel, segment) for r in measurement.repeats if np.any(r.segment == segment)]
+    if not branches:
+        present = sorted({str(s) for r in measurement.repeats for s in r.segment})
+        raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
+    u = _grid(measurement, [b[0] for b in branches])
+    y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
+    many = len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])  # averaged, if all were like this one
+    power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
+    smooth, slope = _smooth(u, y.mean(axis=0))
+    if hold is None:
+        return _Means(u, y, many, power, smooth, slope, u, None, len(u))
+    exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING
+    rows = [held(r, hold, channel, exponent) for r in measurement.repeats]
+    y, power = (np.hstack([a, [b[k] for b in rows]]) for k, a in enumerate((y, power)))
+    many = np.hstack([many, len(rows) * np.array([b[2] for b in rows])])
+    smooth, slope = _continued(hold, y.mean(axis=0), smooth, slope)
+    depth, since = np.append(u, np.full(len(hold.since), hold.depth)), np.append(np.zeros(len(u)), hold.since)
+    along = np.append(u, hold.depth + hold.speed * hold.since)
+    return _Means(along, y, many, power, smooth, slope, depth, since, len(u))
+
+
+def _stated(means: _Means, noise: Noise, channel: str) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (n, n) of what is stated of single readings, and the variance (n,) of their depths within it."""
+    length = noise.correlation or 0.0
+    together = 1.0 if length > 0 else means.many
+    stated = np.sqrt(np.mean(means.power / together, axis=0))
+    along = exponential(means.along, length) if length > 0 else np.eye(len(means.along))
+    deep = (noise.depth * means.slope) ** 2 * np.mean(1.0 / means.many, axis=0)
+    own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, means.each.shape), axis=0))
+    return (np.outer(stated, stated) + np.outer(own, own)) * along + np.diag(deep), deep
 
 
 def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
