@@ -189,7 +189,6 @@ def make_plan(
     curves = {**measured_curves(study), **measured_profiles(study)}
     curves |= {n: cloud_curve(c, study.experiment(n).compared[-1]) for n, c in clouds.items()}
     refuse_what_is_not_modelled(study, backend, resolved, curves, clouds)
-    fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     forces = [e.name for e in study.experiments if e.kind == "force"]
     there = [n for n in forces if not curves[n].back]
     found = {n: hold for n in there if (hold := hold_in(study, n, curves[n]))}
@@ -200,31 +199,18 @@ def make_plan(
     targets = study.search.targets or _default_targets(curves, fitted, holds, creeps, shared)
     main = Search("main", targets, resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
-    depths: list[TargetTable | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
-    on_the_way = [t for t in depths if not getattr(t, "since", 0.0)]
-    met = {e.name: {t.depth for t in on_the_way if t.experiment == e.name} for e in fitted}
+    loaded = [e.name for e in fitted if e.name not in creeps.followed]
+    met = _met(study, wanted)
     asked = {
-        e.name: tuple(sorted({*shared[e.name], *met[e.name]}))
-        if e.name in shared
-        else travels(curves[e.name], met[e.name], holds.get(e.name))
-        for e in fitted
-        if e.name not in creeps.followed
+        n: tuple(sorted({*shared[n], *met[n]})) if n in shared else travels(curves[n], met[n], holds.get(n))
+        for n in loaded
     }
     cases, case_of = _cases(study, backend, fitted, asked, resolved, holds, creeps)
     on_surface = [e.name for e in study.experiments if e.kind == "surface" and e.role == "fit"]
     case_of |= {n: len(cases) + k for k, n in enumerate(on_surface)}
     cases = (*cases, *(cloud_case(study, n, clouds[n]) for n in on_surface))
-    validation = {
-        e.name: cloud_case(study, e.name, clouds[e.name])
-        if e.kind == "surface"
-        else profile_case(study, e.name, curves[e.name])
-        if e.kind == "profile"
-        else creep_case(study, e.name, creeps.followed[e.name])
-        if e.name in creeps.followed
-        else case_for(study, e.name, travels(curves[e.name], set(), holds.get(e.name)), holds.get(e.name))
-        for e in study.experiments
-        if e.role == "validate"
-    }
+    kept = [e for e in study.experiments if e.role == "validate"]
+    validation = {e.name: _case_kept(study, e, curves[e.name], clouds, holds, creeps) for e in kept}
     units, box = backend.channels, _box(study, resolved)
     searches = tuple(_search(study, s, box, curves, units, holds, creeps) for s in wanted)
     constraints = tuple(_constraint(c, units) for c in study.search.constraints)
@@ -260,6 +246,32 @@ def make_plan(
     )
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
+
+
+def _met(study: Study, searches: Sequence[Search]) -> Mapping[str, set[float]]:
+    """Depths (mm) that targets and constraints name, by experiment; those of a hold are its own."""
+    depths: list[TargetTable | ConstraintTable] = [*(t for s in searches for t in s.targets), *study.search.constraints]
+    on_the_way = [t for t in depths if not getattr(t, "since", 0.0)]
+    return {e.name: {t.depth for t in on_the_way if t.experiment == e.name} for e in study.experiments}
+
+
+def _case_kept(
+    study: Study,
+    e: ExperimentTable,
+    curve: MeasuredCurve,
+    clouds: Mapping[str, SurfaceCloud],
+    holds: Mapping[str, Hold],
+    creeps: Creeps,
+) -> Case:
+    """The simulation of an experiment that is kept for validation."""
+    if e.kind == "surface":
+        return cloud_case(study, e.name, clouds[e.name])
+    if e.kind == "profile":
+        return profile_case(study, e.name, curve)
+    if e.name in creeps.followed:
+        return creep_case(study, e.name, creeps.followed[e.name])
+    hold = holds.get(e.name)
+    return case_for(study, e.name, travels(curve, set(), hold), hold)
 
 
 def cloud_outputs(name: str, cloud: SurfaceCloud) -> list[Output]:

@@ -2,7 +2,7 @@
 
 from rso.data import usual_errors
 from rso.data.branches import SEGMENTS
-from rso.data.clouds import POINTS, SurfaceCloud, cloud_curve, said_of_cloud, surface_cloud
+from rso.data.clouds import POINTS, SurfaceCloud, UnstatedNoise, cloud_curve, said_of_cloud, surface_cloud
 from rso.data.creep import CreepHold, creep_curve, creep_of
 from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import CONTACT, Column, HeaderError
@@ -35,6 +35,7 @@ __all__ = [
     "StatedNoise",
     "SurfaceCloud",
     "Unsaid",
+    "UnstatedNoise",
     "autocorrelation",
     "cloud_curve",
     "combine",

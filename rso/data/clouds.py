@@ -15,6 +15,10 @@ IMAGES = 8  # depths that are compared at most
 NEIGHBOURS = 9  # points over which displacements are averaged before they say where much moves: their noise must not
 
 
+class UnstatedNoise(ValueError):
+    """A channel of a point cloud has no noise, which cannot be read off one image."""
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceCloud:
     """Displacements (n,) mm of material points of a surface in images taken at several depths, in rows.
@@ -53,11 +57,13 @@ def surface_cloud(measurement: Measurement, noise: Noise, components: Sequence[s
     """
     where = measurement.where
     if len(measurement.repeats) > 1:
-        raise ValueError(f"{where}: a point cloud holds one test; give each of its {len(measurement.repeats)} repeats "
-                         "an experiment of its own")  # fmt: skip
+        tests = len(measurement.repeats)
+        raise ValueError(f"{where}: a point cloud is one test; give each of its {tests} repeats its own experiment")
     r = measurement.repeats[0]
     if silent := [c for c in components if not noise.of(c) > 0.0]:
-        raise ValueError(f'{where}: state the noise of {", ".join(silent)} of a point cloud: noise = {{ uz = "5 um" }}')
+        raise UnstatedNoise(
+            f'{where}: state the noise of {", ".join(silent)} of a point cloud: noise = {{ uz = "5 um" }}'
+        )
     there = r.depth > 0.0
     images, image = np.unique(np.round(r.depth[there], 9), return_inverse=True)
     places, place = np.unique(

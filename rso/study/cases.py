@@ -20,6 +20,7 @@ from rso.data import (
     MeasuredCurve,
     Measurement,
     SurfaceCloud,
+    UnstatedNoise,
     combine,
     recorded_speed,
     surface_cloud,
@@ -70,7 +71,7 @@ def measured_clouds(study: Study) -> dict[str, SurfaceCloud]:
             try:
                 clouds[e.name] = surface_cloud(study.measurement(e.name), study.noise_of(e.name), e.compared, points)
             except ValueError as error:
-                place = "noise" if "state the noise" in str(error) else "data"
+                place = "noise" if isinstance(error, UnstatedNoise) else "data"
                 problems.append(Problem(("experiments", n, place), f"cannot be used: {error}", e.files))
     if problems:
         raise study_error(study.file, study.lines, problems)
