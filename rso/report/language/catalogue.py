@@ -28,6 +28,7 @@ _OWN = re.compile(
     r"N-mm-MPa-s$|(?:[\w-]+ \d+\.[\w.]+, )+|(?:[a-z_ ]+: )?[a-z][a-z_0-9]+ = \S.*(?<!\.)$|"
     r"\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
 )
+_START = 4  # letters by which templates are looked up
 _FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
 
 
@@ -53,6 +54,12 @@ class SentenceTemplate:
             seen.add(m[1])
             end = m.end()
         return re.compile("".join([*parts, _spaced(self.english[end:])]), re.DOTALL)
+
+    @functools.cached_property
+    def fixed(self) -> tuple[str, str, str]:
+        """What stands before its first slot and behind its last one, and its longest piece, all single spaced."""
+        pieces = _SLOT.sub("\0", re.sub(r"\s+", " ", self.english)).split("\0")
+        return pieces[0], pieces[-1], max(pieces, key=len)
 
     @functools.cached_property
     def weight(self) -> int:
@@ -81,8 +88,22 @@ class Catalogue:
         return {" ".join(t.english.split()): t.other for t in self.templates if not _SLOT.search(t.english)}
 
     @functools.cached_property
-    def _slotted(self) -> list[SentenceTemplate]:
-        return sorted((t for t in self.templates if _SLOT.search(t.english)), key=lambda t: -t.weight)
+    def _slotted(self) -> dict[str, list[SentenceTemplate]]:
+        """Templates with slots by their first letters, the heaviest first; all of them have those that have none."""
+        slotted = sorted((t for t in self.templates if _SLOT.search(t.english)), key=lambda t: -t.weight)
+        starts = {t.fixed[0][:_START] for t in slotted}
+        return {s: [t for t in slotted if s.startswith(t.fixed[0][:_START])] for s in {"", *starts}}
+
+    def _candidates(self, said: str) -> list[SentenceTemplate]:
+        """Templates with slots that have their words in common with a single-spaced text, the heaviest first."""
+        starts = self._slotted
+        near = next(starts[said[:n]] for n in range(_START, -1, -1) if said[:n] in starts)
+        found = []
+        for t in near:
+            start, end, longest = t.fixed
+            if longest in said and said.startswith(start) and said.endswith(end):
+                found.append(t)
+        return found
 
     def numbers(self, text: str) -> str:
         """Decimal numbers as the language writes them; versions and names of files stay."""
@@ -114,9 +135,10 @@ class Catalogue:
         return self._known[stripped]
 
     def _found(self, stripped: str) -> str | None:
-        if (found := self._whole.get(" ".join(stripped.split()))) is not None:
+        single = " ".join(stripped.split())
+        if (found := self._whole.get(single)) is not None:
             return self.numbers(found)
-        for t in self._slotted:
+        for t in self._candidates(single):
             for pattern in t.patterns:
                 if (m := pattern.fullmatch(stripped)) and (filled := self._filled(t, m)) is not None:
                     return filled
