@@ -49,7 +49,6 @@ REASONS = {  # why some stay, by what a path begins with
     "rso/cli/arguments.py": "the help of a folder and the table of exit codes are lists",
     "rso/data/files/header_words.py": "a list of words",
     "docs/decisions.md": "records of what was measured, written once",
-    "docs/thesis_tables.md": "made by studies/thesis",
 }
 
 
