@@ -48,7 +48,6 @@ REASONS = {  # why some stay, by what a path begins with
     "fem_backend/solver": "loose: a body that rigid motions can move, and a tolerance, are attributes of that name",
     "rso/cli/arguments.py": "the help of a folder and the table of exit codes are lists",
     "rso/data/files/header_words.py": "a list of words",
-    "docs/decisions.md": "records of what was measured, written once",
 }
 
 
