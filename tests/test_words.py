@@ -45,15 +45,9 @@ PRIVATE = re.compile(rf"(?<![\w.`/-])(?:{'|'.join(WORDS)})(?![\w(]|\.\w)", re.IG
 UNITS = re.compile(r"\d 1/MPa|\d /MPa|\b1 1/|\d{1,3}\.\d{11,}|\{'\w+': ")
 LEFT = Path(__file__).with_name("words_left.json")  # `length` and `words` by file: how many are left
 REASONS = {  # why some stay, by what a path begins with
-    "fem_backend/solver": "loose: a body that rigid motions can move, and a tolerance, are attributes of that name",
     "rso/cli/arguments.py": "the help of a folder and the table of exit codes are lists",
     "rso/data/files/header_words.py": "a list of words",
-    "docs/decisions.md": "records of what was measured, written once",
-    "docs/thesis_tables.md": "made by studies/thesis",
 }
-
-
-MECHANISM = {"rso/discrepancy/evidence/attribution.py", "rso/discrepancy/next_test.py"}  # names of their variables
 
 
 def texts(source: str) -> Iterator[tuple[int, str]]:
@@ -145,7 +139,7 @@ def test_sentences_are_short_and_in_the_terms_of_the_field(name):
 def test_what_may_stay_has_a_reason_or_is_a_page_of_docs():
     left = json.loads(LEFT.read_text("utf-8"))
     code = {file for rows in left.values() for file in rows if file.endswith(".py")}
-    assert {f for f in code if f.startswith("rso/") and not any(f.startswith(r) for r in REASONS)} <= MECHANISM
+    assert {f for f in code if f.startswith("rso/") and not any(f.startswith(r) for r in REASONS)} == set()
 
 
 def test_units_are_written_in_one_way():

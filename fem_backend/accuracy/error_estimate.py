@@ -527,8 +527,8 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     """What the error of each channel grows with, (k, j) in its unit.
 
     Forces, area, radius, pressure: m · value · (1, (h₀/a)², log₁₀ K/μ), a the contact radius, h₀ the element size and m
-    the `mesh_factor`; the value of a lateral force is that of `pressure_forces`.  On a loose body forces have 3/2 F g/d
-    besides, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2);
+    the `mesh_factor`; the value of a lateral force is that of `pressure_forces`.  An unconstrained body adds 3/2 F g/d
+    to forces, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2);
     d is at least what makes that the force itself. A skin adds to the first two, see `mixed_cell_factor` and `layered`.
     `uz_max`: (m h₀ (h₀/a)², d²/2R), the ball's lowest point as far beside the axis, R Fx/Fz, as it is beside a node, d.
     `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` on its support, times

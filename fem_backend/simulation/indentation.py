@@ -43,7 +43,7 @@ class Result:
     the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
     the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved;
     `coarser` are the channels of the same run on a coarser mesh, where that was made, `unchecked` says how errors are
-    told where that ended early, `finer` how many times as many nodes this one has; `on` says with what each point was
+    found where that ended early, `finer` how many times as many nodes this one has; `on` says with what each point was
     solved, `legs` at which travels (mm) the mesh was remade, and the share that the force changed by.
     `outworn` (k,) mm says from which travel on the mesh of each point was outworn and kept; ∞ without.
     `given` (k,) says at which instants the force was given and the travel found, `slopes` (k,) N/mm are dF/ds, `left`
@@ -133,7 +133,7 @@ def simulate_indentation(
 def again(settings: Settings, reached: Result | None) -> Settings:
     """The settings of a second attempt after what was `reached`: shorter steps, or with friction no new meshes.
 
-    On the way back what sticks and what slips is not always found on a new mesh.
+    During unloading what sticks and what slips is not always found on a new mesh.
     """
     if reached is not None and reached.legs and reached.system is not None:
         if any(pair.friction for pair in reached.system.pairs):

@@ -110,9 +110,9 @@ def softness(at: InitialState, points: Sequence[LoadPoint]) -> np.ndarray:
 
     with p per area before, but p²/ε dA = p² (dA/da)/ε dA where contact acts per area now, da,
     along each way of the indenter (an elastic body has one) from the values at the asked travels s; p₀ carries the
-    weight of a loose body.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
-    Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are
-    taken to lack the same share.
+    weight of an unconstrained body.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the
+    largest of Π's Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.
+    Lateral forces are taken to lack the same share.
     """
     near, n = merged([p.travel for p in points]), len(points)
     s = np.array([near[p.travel] for p in points])

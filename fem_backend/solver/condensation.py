@@ -26,7 +26,7 @@ class OutOfReach(ArithmeticError):
 
 
 def condenser(pattern: Pattern, prefer: str = "auto") -> Callable[[np.ndarray], Condense | None]:
-    """A function of the dofs (c,) that may touch; it remembers the last ones, as their analysis takes a while.
+    """A function of the dofs (c,) that may touch; it stores the last ones, as their analysis takes a while.
 
     It returns None where no solver here condenses: only Pardiso does, and symmetric matrices only.
     """

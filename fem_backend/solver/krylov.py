@@ -1,4 +1,4 @@
-"""Solution of K x = b for a body that lies loosely: Krylov iterations on a factor in single precision.
+"""Solution of K x = b for an unconstrained body: Krylov iterations on a factor in single precision.
 
 Six motions of such a body cost almost no energy, a billionth of that of an element: what single precision says of them
 is noise, and refinement with its factors fails.  Conjugate gradients or GMRES in double precision need a dozen steps

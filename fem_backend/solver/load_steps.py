@@ -148,7 +148,7 @@ def find_equilibrium(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
     known: Known | None = None, before: Evaluation | None = None,
 ) -> Equilibrium:  # fmt: skip
-    """Equilibrium from u (n, 3) by Newton in `limit` iterations; a loose body that is lost rolls there.
+    """Equilibrium from u (n, 3) by Newton in `limit` iterations; an unconstrained body that is lost rolls there.
 
     A body that may turn does so at once, in three times as many factorisations.  On a meridian the mixed form is tried
     first; `before` is the state from which u was predicted.  Raises NotConverged.
@@ -200,7 +200,7 @@ def predicted_displacement(system: System, u: np.ndarray, step: np.ndarray) -> n
 def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
     """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body.
 
-    A body that may turn is sought less tightly where it finds no rest otherwise, and counts as a loose one.
+    A body that may turn is sought less tightly where it finds no rest otherwise, and counts in `counters.loose`.
     Raises Stopped.
     """
     try:
@@ -346,7 +346,7 @@ def proper(
 
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
-    """Whether a loose body that is lost after `limit` iterations may be looked for with more patience."""
+    """Whether an unconstrained body that is lost after `limit` iterations may be looked for with more patience."""
     return system.loose and limit < PATIENT and error.cause != "time_limit"
 
 
@@ -370,8 +370,8 @@ def equilibrate(
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
     Of the states `starts` (n, 3) the first is where the search begins, the others show what each stage will move.
-    A body that hardly resists being turned may be left with a residual of `control.loose`, and counts as a loose one,
-    if nothing else is left to try (`loose`).
+    A body that hardly resists being turned may be left with a residual of `control.loose`, and counts in
+    `counters.loose`, if nothing else is left to try (`loose`).
     Raises NotConverged.
     """
     stages: list[Stage] = []

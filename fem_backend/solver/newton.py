@@ -71,7 +71,7 @@ class System:
 
     @property
     def grounded(self) -> np.ndarray:
-        """Springs (n,) N/mm of a loose body."""
+        """Springs (n,) N/mm of an unconstrained body."""
         assert self.springs is not None
         return self.springs
 
@@ -151,7 +151,7 @@ class Evaluation:
 
 @dataclass
 class Counters:
-    """Work done so far, steps that were left loose; `deadline` (s of process time) ends a run."""
+    """Work done so far, steps that were left less tight; `deadline` (s of process time) ends a run."""
 
     iterations: int = 0
     factorisations: int = 0

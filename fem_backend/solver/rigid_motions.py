@@ -69,7 +69,7 @@ def moved_rigidly(how: Motion, u: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def rolls(system: System) -> bool:
-    """Whether a body lies loosely on its support and may turn there: not both planes are planes of symmetry."""
+    """Whether a body lies unconstrained on its support and may turn there: not both planes are planes of symmetry."""
     return system.loose and bool(motion(system.body).allowed[3:].any())
 
 

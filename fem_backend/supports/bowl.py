@@ -1,4 +1,4 @@
-"""The specimen lies loosely in a bowl of its own shape, a clearance wider, with friction."""
+"""The specimen lies unconstrained in a bowl of its own shape, a clearance wider, with friction."""
 
 from __future__ import annotations
 

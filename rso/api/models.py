@@ -116,11 +116,11 @@ def model(
 ) -> Callable[[Callable[..., Any]], FunctionModel]:
     """Decorator that turns a function of numbers into a backend.
 
-    `parameters` are :class:`rso.Parameter` each, or name → (low, high) or (low, high, unit): hard bounds; a tuple of
+    `parameters` are :class:`rso.Parameter` each, or name → (low, high) or (low, high, unit): hard bounds.  A tuple of
     texts is a category, of which the function is given the text.  `channels` is name → unit of what the function
-    returns, ``{"Fz": "N"}`` without it or `curves`: name → (unit, abscissa, its unit) of pairs (abscissa, values) that
-    it returns beside.  Of its arguments ``travel`` (n,) mm, ``time`` (n,) s and ``settings`` (mapping) are filled in by
-    the experiment, all others are parameters.
+    returns; it is ``{"Fz": "N"}`` where neither it nor `curves` is given.  `curves` is name → (unit, abscissa, its
+    unit) of pairs (abscissa, values) that the function returns beside.  Of its arguments ``travel`` (n,) mm, ``time``
+    (n,) s and ``settings`` (mapping) are filled in by the experiment, all others are parameters.
 
         @rso.model(parameters={"k": (0.1, 10.0, "N/mm")})
         def spring(travel, k):

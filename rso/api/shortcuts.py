@@ -75,8 +75,8 @@ def fit(
     `data` is a file, or a table whose columns say name and unit: ``depth_mm``, ``Fz_N``.  The tables are those of
     [backend.settings]; `parameters` is name → (low, high) in the backend's units or with their own, or a value that
     fixes it.  What is left out of it is guessed from the curve, as `rso new` does.  `noise` is that of an experiment.
-    Everything lies in `folder` (by default ``fits/`` and a name by the contents), so that the same call is answered
-    from there; its study.toml can be run by `rso run`.
+    Everything lies in `folder` (by default ``fits/`` and a name by the contents), and the same call is answered from
+    there.  Its study.toml can be run by `rso run`.
 
     Raises ValueError for bad input, StudyError for what the study cannot use, NothingToFit where too few runs have an
     answer.

@@ -103,9 +103,9 @@ class Workspace:
     ) -> list[Path]:
         """Write what :meth:`run` found for others, as `rso export` does; the files.
 
-        `formats` are those of tables (csv, parquet, arviz) and those of the backend, for the most likely values or
-        those of a `candidate` (from 1), and for an `experiment`.  Raises ValueError naming the choices, and for what a
-        format cannot say; FileNotFoundError before the study has been run.
+        `formats` are those of tables (csv, parquet, arviz) and those of the backend.  They are written for the most
+        likely values or those of a `candidate` (from 1), and for an `experiment`.  Raises ValueError naming the
+        choices, and for what a format cannot say; FileNotFoundError before the study has been run.
         """
         check_formats(self.plan, formats)
         return export(self.plan, self.result, Path(folder), formats, candidate=candidate, experiment=experiment)
@@ -136,9 +136,10 @@ class Workspace:
     def tell(self, answers: Sequence[tuple[AskedRun, Response | Mapping[str, Any] | SimulationFailed]]) -> None:
         """Store the answers to runs of :meth:`ask`.
 
-        An answer is a mapping of channels to numbers (n,) at the asked travels, in the units that the backend declares,
-        a whole :class:`rso.Response`, or a :class:`rso.SimulationFailed` for a run that has no answer.  Raises
-        ValueError for an answer without a channel that the study reads, or of another length; nothing is stored then.
+        An answer is a mapping of channels to numbers (n,) at the asked travels, in the units that the backend declares.
+        It may also be a whole :class:`rso.Response`, or a :class:`rso.SimulationFailed` for a run that has no answer.
+        Raises ValueError for an answer without a channel that the study reads, or of another length; nothing is stored
+        then.
         """
         rows = [self._answered(run, answer) for run, answer in answers]
         with self._store() as store:

@@ -27,8 +27,8 @@ LABORATORY = """a folder, for example:
   "rate_mm_per_min": 30,
   "remark": "whatever people should know: not read"
 }
-headers of a machine are named under "columns", with the keys of [columns] in a study;
-what is not understood is refused with what is, other keys are not used, which is said; @ranges: what \
+headers of a machine are named under "columns", with the keys of [columns] in a study.
+What is not understood is refused with what is. Other keys are not used, which is said; @ranges: what \
 this means is in docs/data_for_a_diagnosis.md"""
 
 

@@ -23,9 +23,9 @@ class Programme:
 
     Either travel is piecewise linear through (`time_s`, `travel_mm`), or it follows `segments`, from rest at first
     contact at 0 s.  Channels are returned at each passage of an asked travel or force and at each asked moment (a
-    hold), in order of time; segments have asked moments of their own, since each began.  A moment of `asked_s` counts
+    hold), in order of time.  Segments have asked moments of their own, since each began.  A moment of `asked_s` counts
     from the programme's start and needs segments whose durations are known before they are run.
-    Travel counts from the first contact with the undeformed specimen; it is negative where the indenter is above that:
+    Travel counts from the first contact with the undeformed specimen.  It is negative where the indenter is above that:
     before a contact, and where it draws the specimen up behind it.
 
     With nothing stated nothing is moved: the case of a model that has no indenter, whose one passage is at 0 s, 0 mm.
@@ -149,7 +149,7 @@ class Programme:
 class Case:
     """One simulation: a programme and the backend's own settings (where, geometry, support, law).
 
-    `artefacts` maps a name to the SHA-256 of what the backend made for this case beforehand (a mesh); the
+    `artefacts` maps a name to the SHA-256 of what the backend made for this case beforehand (a mesh).  The
     hashes are part of the run key.  `objects` is the folder that holds them and is not.
     """
 

@@ -30,8 +30,8 @@ LimitTexts = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), _each(re
 class ObjectivesTable(StudyFileTable):
     """[objectives]: of a study without measurements, what is to be small or large and what must stay within limits.
 
-    An output is named as `cost`; of a curve stress(1.2) is its value at an abscissa, max(stress), min, max_abs, mean,
-    integral, argmax, argmin, first and last what they say, also between two abscissae: integral(force, 0, 5).
+    An output is named as `cost`.  Of a curve stress(1.2) is its value at an abscissa.  Its max(stress), min, max_abs,
+    mean, integral, argmax, argmin, first and last are what they say, also between two abscissae: integral(force, 0, 5).
     """
 
     minimise: Quantities = ()

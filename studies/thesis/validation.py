@@ -378,6 +378,6 @@ def endings(outcomes: Outcomes) -> dict[str, str]:
     return {
         "runs": str(len(outcomes)),
         "minutes": num(cpu / 60, 0),
-        "failed": "; ".join(failed) if failed else "none",
+        "failed": ". ".join(failed) if failed else "none",
         "pending": "; ".join(pending) if pending else "none",
     }

@@ -278,7 +278,7 @@ def comparisons(
     partly: bool = True,
     finalists: frozenset[str] = frozenset(),
 ) -> list[Comparison]:
-    """The contest of all hypotheses for every data set of Y (B, n); finalists, by cause, have loose tiles."""
+    """The contest of all hypotheses for every data set of Y (B, n); finalists, by cause, have tolerant tiles."""
 
     def column(h: Hypothesis) -> np.ndarray:
         return evidence.of(h.effects, Y, h.unexplained, bool(h.effects) and {e.source for e in h.effects} <= finalists)
