@@ -212,11 +212,11 @@ class RandomEffects:
 def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) -> RandomEffects:
     """The population of specimens by REML, with the Hartung–Knapp interval of its mean.
 
-    With j_i the information about m in specimen i, the variance of the mean is max(1, Q(τ)/(k − 1)) / Σ j_i with Q(τ) of
-    :func:`_scatter`: for Gaussian L_i that of Hartung & Knapp, which the 1 keeps from being less than that of known errors (Röver, Knapp
-    & Friede, BMC Med. Res. Methodol. 15 (2015) 99, eq. 9).  The k in it are the specimens bounded on both sides; one
-    that is bounded on one side moves the mean and τ by what it excludes.  Errors that all specimens share are in no
-    interval.
+    With j_i the information about m in specimen i, the variance of the mean is max(1, Q(τ)/(k − 1)) / Σ j_i, Q(τ) as in
+    :func:`_scatter`: for Gaussian L_i that of Hartung & Knapp, which the 1 keeps from being less than that of known
+    errors (Röver, Knapp & Friede, BMC Med. Res. Methodol. 15 (2015) 99, eq. 9).  The k in it are the specimens bounded
+    on both sides; one that is bounded on one side moves the mean and τ by what it excludes.  Errors that all specimens
+    share are in no interval.
 
     Raises ValueError without a specimen that is bounded on both sides.
     """
