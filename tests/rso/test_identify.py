@@ -625,7 +625,7 @@ def test_errors_stated_much_larger_than_the_curves_show_are_remarked_upon():
 
 
 def test_it_is_the_simulation_whose_errors_are_too_large_where_they_are_most():
-    """Readings as good as stated, and a model that says it may be off by ten times as much: noise.Fz is not to blame."""
+    """Readings are as good as stated, a model says it may be off by ten times as much: noise.Fz is not to blame."""
     m = ball(0.003)
     loose = tuple(d.plus(100.0 * d.covariance, "numerical") for d in m.data)
     said = remark(dataclasses.replace(m, data=loose))
