@@ -205,8 +205,9 @@ class FiniteElements:
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
-                    f"{name}: travel {far:g} mm: less than {through:g} mm, as far as {settings.specimen.described} "
-                    "reaches along the way of the indenter; is the unit of depth right?"
+                    f"{name}: travel {far:g} mm: less than {through:g} mm is expected, as far as "
+                    f"{settings.specimen.described} reaches along the way of the indenter; are the units of depth and "
+                    "specimen right?"
                 )
         if case.programme.travel_mm[0] > 0.0:
             raise ValueError(

@@ -236,7 +236,7 @@ def identification(
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
     d = done.determination
     chi2, p = (d.fit.chi2, d.p_value) if settled.chi2_bare is None else (settled.chi2_bare, settled.p_bare)
-    warnings = [f"identification: {text}" for text in (d.warning, lenient(chi2, d.degrees, p)) if text]
+    warnings = [f"identification: {text}" for text in (d.warning, lenient(d.misfit, chi2, d.degrees, p)) if text]
     warnings += [*unstated(d), *_noiseless(plan, done.places, d)]
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")

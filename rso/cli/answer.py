@@ -11,6 +11,7 @@ from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
 
 DERIVED = 2  # quantities that follow from the parameters, as many as on the first page of a report
+MOST = 6  # digits of a value
 UNSURE = 0.2  # width of an interval over its middle from which on a value has two digits
 
 
@@ -84,10 +85,14 @@ def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:
 
 
 def estimate_text(value: float, span: tuple[float, float], unit: str) -> str:
-    """A value in the unit that people use, with the digits that its interval supports."""
+    """A value in the unit that people use, with the digits that its interval supports, or as many as keep it inside."""
     label, factor = people(unit, max(map(abs, span)))
     low, high = span
     digits = 2 if high - low > UNSURE * abs(high + low) / 2 else 3
+    while (
+        low < value < high and digits < MOST and not low <= float(number_text(value * factor, digits)) / factor <= high
+    ):
+        digits += 1
     return f"{number_text(value * factor, digits)}{_behind(label)}"
 
 

@@ -39,8 +39,10 @@ def compare(options: argparse.Namespace) -> int:
             output.marked_line("open", f"{text}: one of them has no interval")
         elif _apart(a, b):
             output.marked_line("bad", f"{text}: the intervals do not overlap")
+        elif not (_determined(a) and _determined(b)):
+            output.marked_line("open", f"{text}: they overlap")
         else:
-            output.marked_line("good", text)
+            output.marked_line("good", f"{text}: the intervals overlap")
     print()
     output.say("What differs:" if unlike else "Data, ranges and method are the same.")
     output.lines([f"  {text}" for text in unlike])
@@ -94,13 +96,17 @@ def _rows(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[str, A
     return [(n, every[0].get(n), every[1].get(n)) for n in names]
 
 
+def _determined(row: Mapping[str, Any]) -> bool:
+    return bool(row.get("verdict") == "determined" or row.get("known"))
+
+
 def _told(row: Mapping[str, Any] | None) -> str:
     if row is None or row["value"] is None:
         return "–"
     if not row["interval"]:
         return f"{estimate_text(row['value'], (row['value'],) * 2, row['unit'])} ({row.get('verdict', 'no interval')})"
     interval = interval_in_unit(row["interval"], row["unit"])
-    if row.get("verdict") == "determined" or row.get("known"):
+    if _determined(row):
         return f"{estimate_text(row['value'], row['interval'], row['unit'])} ({interval})"
     return f"{interval}, not determined"
 

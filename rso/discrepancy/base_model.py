@@ -136,6 +136,6 @@ def base_model_sentence(found: Mapping[str, Any] | None) -> list[str]:
         return []
     stories: Sequence[str] = [v["story"] for v in found["parameters"].values()]
     return [
-        f"Fit of the base model, as in rso run. {found['story']} {' '.join(stories)} A diagnosis also allows for "
-        "model-form error and for effects that the data do not exclude."
+        f"Fit of the base model alone, over the ranges of the study file. {found['story']} {' '.join(stories)} "
+        "A diagnosis also allows for model-form error and for effects that the data do not exclude."
     ]

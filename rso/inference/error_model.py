@@ -20,7 +20,11 @@ from rso.core.correlation import Kernel, exponential
 from rso.inference.likelihood import Data
 
 NUMERICAL, INTERPOLATION, EMULATOR = "numerical", "interpolation", "emulator"
-OF_THE_MODEL = (NUMERICAL, INTERPOLATION, EMULATOR)
+OF_THE_MODEL = {  # and how each is called
+    NUMERICAL: "numerical",
+    INTERPOLATION: "between computed travels",
+    EMULATOR: "response surface",
+}
 
 
 def correlated_along(

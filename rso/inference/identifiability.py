@@ -12,6 +12,7 @@ from rso.core.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
+from rso.inference.error_model import OF_THE_MODEL, shares
 from rso.inference.intervals import (
     Interval,
     ProfileInterval,
@@ -263,14 +264,21 @@ def _freedoms(misfit: Misfit, ν: float) -> tuple[float, float]:
     return (2 / known if known > 0 else math.inf), (2 / size if size > 0 else math.inf)
 
 
-def lenient(chi2: float, ν: int, p: float | None) -> str:
-    """A remark where χ² is far less than the errors would leave, else nothing."""
+def lenient(misfit: Misfit, chi2: float, ν: int, p: float | None) -> str:
+    """A remark where χ² is far less than the errors would leave, else nothing: it names those that are too large."""
     if p is None or p <= 1.0 - LENIENT:
         return ""
+    said = f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than "
+    worst = max((shares(d.as_stated) for d in misfit.data), key=lambda s: math.hypot(*s.values()))
+    of_model = {name: size for name, size in worst.items() if name in OF_THE_MODEL}
+    if math.hypot(*of_model.values()) > worst["measurement"]:
+        sizes = ", ".join(f"{OF_THE_MODEL[name]} {100 * size:.2g} %" for name, size in of_model.items())
+        return f"{said}the simulation may be off ({sizes} of the largest reading). Intervals count these errors"
+    if all(math.isfinite(d.freedom) for d in misfit.data):
+        return f"{said}the errors that were taken for them; the study states none of single readings"
     return (
-        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors. "
-        "noise.Fz, noise.depth and a column Fz_sigma_N are independent errors of single readings. An error of a "
-        "whole curve is contact, gain or calibration under noise"
+        f"{said}the stated errors. noise.Fz, noise.depth and a column Fz_sigma_N are independent errors of single "
+        "readings. An error of a whole curve is contact, gain or calibration under noise"
     )
 
 

@@ -34,6 +34,7 @@ WIDE = 8.0
 NOTHING = 1e-4  # of the least width of a likelihood: a τ below is none
 SPREAD = 1e3  # of the largest distance between two specimens, or of a width: τ is not looked for beyond
 SHARES = 128  # parts of equal probability into which τ and the error of the mean are divided for a prediction
+PEAK = 33  # means among which the likeliest of one specimen is looked for
 OUTLIER = 0.05  # probability with which any specimen at all is called one although none is
 
 
@@ -211,11 +212,11 @@ class RandomEffects:
 def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) -> RandomEffects:
     """The population of specimens by REML, with the Hartung–Knapp interval of its mean.
 
-    With j_i the information about m in specimen i, the variance of the mean is max(1, Σ u_i²/j_i / (k − 1)) / Σ j_i:
-    for Gaussian L_i that of Hartung & Knapp, which the 1 keeps from being less than that of known errors (Röver, Knapp
-    & Friede, BMC Med. Res. Methodol. 15 (2015) 99, eq. 9).  The k in it are the specimens bounded on both sides; one
-    that is bounded on one side moves the mean and τ by what it excludes.  Errors that all specimens share are in no
-    interval.
+    With j_i the information about m in specimen i, the variance of the mean is max(1, Q(τ)/(k − 1)) / Σ j_i, Q(τ) as in
+    :func:`_scatter`: for Gaussian L_i that of Hartung & Knapp, which the 1 keeps from being less than that of known
+    errors (Röver, Knapp & Friede, BMC Med. Res. Methodol. 15 (2015) 99, eq. 9).  The k in it are the specimens bounded
+    on both sides; one that is bounded on one side moves the mean and τ by what it excludes.  Errors that all specimens
+    share are in no interval.
 
     Raises ValueError without a specimen that is bounded on both sides.
     """
@@ -231,7 +232,7 @@ def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) 
         interval = (mean - reach, mean + reach)
     prediction = _prediction(specimens, closed, level) if k > 2 else None
     at_none = marginal(closed, np.array([_mode(closed, 0.0)]), 0.0)
-    q, w = _scatter(at_none), at_none.curvature[:, 0]
+    q, w = _scatter(closed, at_none, 0.0), at_none.curvature[:, 0]
     i2 = None
     if k > 1:
         typical = (k - 1) * w.sum() / (w.sum() ** 2 - (w**2).sum())
@@ -298,10 +299,28 @@ def _gaussian_of(one: SpecimenLikelihood) -> tuple[float, float]:
     return best, 0.5 * float(high - low)
 
 
-def _scatter(at: Marginal) -> float:
-    """Σ u²/j: for Gaussian L_i the weighted sum of squares about the mean."""
-    u, j = at.slope[:, 0], at.curvature[:, 0]
-    return float(np.sum(u**2 / np.maximum(j, 1e-300)))
+def _scatter(closed: Sequence[SpecimenLikelihood], at: Marginal, tau: float) -> float:
+    """Generalised Q(τ) at the one mean of `at`: for Gaussian L_i the weighted sum of squares about it, Σ u²/j.
+
+    Else 2 Σ [max ℓ_i(·, τ) − ℓ_i(m, τ)], the deviance, which is the same of Gaussians.  The curvature j of a profile in
+    pieces vanishes in places, and u²/j has no bounds there.
+    """
+    normal = np.array([s.normal for s in closed])
+    u, j, value = at.slope[normal, 0], at.curvature[normal, 0], at.value[~normal, 0]
+    top = np.array([_peak(s, tau) for s in closed if not s.normal])
+    return float(np.sum(u**2 / j) + 2.0 * np.sum(np.maximum(top - value, 0.0)))
+
+
+def _peak(one: SpecimenLikelihood, tau: float) -> float:
+    """max ℓ(m, τ) over m, 0 at τ = 0: of points through the middle of L the highest, and the parabola through it."""
+    if tau <= NOTHING * one.width:
+        return 0.0
+    low, high = (float(np.interp(r, one.root, one.at)) for r in (-1.0, 1.0))
+    value = marginal([one], np.linspace(low, high, PEAK), tau).value[0]
+    n = int(np.clip(np.argmax(value), 1, PEAK - 2))
+    below, here, above = value[n - 1 : n + 2]
+    bend = 2.0 * here - below - above
+    return float(here + (above - below) ** 2 / (8.0 * bend)) if bend > 0.0 else float(value.max())
 
 
 def _mode(specimens: Sequence[SpecimenLikelihood], tau: float) -> float:
@@ -365,7 +384,7 @@ def _mean_at(
     """The mean at this τ, its Hartung–Knapp standard error, and the generalised Q(τ)."""
     mean = _mode(specimens, tau)
     information = float(marginal(specimens, np.array([mean]), tau).curvature.sum())
-    scatter = _scatter(marginal(closed, np.array([mean]), tau))
+    scatter = _scatter(closed, marginal(closed, np.array([mean]), tau), tau)
     excess = max(1.0, scatter / (len(closed) - 1)) if len(closed) > 1 else 1.0
     return mean, math.sqrt(excess / information), scatter if len(closed) == len(specimens) else _q_at(closed, tau)
 
@@ -401,8 +420,8 @@ def _prediction(
 
 
 def _q_at(closed: Sequence[SpecimenLikelihood], tau: float) -> float:
-    """Generalised Q(τ) = Σ u²/j at the mean of that τ."""
-    return _scatter(marginal(closed, np.array([_mode(closed, tau)]), tau))
+    """Generalised Q(τ) at the mean of that τ."""
+    return _scatter(closed, marginal(closed, np.array([_mode(closed, tau)]), tau), tau)
 
 
 def _tau_interval(closed: Sequence[SpecimenLikelihood], level: float) -> tuple[float, float] | None:

@@ -27,7 +27,7 @@ from rso.data import (
     without_spikes,
 )
 from rso.study.errors import Problem, choices_text, study_error
-from rso.study.line_numbers import Place
+from rso.study.line_numbers import LineElsewhere, Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import TargetTable
@@ -429,8 +429,15 @@ def place_of_setting(study: Study, n: int, message: str) -> Place:
     for key in words:
         for place, settings in owners:
             if key in settings:
-                return (*place, key)
+                return _of_a_table(study, (*place, key), message)
     return ("experiments", n, "settings") if own else ("backend", "settings")
+
+
+def _of_a_table(study: Study, place: Place, message: str) -> Place:
+    """The key below `place` that the message begins with, as specimen.thickness, where a table of specimens has it."""
+    named = re.match(r"\w+((?:\.\w+)+)", message)
+    deep = (*place, *named[1][1:].split(".")) if named else place
+    return deep if isinstance(study.lines.get(deep), LineElsewhere) else place
 
 
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:

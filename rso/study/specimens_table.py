@@ -55,7 +55,7 @@ class SpecimenTable(StudyFileTable):
     settings: Settings = Field(default_factory=dict)
     """Settings of the backend for it, key by key: settings.specimen.thickness = 7.6."""
     experiments: Settings = Field(default_factory=dict)
-    """Other keys of an experiment by its name: experiments.press.settings.indenter.radius = "3 mm"."""
+    """Other keys of an experiment by its name: experiments.press.settings.indenter.radius = 3.0."""
     backends: Settings = Field(default_factory=dict)
     """Of a further backend by its name: backends.tension.settings.area = 24.3."""
     parameters: Settings = Field(default_factory=dict)
@@ -146,9 +146,10 @@ def rows_of_file(path: Path, problems: list[str]) -> list[SpecimenRow]:
             table = SpecimenTable.model_validate(_nested(values))
         except ValidationError as error:
             for p in schema_problems(SpecimenTable, error):
-                own = next((spots[q] for q in _outwards(p.place) if q in spots), at)
+                own = next((spots[q] for q in _outwards(p.place) if q in spots), None)
+                label = own.label if own else f"column {'.'.join(map(str, p.place))!r}"
                 shown = "" if p.value is None or isinstance(p.value, dict) else f" = {p.value!r}"
-                problems.append(f"{path}:{number}: {own.label}{shown}: {p.message}")
+                problems.append(f"{path}:{number}: {label}{shown}: {p.message}")
             continue
         if not wrong:
             found.append(SpecimenRow(table, values, spots, at))
@@ -176,7 +177,8 @@ def _column(head: str) -> tuple[Place, str]:
     good = root in ("name", "note", "data") and deep == 1
     good |= (root in ("data", "settings") and deep > 1) or (root in ROOTS[2:] and deep > 2)
     if not good:
-        raise ValueError(f"no key of a specimen; {choices_text(root, choices)}")
+        whole = "; a setting is written out, such as settings.specimen.thickness" if deep == 1 else ""
+        raise ValueError(f"no key of a specimen; {choices_text(root, choices)}{whole}")
     if unit and root in ("name", "note", "data"):
         raise ValueError("has no unit")
     return tuple(keys), unit

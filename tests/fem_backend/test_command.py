@@ -166,7 +166,7 @@ def test_a_wrong_type_is_exit_code_2_and_names_key_value_and_what_is_expected(tm
 @pytest.mark.parametrize(
     "key,value,words",
     [
-        ("earlier", 70.0, "earlier: travel 70 mm: less than 70 mm, as far as an ellipsoid"),
+        ("earlier", 70.0, "earlier: travel 70 mm: less than 70 mm is expected, as far as an ellipsoid"),
         ("indenter", {"radius": 20.0}, "indenter.radius = 20.0 mm: this specimen is meshed for indenters much"),
         ("indenter", {"radius": 20.0}, "at most 17.5 mm"),
         ("indenter", {"radius": 0}, "indenter.radius = 0.0 mm: must be positive"),
@@ -206,7 +206,7 @@ def test_only_a_travel_through_the_whole_specimen_is_refused():
         return Case.from_json({"name": "x", "programme": programme, "settings": settings})
 
     BACKEND.check(case(35.999))
-    with pytest.raises(ValueError, match=r"travel_mm: travel 36 mm: less than 36 mm, as far as an ellipsoid "):
+    with pytest.raises(ValueError, match=r"travel_mm: travel 36 mm: less than 36 mm is expected, as far as"):
         BACKEND.check(case(36.0))
 
 

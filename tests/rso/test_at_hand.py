@@ -89,6 +89,7 @@ def test_the_answer_has_a_mark_for_what_is_known_open_and_missed():
         (0.0102, (0.0060, 0.0140), "10 kPa"),
         (2.5, (2.4, 2.6), "2.50 MPa"),
         (12345.0, (12300.0, 12400.0), "12345 MPa"),
+        (0.49598, (0.394, 0.4976), "0.496 MPa"),  # 0.50 is not in its interval
     ],
 )
 def test_values_have_the_digits_that_are_known(value, span, text):
@@ -108,7 +109,9 @@ def test_two_runs_are_compared(results, tmp_path, capsys):
     other["parameters"][0]["low"] = 0.001
     folder = written(tmp_path / "other", other)
     assert main(["compare", str(results), str(results)]) == 0
-    assert "are the same" in capsys.readouterr().out
+    same = capsys.readouterr().out
+    assert "are the same" in same
+    assert "✓ μ" in same and "? D₁" in same  # a tick is of what both determine, as elsewhere
     assert main(["compare", str(results), str(folder / "results" / "results.json")]) == 0
     said = capsys.readouterr().out
     assert "✗ μ:" in said and "do not overlap" in said and "✓ μ" not in said

@@ -122,6 +122,16 @@ def test_the_page_says_what_is_fixed_what_is_open_and_what_is_unlikely():
     assert derived_table({}) is None and derived_facts({}) == [] == derived_sentences({})
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_a_value_on_the_page_lies_in_its_interval(known):
+    """0.50 would be outside, and no body has it."""
+    from rso.report.calibration.derived import derived_value
+
+    nu = {"unit": "1", "value": 0.49598, "interval": [0.39405, 0.49761], "known": known}
+    assert derived_value(nu) == "0.496"
+    assert derived_value({**nu, "value": 0.45}) in ("0.45", "0.450")
+
+
 def test_a_refuted_model_or_unconfirmed_surrogates_fix_nothing():
     from types import SimpleNamespace as Some
 

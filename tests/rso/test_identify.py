@@ -620,9 +620,28 @@ def test_errors_known_from_few_readings_widen_intervals_and_thresholds():
 def test_errors_stated_much_larger_than_the_curves_show_are_remarked_upon():
     m = ball(0.003)
     wide = dataclasses.replace(m, scale=3.0)
-    found = (inference.determine(v, seed=0, mcmc=False) for v in (wide, m))
-    said, silent = (inference.lenient(d.fit.chi2, d.degrees, d.p_value) for d in found)
-    assert "stated errors" in said and "contact" in said and not silent
+    said, silent = (remark(v) for v in (wide, m))
+    assert "the stated errors" in said and "contact" in said and not silent
+
+
+def test_it_is_the_simulation_whose_errors_are_too_large_where_they_are_most():
+    """Readings are as good as stated, a model says it may be off by ten times as much: noise.Fz is not to blame."""
+    m = ball(0.003)
+    loose = tuple(d.plus(100.0 * d.covariance, "numerical") for d in m.data)
+    said = remark(dataclasses.replace(m, data=loose))
+    assert "the simulation may be off (numerical " in said and "noise.Fz" not in said and "stated" not in said
+
+
+def test_errors_that_nobody_stated_are_not_called_stated():
+    m = ball(0.003)
+    taken = tuple(dataclasses.replace(d.plus(8.0 * d.covariance), freedom=1e4) for d in m.data)
+    said = remark(dataclasses.replace(m, data=taken))
+    assert "far less than the errors that were taken for them" in said and "the stated errors" not in said
+
+
+def remark(m):
+    d = inference.determine(m, seed=0, mcmc=False)
+    return inference.lenient(m, d.fit.chi2, d.degrees, d.p_value)
 
 
 @pytest.mark.parametrize(

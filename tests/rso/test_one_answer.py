@@ -113,4 +113,4 @@ def test_what_a_diagnosis_allows_for_besides_is_more(found):
     d = found[1]["diagnosis"]
     before, base = d["diagnosis"]["parameters"]["before"]["mu"], d["base_model"]["parameters"]["mu"]["interval"]
     assert apart((before["low"], before["high"]), base) > 0.05
-    assert any("Fit of the base model, as in rso run" in w for w in d["words"])
+    assert any("Fit of the base model alone, over the ranges of the study file" in w for w in d["words"])

@@ -81,6 +81,33 @@ def test_a_prediction_by_drawing_it():
     assert [np.mean(new < low), np.mean(new > high)] == pytest.approx([0.025, 0.025], abs=4 * np.sqrt(0.025 / n))
 
 
+# ln μ of six simulated slabs at r = −3, −2.5, … 3, as `rso run` found them: D₁ is open, so they rise in kinks.
+SLABS = np.array(
+    [
+        [-4.592, -4.577, -4.562, -4.548, -4.533, -4.515, -4.488, -4.446, -4.414, -4.376, -4.312, -4.228, -4.157],
+        [-4.497, -4.482, -4.466, -4.451, -4.429, -4.413, -4.359, -4.317, -4.271, -4.218, -4.149, -4.076, -4.022],
+        [-4.527, -4.512, -4.498, -4.484, -4.469, -4.456, -4.442, -4.411, -4.334, -4.279, -4.236, -4.18, -4.107],
+        [-4.558, -4.544, -4.529, -4.515, -4.501, -4.486, -4.456, -4.41, -4.368, -4.317, -4.281, -4.239, -4.175],
+        [-4.453, -4.438, -4.423, -4.407, -4.392, -4.366, -4.324, -4.288, -4.219, -4.174, -4.132, -4.086, -4.051],
+        [-4.35, -4.333, -4.316, -4.299, -4.281, -4.209, -4.164, -4.117, -4.082, -4.042, -3.968, -3.898, -3.844],
+    ]
+)  # fmt: skip
+
+
+def test_uneven_profiles_say_what_even_ones_say():
+    """Mean, prediction, Q and interval of τ are near those of Gaussians as wide at ±1, which have closed forms.
+
+    A profile in pieces has places where its marginal has no curvature; a Q that divides by that is without bounds.
+    Tolerances: these profiles are up to three times as flat above their best value as below it.
+    """
+    specimens = [SpecimenLikelihood(at, np.linspace(-3.0, 3.0, 13)) for at in SLABS]
+    even = random_effects(gaussians(SLABS[:, 6], 0.5 * (SLABS[:, 8] - SLABS[:, 4])))
+    found = random_effects(specimens)
+    assert found.q == pytest.approx(even.q, rel=0.5)
+    assert found.mean == pytest.approx(even.mean, abs=0.05)
+    assert found.prediction == pytest.approx(even.prediction, abs=0.2 * np.ptp(even.prediction))
+
+
 def skewed(open_high=False):
     """A likelihood that is steep below and flat above its best value, or open there."""
     return SpecimenLikelihood(np.array([-0.6, 0.0, 1.0, 2.5]), np.array([-2.0, 0.0, 0.7, 1.1]), False, open_high)

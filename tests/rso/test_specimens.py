@@ -195,6 +195,8 @@ settings.area = 4.0
         ("name,settings.area\na,1\na,2\n", ["table.csv:3", "'a'", "taken"]),
         ("name,settings.area\na,1\nA,2\n", ["table.csv:3", "looks like 'a'"]),
         ("name,seting.area\na,1\n", ["table.csv:1", "seting.area", "settings"]),
+        ("name,area\na,1\n", ["table.csv:1", "'area'", "such as settings.specimen.thickness"]),
+        ("name,settings.area\n,1\n", ["table.csv:2", "column 'name'", "is missing"]),
         ("settings.area\n1\n", ["table.csv:1", "no column 'name'"]),
         ("name,settings.area [mn]\na,x\n", ["table.csv:2", "settings.area [mn]", "'x'", "a number in mn"]),
         ("name,settings.area\na,1,2\n", ["table.csv:2", "3 cells"]),
@@ -212,6 +214,28 @@ def test_bad_tables_are_refused_with_file_row_and_column(springs, table, said):
     write(springs, table)
     text = "\n".join(problems(springs))
     assert all(part in text for part in said), text
+
+
+@pytest.mark.parametrize(
+    ("head", "cell", "said"),
+    [
+        ("thickness", "five", "'five'"),
+        ("thickness", "-5", "must be positive"),
+        ("thicknes", "5", "did you mean 'thickness'"),
+    ],
+)
+def test_what_the_backend_refuses_of_a_row_is_said_of_its_cell(springs, head, cell, said):
+    """The line of the study file holds another value, which is right."""
+    write(springs, f"name,settings.specimen.{head}\na,6.0\nb,{cell}\n")
+    text = (springs / "study.toml").read_text().replace("area = 2.0", 'specimen = { shape = "slab", thickness = 8.0 }')
+    text = text.replace("nowhere:spring", "fem_backend.backend:BACKEND")
+    text = text.replace("k = { low = 0.5, high = 20.0", "mu = { low = 0.005, high = 0.02")
+    (springs / "study.toml").write_text(text.replace("n = { value = 1.5 }", "D1 = { value = 5.8 }"))
+    with pytest.raises(StudyError) as caught:
+        rso.specimens(springs)
+    wrong = next(line for line in caught.value.problems if "specimen b" in line or head == "thicknes")
+    place = f"table.csv:{2 if head == 'thicknes' else 3}: column 'settings.specimen.{head}'"
+    assert place in wrong and said in wrong, wrong
 
 
 def test_all_problems_of_all_rows_at_once(springs):

@@ -96,7 +96,8 @@ def descent_warnings(plan: Plan, found: GaussNewtonRun, known: Identified | None
         said.append(f"{len(rivals)} of {len(found.descents)} starts led to another minimum; see the descents")
     if known is not None:
         d = known.determination
-        said += [f"identification: {text}" for text in (d.warning, lenient(d.fit.chi2, d.degrees, d.p_value)) if text]
+        remarks = d.warning, lenient(d.misfit, d.fit.chi2, d.degrees, d.p_value)
+        said += [f"identification: {text}" for text in remarks if text]
         said += unstated(d)
     return said
 

@@ -74,11 +74,14 @@ def _unit(q: Mapping[str, Any]) -> Unit:
 
 
 def derived_value(q: Mapping[str, Any]) -> str:
-    """The most likely value, as exactly as it is known."""
+    """The most likely value, as exactly as it is known, with more digits where it would leave its interval."""
     unit, (low, high) = _unit(q), q["interval"]
-    half = 0.5 * (high - low) * unit.factor
-    value = q["value"] * unit.factor
+    low, high, value = (v * unit.factor for v in (low, high, q["value"]))
+    half = 0.5 * (high - low)
+    decimals = next((d for d in range(7) if low <= round(value, d) <= high), 6)
     text = rounded(value, half) if q.get("known") is True else significant(value, 2)
+    if low < value < high and places(value, 2) < decimals and places(half, 1) < decimals:
+        text = fixed(value, decimals)
     return f"{text}{unit.after}"
 
 

@@ -164,7 +164,7 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
         column("wanted", _scaled(target, unit), unit.label),
         column("± σ", aligned([s and s * unit.factor for s in sigma], 3), unit.label),
         column("recomputed", _scaled(recomputed, unit), unit.label),
-        column("off", words([_off(r) for r in relative])),
+        column("off the prediction", words([_off(r) for r in relative])),
         column("", tuple(_state(c) if f else Cell("") for f, (c, _) in _zip(first, rows)), number=False),
     ]
     return table(_search_title(s), columns, _search_note(results, s, chosen))
