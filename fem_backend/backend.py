@@ -206,8 +206,7 @@ class FiniteElements:
             if far >= through * (1.0 - ROUNDED):
                 raise ValueError(
                     f"{name}: travel {far:g} mm: less than {through:g} mm is expected, as far as "
-                    f"{settings.specimen.described} reaches along the way of the indenter; are the units of depth and "
-                    "specimen right?"
+                    f"{settings.specimen.described} reaches; are the units of depth and specimen right?"
                 )
         if case.programme.travel_mm[0] > 0.0:
             raise ValueError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -136,9 +137,10 @@ def model(
         own = {p.name for p in declared}
         declared_names = ", ".join(p.name for p in declared)
         if unknown := [n for n in names if n not in own and n not in GIVEN]:
-            raise ValueError(
-                f"{function.__name__}: argument {unknown[0]!r} is no declared parameter ({declared_names})"
-            )
+            near = difflib.get_close_matches(unknown[0], [*GIVEN, *own], n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            said = f"argument {unknown[0]!r} is no declared parameter ({declared_names}) and none of {', '.join(GIVEN)}"
+            raise ValueError(f"{function.__name__}: {said}{hint}")
         if lost := sorted(own - set(names)):
             raise ValueError(f"{function.__name__}: parameter {lost[0]!r} is no argument of the function ({names})")
         return FunctionModel(

@@ -183,7 +183,9 @@ def make_plan(
     try:
         backend = source.load() if backend is None else backend
     except ValueError as error:
-        raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
+        place = ("backend", "use") if study.backend.use and not study.backends else ("backend",)
+        said = str(error).removeprefix("backend: ")
+        raise study_error(study.file, study.lines, [Problem(place, said)]) from error
     resolved = resolve(study, backend.parameters)
     clouds = measured_clouds(study)
     curves = {**measured_curves(study), **measured_profiles(study)}

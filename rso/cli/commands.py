@@ -74,6 +74,7 @@ def new(options: argparse.Namespace, command: str) -> int:
         from rso.cli.specimens import check_specimens
 
         found = check_specimens(argparse.Namespace(study=out, trust=False), folder)
+        output.say(f"first: write the sizes of each specimen into {table}; they are all alike now")
         output.say(then)
         return found
     from rso.cli.checking import check_lines

@@ -20,6 +20,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import FunctionType
 from typing import Any, get_args
 
 from rso.contract import (
@@ -152,11 +153,16 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
         what = f"{type(error).__name__}: {error}"
         raise ValueError(f"backend: module {module_name!r} of use = {use!r} cannot be imported: {what}") from error
     if not hasattr(module, attribute):
-        raise ValueError(f"backend: module {module_name!r} ({module.__file__}) has no {attribute!r} (use = {use!r})")
+        near = difflib.get_close_matches(attribute, [n for n in vars(module) if not n.startswith("_")], n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        said = f"module {module_name!r} ({module.__file__}) has no {attribute!r} (use = {use!r}){hint}"
+        raise ValueError(f"backend: {said}")
     backend = getattr(module, attribute)
     missing = lacking(backend, Backend)
     if missing or isinstance(backend, type):
         lack = f"lacks {', '.join(missing)}" if missing else "is a class; an instance is needed"
+        if isinstance(backend, FunctionType):
+            lack = "is a plain function; @rso.model(parameters={…}) above it makes it one"
         raise ValueError(f"backend: {use!r} is not a backend (rso.contract.Backend): it {lack}")
     if wrong := unfit(backend):
         raise ValueError(f"backend: {use!r}: {'; '.join(wrong)}")

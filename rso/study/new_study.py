@@ -296,7 +296,11 @@ def _widest(found: Sequence[Mapping[str, Line]]) -> Mapping[str, Line]:
             lines[name] = given[0]
             continue
         low, high = (at((g.value[end] for g in given), key=base) for at, end in ((min, "low"), (max, "high")))
-        remark = given[0].remark if len(given) == 1 else f"the least that holds those by each of {len(given)} files"
+        remark = (
+            given[0].remark
+            if len(given) == 1
+            else f"from the lowest to the highest that each of {len(given)} files suggests"
+        )
         lines[name] = replace(given[0], value={**given[0].value, "low": low, "high": high}, remark=remark)
     return lines
 

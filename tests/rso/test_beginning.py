@@ -299,6 +299,7 @@ def test_many_specimens_are_a_study_with_a_table(tmp_path, capsys):
     assert new(tmp_path, *files, "--specimens") == 0
     said = capsys.readouterr().out
     assert "specimens.csv: written" in said and "3 specimens" in said and "rso run" in said
+    assert said.index("first: write the sizes of each specimen") < said.index("then: rso run")
     found = load_specimens(tmp_path / "study.toml")
     assert found.names == ["gel 1", "gel 2", "point_10_0"]
     assert [s.experiments[0].settings["point"] for s in found.studies] == [[0, 0], [0, 0], [10, 0]]

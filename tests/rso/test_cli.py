@@ -97,7 +97,8 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "no backend": ({"backend": None, "backend__settings": None}, {}, "backend: is missing"),
     "no such module": ({"backend": 'use = "nowhere:BACKEND"'}, {}, "cannot import module 'nowhere'"),
     "no such object": ({"backend": 'use = "indentation_backend:FRONTEND"'}, {}, "has no 'FRONTEND'"),
-    "no backend at all": ({"backend": 'use = "json:dumps"'}, {}, "is not a backend"),
+    "no backend at all": ({"backend": 'use = "json:dumps"'}, {}, "backend.use: 'json:dumps' is not a backend"),
+    "a plain function": ({"backend": 'use = "json:dumps"'}, {}, "is a plain function; @rso.model("),
     "no such program": ({"backend": 'command = ["no-such-solver"]'}, {}, "program 'no-such-solver'"),
     "program and module": (
         {"backend": 'use = "indentation_backend:BACKEND"\ncommand = ["ls"]'},

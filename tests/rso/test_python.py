@@ -206,6 +206,7 @@ def test_passages_are_those_of_the_finite_element_model(programme):
     ("parameters", "function", "words"),
     [
         ({"k": (0, 1)}, lambda travel, q: q, "argument 'q' is no declared parameter"),
+        ({"k": (0, 1)}, lambda travl, k: k, "none of travel, time, settings; did you mean 'travel'"),
         ({"k": (0, 1), "m": (0, 1)}, lambda travel, k: k, "parameter 'm' is no argument"),
         ({"k": (1, 0)}, lambda travel, k: k, "low < high"),
         ({"k": 3}, lambda travel, k: k, "parameter 'k' = 3"),
