@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -13,6 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
+CLOSE = 0.5  # of the gaps beside it: a smaller one is between two points of which one says what both do
 # Beyond the last computed travel by this share of it is round-off, not extrapolation.
 _ROUND_OFF = 1e-9
 CREEP = "travel"  # the channel that is read over the time of a hold at a force
@@ -191,8 +193,9 @@ def at_readings(
 def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
     """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,).
 
-    It is the largest difference of its interval from a spline of degree five in s = √u.  Where there are fewer
-    than five points, from the curve through every second one, whose error is at least four times as large.
+    It is the largest difference of its interval from a spline of degree five in s = √u, which leaves one of two points
+    out that are close beside their neighbours: through both it would swing by what each of them is off.  Where there
+    are fewer than five points, from the curve through every second one, whose error is at least four times as large.
     0 at computed points, for a single one, and before contact.
     """
     u, y = np.asarray(travel, float), np.asarray(value, float)
@@ -202,7 +205,8 @@ def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) 
         from scipy.interpolate import make_interp_spline
 
         s = np.sqrt(knots)
-        other = make_interp_spline(s, np.append(0.0, y), k=5)(np.sqrt(fine))
+        apart = _apart(s)
+        other = make_interp_spline(s[apart], np.append(0.0, y)[apart], k=5)(np.sqrt(fine))
         off = np.abs(other - Resampling(u, y)(fine))
     elif len(u) > 1:
         rest = slice((len(u) - 1) % 2, None, 2)
@@ -214,6 +218,21 @@ def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) 
     at = np.asarray(at, float)
     computed = np.min(np.abs(np.subtract.outer(at, knots)), axis=-1) <= _ROUND_OFF * knots[-1]
     return np.where((at > 0.0) & ~computed, np.array(largest)[where], 0.0)
+
+
+def _apart(s: np.ndarray) -> np.ndarray:
+    """Mask (n,) of knots without one of each pair that is close beside its neighbours; the ends, and six, stay."""
+    apart = np.ones(len(s), bool)
+    while apart.sum() > 6:
+        kept = np.nonzero(apart)[0]
+        gap = np.diff(s[kept])
+        beside = np.minimum(np.append(gap[1:], math.inf), np.append(math.inf, gap[:-1]))
+        close = gap[1:] / beside[1:]  # contact is no computed point
+        if not len(close) or close.min() >= CLOSE:
+            break
+        k = 1 + int(np.argmin(close))
+        apart[kept[k if k + 2 == len(kept) else k + 1]] = False
+    return apart
 
 
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
