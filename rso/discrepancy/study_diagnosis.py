@@ -40,11 +40,20 @@ from rso.discrepancy.base_model import base_model, base_model_block, base_model_
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import is_relaxation
 from rso.discrepancy.library.simulations import BaseRelaxation
-from rso.discrepancy.library.test_plan import NOT_USED, SurfaceProfile, Test
+from rso.discrepancy.library.test_plan import ASSUMED, NOT_USED, SurfaceProfile, Test
 from rso.doe import Box
 from rso.evaluation import Evaluator, Task, Watch
 from rso.evaluation.store import RunStore
-from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, sketches, stated_speed
+from rso.study.cases import (
+    DEFAULT_SPEED,
+    MISREAD,
+    READINGS,
+    foreign_units,
+    place_of_setting,
+    sketches,
+    speed_of,
+    stated_speed,
+)
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
@@ -85,6 +94,7 @@ def ask(study: Study) -> Asked:
     _refuse_what_is_not_modelled(study, backend, experiments)
     try:
         plan = discrepancy.make_test_plan(_powered(backend, experiments))
+        plan = dataclasses.replace(plan, notes=(*plan.notes, *_assumed_speed(study, experiments)))
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
@@ -221,6 +231,13 @@ def _experiment(study: Study, n: int) -> Experiment:
     return Experiment(e.name, e.role, m, study.noise_of(e.name), tuple(channels), settings, speed, e.mounting, e.after)
 
 
+def _assumed_speed(study: Study, experiments: Sequence[Experiment]) -> list[str]:
+    """A note on tests whose speed neither their records nor the study say."""
+    forces = [e.name for e in experiments if e.measurement.kind == "force"]
+    names = [n for n in forces if speed_of(study, n)[1] == "assumed"]
+    return [f"A speed of {60.0 * DEFAULT_SPEED:g} mm/min is assumed for {', '.join(names)}, {ASSUMED}"] if names else []
+
+
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     """The open parameters with one modulus scaled out; StudyError where none can be.
 
@@ -331,7 +348,7 @@ def run_diagnosis(
 
     run = Evaluator(asked.base.backend, store, executor, watch).run
     for note in asked.plan.notes:
-        if note.endswith(NOT_USED):
+        if note.endswith((NOT_USED, ASSUMED)):
             say(note)
     say("library: the base model and every effect of the catalogue, once for this test plan")
     library = discrepancy.build_library(asked.base, asked.plan, asked.effects, run)

@@ -7,7 +7,7 @@ from typing import Any
 
 from rso.discrepancy.evidence.noise import UNLIKE
 from rso.discrepancy.evidence.settings import SETTINGS
-from rso.discrepancy.library.test_plan import NOT_USED
+from rso.discrepancy.library.test_plan import ASSUMED, NOT_USED
 from rso.discrepancy.parameters import called, parameter_sentences, unit_suffix, values_with_units
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
@@ -36,6 +36,7 @@ def diagnosis_sentences(found: Mapping[str, Any]) -> list[str]:
         out.append(checks)
     out += _unseen(d, found)
     out += [f"Left out of the diagnosis: {note.removesuffix(f' {NOT_USED}')}." for note in _not_used(found)]
+    out += [f"{note}." for note in found.get("notes") or [] if note.endswith(ASSUMED)]
     if _of_one_size(d):
         return [*out, "Next test: the same test with an indenter, or a specimen, of twice the size."]
     return out + [next_sentence(t) for t in d["next_test"][:1]]

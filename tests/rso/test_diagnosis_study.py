@@ -115,6 +115,22 @@ def test_what_a_run_fixed_must_be_fixed_alike_and_is_not_what_it_found(tmp_path,
     assert own == fitted and list(own or ()) == list(fitted or ())
 
 
+def test_a_speed_that_nobody_stated_is_said_to_be_assumed(tmp_path):
+    """Sizes in seconds rest on it: files without times must say so, those with times or a stated speed must not."""
+    timed = ask(load_study(write(tmp_path / "timed")))
+    file = write(tmp_path / "bare")
+    for name in ("load", "cycle"):
+        table = [line.split(",") for line in (tmp_path / "bare" / f"{name}.csv").read_text().splitlines()]
+        at = table[0].index("time_s")
+        (tmp_path / "bare" / f"{name}.csv").write_text("\n".join(",".join(r[:at] + r[at + 1 :]) for r in table) + "\n")
+    bare = ask(load_study(file))
+    file.write_text(file.read_text().replace('name = "load"', 'name = "load"\nsettings = { speed = "12 mm/min" }'))
+    half = ask(load_study(file))
+    said = [[n for n in a.plan.notes if "assumed" in n] for a in (timed, bare, half)]
+    assert said[0] == [] and len(said[1]) == len(said[2]) == 1
+    assert "30 mm/min is assumed for load, cycle" in said[1][0] and "assumed for cycle," in said[2][0]
+
+
 @pytest.mark.parametrize("wrong", [None, "settings", "candidate", "values"])
 def test_parameters_that_a_run_found_are_the_model_before(tmp_path, wrong):
     """The best candidate of the same model; of another model, or of other parameters, it says nothing."""

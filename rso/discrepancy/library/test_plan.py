@@ -28,6 +28,7 @@ DWELL = 0.05  # of the time of loading: a shorter rest before the way back is no
 LEGS = 7  # of a way back, whose median tells its speed
 EVEN = 0.15  # by which the speed of the way back may differ from that of the way there and count as the same
 NOT_USED = "are not used"
+ASSUMED = "as no file and no setting says it; sizes in seconds go with it"
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
