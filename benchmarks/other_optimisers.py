@@ -349,8 +349,8 @@ def measure(problem: str, method: str, seed: int) -> dict:
             with contextlib.suppress(Found, TimeoutError, RuntimeError):  # OpenTURNS wraps the first two
                 run(asked, seed)
             calls, good = counts[-1].calls, counts[-1].found
-            if not good and calls < min(counts[-1].most, 100):
-                raise RuntimeError(f"{problem}, {method}, seed {seed}: ended after {calls} evaluations by itself")
+            if not good and calls < min(counts[-1].most, 100):  # an error of its own: it counts as missed
+                print(f"{problem}, {method}, seed {seed}: ended after {calls} evaluations by itself", file=sys.stderr)
     finally:
         Counted.__init__ = make  # type: ignore[method-assign]
     seconds = time.process_time() - start

@@ -486,6 +486,7 @@ def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
     assert not error_estimate.relaxation_step_error(graded.settings, graded.knobs, found).any()
 
 
+@LONG
 def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
     """Back at contact after 1 mm, then at rest, beside twenty times as many steps; at most 6 times what is missed.
 
@@ -536,6 +537,7 @@ def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, mo
     assert abs(late["Fx"][0] - exact["Fx"][0]) > 0.03 * exact["Fz"][0]
 
 
+@LONG
 def test_what_friction_takes_of_a_lateral_force_errs_as_the_pressures_do(monkeypatch):
     """Stuck to a slope at 4 mm, where friction takes six sevenths of Fx: the level coarse beside the level fine.
 

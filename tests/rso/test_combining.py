@@ -119,7 +119,7 @@ def test_a_stated_shape_of_the_noise_is_overruled_by_its_size_alone(shape, u, sh
     assert overruled[0] <= np.mean(taken) <= overruled[1]
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
+@pytest.mark.parametrize("share", [1.0, pytest.param(0.5, marks=pytest.mark.verification)])
 @pytest.mark.parametrize("n, r, ρ", [(160, 3, 0.95), (40, 2, 0.9)])
 def test_a_statement_of_white_noise_does_not_hide_that_repeats_remember(n, r, ρ, share):
     """90 % intervals of a parameter of three hold the truth in 0.72 at least (without the memory in 0.40 to 0.67)."""

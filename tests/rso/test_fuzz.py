@@ -90,7 +90,7 @@ def test_the_study_that_is_mutated_is_good(tmp_path):
     assert (code, err) == (0, "") and "good" in out
 
 
-@pytest.mark.parametrize("digits", [400, 4000])
+@pytest.mark.parametrize("digits", [400, pytest.param(4000, marks=pytest.mark.verification)])
 def test_whole_numbers_too_large_for_a_float_are_refused_wherever_they_stand(tmp_path, digits):
     (tmp_path / "top.csv").write_text(fuzzing.studies.measured())
     fuzzing.write(tmp_path, fuzzing.full())

@@ -664,7 +664,12 @@ def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("MPLBACKEND", "nowhere"), ("MPLCONFIGDIR", "/dev/null"), ("COLUMNS", "-1")]
+    ("name", "value"),
+    [
+        ("MPLBACKEND", "nowhere"),
+        ("MPLCONFIGDIR", "/dev/null"),
+        pytest.param("COLUMNS", "-1", marks=pytest.mark.verification),
+    ],
 )
 def test_figures_are_drawn_whatever_a_machine_says_of_windows(name, value):
     code = "from rso.cli import main\nmain(['keys', 'study'])\nfrom rso.report import canvas\nprint('drawn')"

@@ -167,8 +167,14 @@ def test_hard_bounds_are_said_and_not_passed(tmp_path):
     assert max(v["mu"] for v, _ in found.bench.ended) == 0.009
 
 
-@pytest.mark.parametrize("usual", [True, False])
-@pytest.mark.parametrize("deepest, meant", [(60, False), (150, True)])
+@pytest.mark.parametrize(
+    "usual, deepest, meant",
+    [
+        (True, 60, False),
+        (False, 150, True),
+        *(pytest.param(*v, marks=pytest.mark.verification) for v in ((True, 150, True), (False, 60, False))),
+    ],
+)
 def test_wider_ranges_keep_to_what_is_usual_unless_the_stated_ones_do_not(tmp_path, usual, deepest, meant):
     """mu D1 up to 0.36 is stated in the first, up to 0.9 in the second: whoever states that means it."""
     change = {"backend": 'use = "test_repairing:USUAL"'} if usual else {}
