@@ -52,7 +52,7 @@ from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
 from rso.study.search_table import TargetTable
-from rso.study.sources import needs_data
+from rso.study.sources import backend_of, needs_data
 from rso.study.sources import source_of as source_of
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
@@ -180,12 +180,7 @@ def make_plan(
     """
     needs_data(study)
     source = source_of(study)
-    try:
-        backend = source.load() if backend is None else backend
-    except ValueError as error:
-        place = ("backend", "use") if study.backend.use and not study.backends else ("backend",)
-        said = str(error).removeprefix("backend: ")
-        raise study_error(study.file, study.lines, [Problem(place, said)]) from error
+    backend = backend_of(study, source) if backend is None else backend
     resolved = resolve(study, backend.parameters)
     clouds = measured_clouds(study)
     curves = {**measured_curves(study), **measured_profiles(study)}
@@ -201,11 +196,11 @@ def make_plan(
     targets = study.search.targets or _default_targets(curves, fitted, holds, creeps, shared)
     main = Search("main", targets, resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
-    loaded = [e.name for e in fitted if e.name not in creeps.followed]
+    by_travel = [e.name for e in fitted if e.name not in creeps.followed]
     met = _met(study, wanted)
     asked = {
         n: tuple(sorted({*shared[n], *met[n]})) if n in shared else travels(curves[n], met[n], holds.get(n))
-        for n in loaded
+        for n in by_travel
     }
     cases, case_of = _cases(study, backend, fitted, asked, resolved, holds, creeps)
     on_surface = [e.name for e in study.experiments if e.kind == "surface" and e.role == "fit"]

@@ -57,7 +57,7 @@ from rso.study.cases import (
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
-from rso.study.sources import needs_data
+from rso.study.sources import backend_of, needs_data
 
 FILE = "diagnosis.json"
 WIDTH = 79  # of lines that say much
@@ -85,10 +85,7 @@ def ask(study: Study) -> Asked:
         text = "a diagnosis is of one backend; this study has several"
         raise study_error(study.file, study.lines, [Problem(("backends",), text)])
     source = source_of(study)
-    try:
-        backend = source.load()
-    except ValueError as error:
-        raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
+    backend = backend_of(study, source)
     resolved = resolve(study, backend.parameters)
     experiments = [_experiment(study, n) for n, e in enumerate(study.experiments) if e.kind != "surface"]
     _refuse_what_is_not_modelled(study, backend, experiments)

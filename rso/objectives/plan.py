@@ -20,7 +20,7 @@ from rso.evaluation import Source, Task
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.resolve import resolve
 from rso.study.schema import Study
-from rso.study.sources import source_of
+from rso.study.sources import backend_of, source_of
 
 CASE = "model"
 MOST_POINTS = 16 * 1024 * 1024  # bytes of a file of points
@@ -114,10 +114,7 @@ def pareto_plan(study: Study, *, backend: Backend | None = None) -> ParetoPlan:
     assert study.objectives is not None
     source = source_of(study)
     if backend is None:
-        try:
-            backend = source.load()
-        except ValueError as error:
-            raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
+        backend = backend_of(study, source)
     resolved = resolve(study, backend.parameters)
     found = resolved.space
     problems: list[Problem] = []

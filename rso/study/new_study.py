@@ -100,7 +100,8 @@ def specimens_texts(file: Path, table: Path, backend: Backend, test: NewTest, fi
     keys = [_keys(e) for e in experiments]
     common = {k: v for k, v in keys[0].items() if all(own.get(k) == v for own in keys)}
     own = list(dict.fromkeys(k for each in keys for k in each if k not in common))
-    sizes = {k: v for k, v in settings[SPECIMEN].value.items() if isinstance(v, int | float)}
+    shape = settings[SPECIMEN].value if SPECIMEN in settings else {}
+    sizes = {k: v for k, v in shape.items() if isinstance(v, int | float) and not isinstance(v, bool)}
     lines = _head(folder, "Indentation of several specimens", settings, parameters, test.columns)
     lines.insert(1, f"specimens = {inline(table.name)}  {GUESS} a row for each: write its own sizes there\n")
     guessed = any(e.measurement.guessed for e in experiments)

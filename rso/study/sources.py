@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 
+from rso.contract import Backend
 from rso.evaluation import Source
 from rso.evaluation.decks import load_deck
 from rso.study.errors import Problem, study_error
@@ -16,6 +17,16 @@ def needs_data(study: Study) -> None:
     if study.objectives is not None:
         text = "a study with objectives has no measurements: rso check and rso run take it, from Python rso.pareto"
         raise study_error(study.file, study.lines, [Problem(("objectives",), text)])
+
+
+def backend_of(study: Study, source: Source) -> Backend:
+    """The backend of a study; StudyError at the key that names what cannot be loaded."""
+    try:
+        return source.load()
+    except ValueError as error:
+        place = ("backend", "use") if study.backend.use and not study.backends else ("backend",)
+        said = str(error).removeprefix("backend: ")
+        raise study_error(study.file, study.lines, [Problem(place, said)]) from error
 
 
 def source_of(study: Study) -> Source:

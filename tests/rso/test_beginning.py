@@ -10,6 +10,8 @@ import sample_studies as studies
 
 from fem_backend.backend import BACKEND
 from rso.cli import main
+from rso.population import plans
+from rso.study.errors import StudyError
 from rso.study.loader import load_study
 from rso.study.new_study import NewTest, study_text
 from rso.study.specimens import load_specimens
@@ -317,12 +319,21 @@ def test_many_specimens_are_a_study_with_a_table(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("no_library")
-def test_a_table_of_specimens_is_neither_overwritten_nor_left_behind(tmp_path, capsys):
+def test_a_table_of_specimens_is_neither_overwritten_nor_left_behind(tmp_path, capsys, monkeypatch):
     (tmp_path / "a.csv").write_text(hertz())
     (tmp_path / "pulled.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{0.1 * k},{-0.01 * k}\n" for k in range(30)))
     assert new(tmp_path, str(tmp_path / "a.csv"), str(tmp_path / "pulled.csv"), "--specimens") == 2
     assert not list(tmp_path.glob("*.toml*")) and not (tmp_path / "specimens.csv").exists()
     assert "pulled.csv" in capsys.readouterr().err
+
+    def refused(found):
+        raise StudyError([f"{found.file}: cannot run"])
+
+    with monkeypatch.context() as planned:
+        planned.setattr(plans, "specimen_plans", refused)
+        assert new(tmp_path, str(tmp_path / "a.csv"), "--specimens") == 2
+    assert "it was not written" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.toml*")) and not (tmp_path / "specimens.csv").exists()
     (tmp_path / "specimens.csv").write_text("mine")
     assert new(tmp_path, str(tmp_path / "a.csv"), "--specimens") == 2
     assert "specimens.csv: is there already" in capsys.readouterr().err

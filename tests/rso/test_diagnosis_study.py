@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration.plan import make_plan
 from rso.discrepancy.study_diagnosis import _fitted, ask
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
@@ -390,3 +391,15 @@ def test_a_record_of_minutes_has_a_lag_and_a_drift_of_minutes(tmp_path):
     np.testing.assert_allclose(found[1]["lag"], found[0]["lag"] * slow / 20.0)
     np.testing.assert_allclose(found[1]["drift"], found[0]["drift"] * 100.0 / last)
     assert found[1]["stiff"] == found[0]["stiff"]
+
+
+def test_a_backend_that_is_none_is_said_as_by_a_run(tmp_path):
+    """The same sentence, at the same line, and the word backend once."""
+    file = write(tmp_path)
+    file.write_text(re.sub(r'use = "[^"]*"', 'use = "nowhere:MODEL"', file.read_text()))
+    said = []
+    for refused in (ask, make_plan):
+        with pytest.raises(StudyError) as error:
+            refused(load_study(file))
+        said.append(error.value.problems)
+    assert said[0] == said[1] and "backend: " not in said[0][0] and "'nowhere'" in said[0][0]
