@@ -295,6 +295,7 @@ def figures(pairs, classes=()):
         "next_test": "not scored here: it needs a run of the proposed test",
         "confusion": confusion(pairs),
         "visible_by_effect": visible_by_effect(single),
+        "by_memory": by_memory(pairs),
     }
     n = len(OF_ELLIPSOID)
     out["baselines"] = {
@@ -331,6 +332,23 @@ def log_score(seen):
         return None
     p = [sum(c.get("probability") or 0 for c in causes(d) if c["effect"] in accepted(t)[0]) for t, d in seen]
     return float(np.mean(np.log(np.clip(p, 1e-3, 1))))
+
+
+def by_memory(pairs):
+    """{how the noise remembers: [weak cases, those with a gap, visible single effects, those found]}.
+
+    By the coefficient of the noise from one reading to the next; weak is a signal below VISIBLE, whatever the kind.
+    """
+    table = {}
+    for t, d in pairs:
+        rho = abs(t.get("noise", {}).get("rho") or 0.0)
+        row = table.setdefault("white" if rho < 0.1 else "below 0.5" if rho < 0.5 else "0.5 and more", [0, 0, 0, 0])
+        gap = d["verdict"] != "no_gap"
+        if t["signal"] < VISIBLE:
+            row[:2] = row[0] + 1, row[1] + gap
+        elif t["kind"] == "single":
+            row[2:] = row[2] + 1, row[3] + gap
+    return table
 
 
 def visible_by_effect(single):
