@@ -70,7 +70,8 @@ def _quantity(name: str, row: Mapping[str, Any], unit: str, determined: bool) ->
         return "open", f"{name} has no interval"
     if determined:
         return "good", f"{name} = {estimate_text(row['value'], span, unit)} ({interval_in_unit(span, unit)})"
-    return "open", f"{name} is not determined: {interval_in_unit(span, unit)} agrees with the data"
+    known = "weakly" if row.get("verdict") == "weakly" else "not"
+    return "open", f"{name} is {known} determined: {interval_in_unit(span, unit)} agrees with the data"
 
 
 def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:

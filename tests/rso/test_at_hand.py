@@ -82,6 +82,15 @@ def test_the_answer_has_a_mark_for_what_is_known_open_and_missed():
     assert list(verdict_lines({})) == []  # nothing is finished yet
 
 
+@pytest.mark.parametrize("verdict, words", [("weakly", "is weakly determined: "), ("not", "is not determined: ")])
+def test_what_is_open_is_called_as_in_the_report(verdict, words):
+    found = missed()
+    (row,) = (p for p in found["identification"]["parameters"] if p["parameter"] == "D1")
+    row["verdict"] = verdict
+    (line,) = (text for _, text in verdict_lines(found) if text.startswith("D₁"))
+    assert words in line
+
+
 @pytest.mark.parametrize(
     "value, span, text",
     [
