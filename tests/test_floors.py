@@ -373,8 +373,8 @@ LAYERS = {
     ),
     "rso.result_types": (
         "keys",
-        "diagnosis_file ladder_file learnt next_file specimens_file stated",
-        "searched",
+        "deformed_file diagnosis_file ladder_file learnt next_file specimens_file stated",
+        "objectives_file searched",
         "identified",
         "run_file",
         "__init__",

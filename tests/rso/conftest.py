@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.calibration import result_files
+from rso.core import disk
 from rso.emulation import emulator
 from rso.result_types import FILES
 
@@ -18,16 +19,16 @@ from rso.result_types import FILES
 @pytest.fixture(scope="session", autouse=True)
 def every_result_file_is_as_documented() -> Iterator[None]:
     """Whatever a test makes the program write has the keys of `rso.result_types`, all of them and no other."""
-    write = result_files.write_results
+    replace = disk.replace
 
-    def checked(path: Path, found: Any) -> dict[str, Any]:
-        data = write(path, found)
+    def checked(path: Path, content: bytes | str, *, durably: bool = False) -> Path:
         if path.name in FILES:
-            FILES[path.name].model_validate_json(path.read_text("utf-8"))
-        return data
+            pareto = path.name == "results.json" and json.loads(content).get("kind") == "pareto"
+            FILES[f"objectives/{path.name}" if pareto else path.name].model_validate_json(content)
+        return replace(path, content, durably=durably)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(result_files, "write_results", checked)
+        patch.setattr(disk, "replace", checked)
         yield
 
 
