@@ -96,8 +96,22 @@ def follow_travel_rezoned(
                     raise load_steps.stopped_run(error, here, points, counters) from error
                 since = _kept(legs, here)
         except Stopped as stopped:
-            stopped.points = points + [replace(p, leg=known) for p in stopped.points]
-            raise
+            points = stopped.points = points + [replace(p, leg=known) for p in stopped.points]
+            if stopped.last is None or stopped.cause == "time_limit" or not _served(leg, stopped.last[1]):
+                raise
+            u, here = stopped.last
+            try:
+                new, u = _changed(leg, u, here, counters, tight=False)
+            except (NoMesh, NotConverged):
+                raise stopped from None
+            legs.append(new)
+            since = here
+
+
+def _served(leg: MeshLeg, here: float) -> bool:
+    """Whether a mesh has gone some way before a travel (mm), so that on a new one a run may find what it lost."""
+    least = max(leg.began, watched_from(leg.at.settings))
+    return may_rezone(leg.at) and here > least + AGAIN * leg.at.placement.indenter.length
 
 
 def _kept(legs: list[MeshLeg], here: float) -> float:
@@ -128,10 +142,17 @@ def note_worn(legs: list[MeshLeg], points: Sequence[LoadPoint]) -> None:
             note(point.evaluation.u, point.travel)
 
 
-def _changed(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tuple[MeshLeg, np.ndarray]:
-    """The next leg and its displacement; the force is found on both meshes.  Raises NoMesh and NotConverged."""
+def _changed(
+    leg: MeshLeg, u: np.ndarray, here: float, counters: Counters, tight: bool = True
+) -> tuple[MeshLeg, np.ndarray]:
+    """The next leg and its displacement; the force is found on both meshes, of the old one as it is on the way unless
+    `tight`.  Raises NoMesh and NotConverged."""
     at, control = leg.at, leg.at.settings.control
-    old = load_steps.equilibrate(at.system, [u], at.start(here), here, control, counters)
+    if tight:
+        old = load_steps.equilibrate(at.system, [u], at.start(here), here, control, counters)
+    else:
+        loosely = load_steps.find_equilibrium(at.system, u, at.start(here), control.loose, counters)
+        old = LoadPoint(0.0, here, (load_steps.Stage(loosely, at.start(here)),))
 
     def on_mesh(size: float) -> tuple[InitialState, LoadPoint]:
         new, carried = renewed(at, old.stages[0].equilibrium.evaluation, size)

@@ -116,9 +116,13 @@ class LoadPoint:
 
 
 class Stopped(ArithmeticError):
-    """The run ended early: cause class, message, points reached (`reached` is the result of them), residual history."""
+    """The run ended early: cause class, message, points reached (`reached` is the result of them), residual history.
+
+    `last` is the last equilibrium between asked travels, u (n, 3) and its travel (mm), where the run may go on from it.
+    """
 
     reached: Any = None
+    last: tuple[np.ndarray, float] | None = None
 
     def __init__(
         self, cause: str, message: str, points: list[LoadPoint], history: tuple[float, ...], counters: Counters
@@ -297,7 +301,7 @@ def follow_travel(
                 step = 0.5 * (goal - here)
                 if step < control.smallest * control.first or error.cause == "time_limit":
                     if not may_go_on(system, limit, error):
-                        raise stopped_run(error, here, points, counters) from error
+                        raise stopped_run(error, here, points, counters, u) from error
                     limit, step = PATIENT, control.first
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
@@ -316,7 +320,7 @@ def follow_travel(
                 equilibrate(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True)
             )
         except NotConverged as error:
-            raise stopped_run(error, target, points, counters) from error
+            raise stopped_run(error, target, points, counters, u) from error
         proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
         u, rate, here = _end(points[-1], target)
         last = points[-1].stages[0].equilibrium.evaluation
@@ -356,11 +360,15 @@ def _end(point: LoadPoint, travel: float) -> tuple[np.ndarray, np.ndarray, float
     return first.evaluation.u, first.rate, travel
 
 
-def stopped_run(error: NotConverged, here: float, points: list[LoadPoint], counters: Counters) -> Stopped:
-    """The end of a run beyond a travel `here` (mm), with the class of its cause."""
+def stopped_run(
+    error: NotConverged, here: float, points: list[LoadPoint], counters: Counters, u: np.ndarray | None = None
+) -> Stopped:
+    """The end of a run beyond a travel `here` (mm), with the class of its cause; u (n, 3) where it may go on from."""
     kept = ("inversion", "time_limit", "instability")
     cause = error.cause if error.cause in kept else "step_limit"
-    return Stopped(cause, f"no equilibrium beyond {here:.4g} mm ({error})", points, error.history, counters)
+    stopped = Stopped(cause, f"no equilibrium beyond {here:.4g} mm ({error})", points, error.history, counters)
+    stopped.last = None if u is None else (u, here)
+    return stopped
 
 
 def equilibrate(

@@ -194,9 +194,11 @@ def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) 
     """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,).
 
     It is the largest difference of its interval from a spline of degree five in s = √u, which leaves one of two points
-    out that are close beside their neighbours: through both it would swing by what each of them is off.  Where there
-    are fewer than five points, from the curve through every second one, whose error is at least four times as large.
-    0 at computed points, for a single one, and before contact.
+    out that are close beside their neighbours: through both it would swing by what each of them is off.  Before the
+    first point, which is far from contact in s, that spline has an end and swings likewise.  There it is compared with
+    those that go on beyond contact as even and as odd functions of s, the farther of them, too: the nearer counts.
+    Where there are fewer than five points, from the curve through every second one, whose error is at least four times
+    as large.  0 at computed points, for a single one, and before contact.
     """
     u, y = np.asarray(travel, float), np.asarray(value, float)
     knots = np.append(0.0, u)
@@ -204,10 +206,12 @@ def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) 
     if len(u) >= 5:
         from scipy.interpolate import make_interp_spline
 
-        s = np.sqrt(knots)
-        apart = _apart(s)
-        other = make_interp_spline(s[apart], np.append(0.0, y)[apart], k=5)(np.sqrt(fine))
-        off = np.abs(other - Resampling(u, y)(fine))
+        apart, curve = _apart(np.sqrt(knots)), Resampling(u, y)(fine)
+        s, F, first = np.sqrt(knots)[apart], np.append(0.0, y)[apart], fine <= u[0]
+        off = np.abs(make_interp_spline(s, F, k=5)(np.sqrt(fine)) - curve)
+        beyond = np.append(-s[:0:-1], s), np.column_stack([np.append(sign * F[:0:-1], F) for sign in (1.0, -1.0)])
+        across = np.abs(make_interp_spline(*beyond, k=5)(np.sqrt(fine[first])) - curve[first][:, None]).max()
+        off[first] = np.minimum(off[first], across)
     elif len(u) > 1:
         rest = slice((len(u) - 1) % 2, None, 2)
         off = np.abs(Resampling(u[rest], y[rest])(fine) - Resampling(u, y)(fine)) / 4

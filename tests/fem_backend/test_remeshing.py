@@ -18,9 +18,9 @@ from fem_backend.remeshing.triangulation import NoTriangles, filled, inside, qua
 from fem_backend.simulation import assembly, controlled, indentation, rezoning
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.simulation.initial_state import initial_state
-from fem_backend.solver import history_steps
+from fem_backend.solver import history_steps, load_steps
 from fem_backend.solver.controlled_steps import Drive, Leg
-from fem_backend.solver.load_steps import Instant
+from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import Counters, NotConverged
 
 
@@ -299,12 +299,39 @@ def test_another_size_is_tried_where_the_first_mesh_has_no_equilibrium(monkeypat
     assert max(jump for _, jump in found.legs) < 0.01
 
 
-def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
-    def none(*_):
-        raise NoMesh("none")
+def losing(monkeypatch, *, beyond):
+    """No mesh is seen to be outworn, and no step beyond that travel (mm) has an equilibrium on a first mesh."""
+    find, nodes = load_steps.find_equilibrium, ready("never", SOFT)[3].body.nodes.shape
+    begun = 12.0 + 3.0  # height of the ball's centre before the test
 
+    def lost(system, u, load, *rest):
+        if system.body.nodes.shape == nodes and begun - load.touches[0].centre[2] > beyond:
+            raise NotConverged("contact", "none on this mesh", ())
+        return find(system, u, load, *rest)
+
+    monkeypatch.setattr(load_steps, "find_equilibrium", lost)
+
+
+def test_a_run_that_finds_no_equilibrium_goes_on_with_a_new_mesh(renewed, monkeypatch):
+    """As one whose mesh was outworn there; where no mesh can be made it ends as it would have."""
+    losing(monkeypatch, beyond=5.5)
+    found = run("when_needed", DEPTHS, SOFT)
+    assert len(found.legs) == 1 and 5.0 < found.legs[0][0] <= 5.5 and found.legs[0][1] < 0.02
+    np.testing.assert_allclose(found.Fz, renewed[1].Fz, rtol=0.02)
+    for remesh in ("never", "when_needed"):
+        monkeypatch.setattr(rezoning, "rezoned", none_at_all)
+        with pytest.raises(Stopped, match=r"no equilibrium beyond 5\.\d+ mm") as stopped:
+            run(remesh, DEPTHS, SOFT)
+        assert stopped.value.cause == "step_limit" and [p.travel for p in stopped.value.points] == [3.0]
+
+
+def none_at_all(*_):
+    raise NoMesh("none")
+
+
+def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
     monkeypatch.setattr(rezoning, "LONGER", 1.7)
-    monkeypatch.setattr(rezoning, "rezoned", none)
+    monkeypatch.setattr(rezoning, "rezoned", none_at_all)
     kept = run("when_needed", DEPTHS, SOFT)
     np.testing.assert_allclose(kept.Fz, renewed[1].Fz, rtol=1e-6)
     assert not kept.legs and kept.notes["outworn_mm"] == kept.outworn[-1] < DEPTHS[1]

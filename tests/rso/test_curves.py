@@ -175,11 +175,43 @@ def test_a_point_close_beside_another_widens_nothing(beside):
     def force(u):
         return u**1.5 + 0.3 * u**2.2
 
-    def widest(knots, size):
-        return np.median(
-            [error_between_points(knots, force(knots) * (1 + size * e[: len(knots)]), at).max() for e in noise]
-        )
+    def median_over_noise(knots, largest):
+        return np.median([largest(knots, force(knots) * (1 + 5e-4 * e[: len(knots)])) for e in noise])
 
-    assert widest(pair, 5e-4) <= 2.0 * widest(even, 5e-4)
+    def stated(knots, value):
+        return error_between_points(knots, value, at).max()
+
+    def missed(knots, value):  # beside the last point the curve itself swings
+        return np.abs(Resampling(knots, value)(at) - force(at)).max()
+
+    assert median_over_noise(pair, stated) <= 1.5 * max(
+        median_over_noise(k, f) for k, f in ((even, stated), (pair, missed))
+    )
     off = np.abs(Resampling(pair, force(pair))(at) - force(at))
     assert np.all(off <= 1.2 * error_between_points(pair, force(pair), at) + 1e-12)
+
+
+RISES = {
+    "sphere": lambda u: u**1.5,
+    "flat end": lambda u: u,
+    "rounded edge": lambda u: u**1.5 / np.sqrt(u + 0.01),
+    "cone": lambda u: u**2,
+    "thin layer": lambda u: u**1.5 * (1 + 3 * np.sqrt(u) + 5 * u),
+    "stiffening": lambda u: u**1.5 * (1 + u + 2 * u**2),
+}
+
+
+@pytest.mark.parametrize("law", RISES)
+@pytest.mark.parametrize("n", [6, 8, 10])
+def test_before_the_first_travel_little_errors_of_simulations_stay_little(n, law):
+    """Forces off by 0.5 % each, as contact passes from element to element, are no error of several forces there.
+
+    Of exact values the statement holds what the spline misses; with errors it is 0.04 of the first force more at most
+    in the median, eight times 0.5 %.
+    """
+    rng, u, force = np.random.default_rng(11), np.linspace(1 / n, 1.0, n), RISES[law]
+    at = np.linspace(0.01 / n, 0.999 / n, 50)
+    off = np.abs(Resampling(u, force(u))(at) - force(at)).max()
+    assert off <= 1.25 * error_between_points(u, force(u), at).max() + 1e-12
+    noisy = [error_between_points(u, force(u) * (1 + 0.005 * rng.normal(size=n)), at).max() for _ in range(60)]
+    assert 0.8 * off <= np.median(noisy) <= 1.2 * off + 0.07 * force(u[0])
