@@ -101,7 +101,7 @@ def follow_travel_rezoned(
                 raise
             u, here = stopped.last
             try:
-                new, u = _changed(leg, u, here, counters, tight=False)
+                new, u = _rescued(leg, u, here, counters)
             except (NoMesh, NotConverged):
                 raise stopped from None
             legs.append(new)
@@ -164,6 +164,16 @@ def _changed(
     jump = abs(after - before) / max(before, 1e-300)
     u = found.stages[0].equilibrium.evaluation.u
     return MeshLeg(new, watch, here, jump, u, leg.watches), u
+
+
+def _rescued(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tuple[MeshLeg, np.ndarray]:
+    """As `_changed` where a run has lost its equilibrium: its old mesh may have none but that of the way there."""
+    try:
+        return _changed(leg, u, here, counters)
+    except (NoMesh, NotConverged) as error:
+        if isinstance(error, NotConverged) and error.cause == "time_limit":
+            raise
+        return _changed(leg, u, here, counters, tight=False)
 
 
 def _first_of_sizes(on_mesh: Callable[[float], T]) -> T:
