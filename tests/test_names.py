@@ -1,6 +1,7 @@
 """One word, one meaning: no class or function of the two packages shares its name with another of another meaning."""
 
 import ast
+import functools
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,9 +38,16 @@ PRIVATE = ("climb", "foretell", "foretold", "settled", "hum", "looseness", "rung
 
 def defined(source: str, kinds: tuple[type, ...]) -> list[str]:
     """Names of the classes or functions that a module defines, not those inside of others."""
-    return [n.name for n in ast.parse(source).body if isinstance(n, kinds) and not n.name.startswith("_")]
+    return [name for kind, name in definitions(source) if issubclass(kind, kinds) and not name.startswith("_")]
 
 
+@functools.cache  # a source is parsed once for all tests
+def definitions(source: str) -> tuple[tuple[type, str], ...]:
+    kinds = ast.ClassDef, ast.FunctionDef
+    return tuple((type(n), n.name) for n in ast.parse(source).body if isinstance(n, kinds))
+
+
+@functools.cache
 def files() -> dict[str, str]:
     paths = [p for name in ("rso", "fem_backend") for p in sorted((ROOT / name).rglob("*.py"))]
     return {p.relative_to(ROOT).as_posix(): p.read_text("utf-8") for p in paths}

@@ -7,6 +7,7 @@ left of older texts, by file: a place that got better must leave it, so that it 
 """
 
 import ast
+import functools
 import json
 import re
 import sys
@@ -50,26 +51,37 @@ REASONS = {  # why some stay, by what a path begins with
 }
 
 
-def texts(source: str) -> Iterator[tuple[int, str]]:
-    """Line and text of every string that is no docstring; what is filled in is one word."""
-    tree = ast.parse(source)
-    skipped = {id(d) for d, _ in docstrings(tree)}
-    for node in ast.walk(tree):
+@functools.cache  # a source is parsed once for both rules
+def written(source: str) -> tuple[list[tuple[int, str]], list[tuple[str, bool]]]:
+    """Line and text of every string that is no docstring, and every docstring and whether what it describes is public.
+
+    What is filled into a string is one word.
+    """
+    nodes = list(ast.walk(ast.parse(source)))
+    docs = list(docstrings(nodes))
+    skipped = {id(d) for d, _ in docs}
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             skipped |= {id(part) for part in ast.walk(node) if part is not node}
-    for node in ast.walk(tree):
+    texts = []
+    for node in nodes:
         if id(node) in skipped:
             continue
         if isinstance(node, ast.JoinedStr):
             parts = [v.value if isinstance(v, ast.Constant) else "X" for v in node.values]
-            yield node.lineno, "".join(map(str, parts))
+            texts.append((node.lineno, "".join(map(str, parts))))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-            yield node.lineno, node.value
+            texts.append((node.lineno, node.value))
+    return texts, [(str(d.value), public) for d, public in docs]
 
 
-def docstrings(tree: ast.AST) -> Iterator[tuple[ast.Constant, bool]]:
+def texts(source: str) -> list[tuple[int, str]]:
+    return written(source)[0]
+
+
+def docstrings(nodes: list[ast.AST]) -> Iterator[tuple[ast.Constant, bool]]:
     """Every docstring, and whether what it describes is public."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) or not node.body:
             continue
         first = node.body[0]
@@ -114,7 +126,7 @@ def our_words(path: Path) -> list[str]:
     else:
         source = path.read_text("utf-8")
         every = [t for _, t in texts(source) if spoken(t)]
-        every += [str(d.value) for d, public in docstrings(ast.parse(source)) if public]
+        every += [text for text, public in written(source)[1] if public]
     return [m[0] for part in every for m in PRIVATE.finditer(part)]
 
 

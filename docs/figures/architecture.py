@@ -43,7 +43,12 @@ def _imported(tree: ast.Module, package: str) -> set[str]:
 
 def floors(package: str) -> list[list[str]]:
     """Rooms from the lowest floor up: each as low as what it imports allows."""
-    left, below, found = rooms(package), set(), []
+    return _stacked(package, rooms(package))
+
+
+def _stacked(package: str, left: dict[str, tuple[str, set[str], int]]) -> list[list[str]]:
+    below: set[str] = set()
+    found = []
     while left:
         floor = sorted(k for k, (_, needs, _) in left.items() if needs <= below)
         if not floor:
@@ -73,7 +78,7 @@ def picture() -> str:
         known = rooms(package)
         y += 26
         body.append(f'<text class="h" x="0" y="{y - 8:.0f}">{package}</text>')
-        for floor in reversed(floors(package)):
+        for floor in reversed(_stacked(package, known)):
             width = (WIDTH - GAP * (len(floor) - 1)) / len(floor)
             most = max(len(textwrap.wrap(known[r][0].replace("`", ""), int((width - 2 * PAD) / 6.3))) for r in floor)
             height = 2 * PAD + TITLE + most * LINE

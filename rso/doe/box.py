@@ -35,35 +35,31 @@ class Box:
         return len(self.names)
 
     @cached_property
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bounds (d,) and which axes are logarithmic."""
-        return np.array(self.low), np.array(self.high), np.array(self.log)
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        """Bounds (d,), which axes are logarithmic, high/low there, low there and else 1, ln(high/low) and else 1."""
+        low, high, log = np.array(self.low), np.array(self.high), np.array(self.log)
+        safe = np.where(log, low, 1.0)
+        return low, high, log, np.where(log, high / safe, 1.0), safe, np.log(np.where(log, high / safe, np.e))
 
     def from_unit(self, x: np.ndarray) -> np.ndarray:
         """θ = low + x (high − low), or low (high/low)^x on a log scale; x (..., d); 0 and 1 give the ends exactly."""
         x = self._check(x)
-        low, high, log = self._arrays
-        ratio = np.where(log, high / np.where(log, low, 1.0), 1.0)
+        low, high, log, ratio, _, _ = self._arrays
         theta = np.where(log, low * ratio**x, low + x * (high - low))
         return np.where(x == 0, low, np.where(x == 1, high, theta))
 
     def to_unit(self, theta: np.ndarray) -> np.ndarray:
         """Inverse of :meth:`from_unit`; θ (..., d). A value <= 0 on a log scale raises ValueError."""
         theta = self._check(theta)
-        low, high, log = self._arrays
-        if np.any((theta <= 0) & log):
+        low, high, log, _, safe, width = self._arrays
+        if ((theta <= 0) & log).any():
             bad = [
                 n
                 for n, b in zip(self.names, np.any((theta <= 0) & log, axis=tuple(range(theta.ndim - 1))), strict=True)
                 if b
             ]
             raise ValueError(f"box: {', '.join(bad)} must be > 0 on a log scale")
-        safe = np.where(log, low, 1.0)
-        x = np.where(
-            log,
-            np.log(np.where(log, theta, 1.0) / safe) / np.log(np.where(log, high / safe, np.e)),
-            (theta - low) / (high - low),
-        )
+        x = np.where(log, np.log(np.where(log, theta, 1.0) / safe) / width, (theta - low) / (high - low))
         return np.where(theta == low, 0.0, np.where(theta == high, 1.0, x))
 
     def slope(self, x: np.ndarray) -> np.ndarray:

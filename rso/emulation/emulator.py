@@ -218,7 +218,9 @@ class Emulator:
         s = np.ones(n) if group.reference is None else theta[group.reference] / group.reference_value
         if self.reduced is None:
             return s, np.empty((n, 0))
-        physical = np.stack([theta[k] * s ** -group.exponents.get(k, 0) for k in self.reduced.names], axis=1)
+        powers = [-group.exponents.get(k, 0) for k in self.reduced.names]
+        each = [theta[k] * s**e if e else theta[k] for k, e in zip(self.reduced.names, powers, strict=True)]
+        physical = np.stack(each, axis=1)
         return s, np.clip(self.reduced.to_unit(physical), 0.0, 1.0)
 
     def _predict(self, output: Output, s: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

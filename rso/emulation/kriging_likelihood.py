@@ -101,19 +101,20 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
     r = triangular(L, data.z)
     r = r - Q @ (Q.T @ r)
     fit = float(r @ r)
-    logdet = np.sum(np.log(np.diag(L))) + np.sum(np.log(np.abs(np.diag(T))))
+    logdet = np.log(L.diagonal()).sum() + np.log(np.abs(T.diagonal())).sum()
     V = lapack.dtrtrs(L, np.column_stack([Q, r]), lower=1, trans=1)[0]
     V, a = V[:, :-1], V[:, -1]
     P = lapack.dpotri(L, lower=1)[0]
     P = P + np.tril(P, -1).T - V @ V.T
+    square = np.outer(a, a)
     if noisy:
-        value, W = logdet + 0.5 * fit, np.outer(a, a) - P
+        value, W = logdet + 0.5 * fit, square - P
     else:
-        value, W = logdet + 0.5 * (N - q) * np.log(max(fit, 1e-300)), np.outer(a, a) * ((N - q) / max(fit, 1e-300)) - P
+        value, W = logdet + 0.5 * (N - q) * np.log(max(fit, 1e-300)), square * ((N - q) / max(fit, 1e-300)) - P
         # The variance that was put in has an upper bound too: a wall in its logarithm.
         beyond = np.log(max(fit, 1e-300) / (N - q) / VARIANCES[1])
         if beyond > 0:
-            value, W = value + beyond**2, W + 4 * beyond / fit * np.outer(a, a)
+            value, W = value + beyond**2, W + 4 * beyond / fit * square
     if data.slopes:
         full = np.zeros((len(data.keep),) * 2)
         full[np.ix_(data.keep, data.keep)] = W

@@ -21,6 +21,7 @@ def pressed(friction: float, x: float = X, depths: tuple[float, ...] = (0.35, 0.
     settings = {
         "mesh": {"level": "coarse"},
         "point": [x, 0.0],
+        "derivatives": False,
         "support": {"kind": "bowl", "clearance": CLEARANCE, "friction": friction},
     }
     solved = BACKEND.solve({"mu": 0.01, "D1": 6.0}, Case("beside the top", Programme.ramp(depths), settings))
@@ -44,15 +45,19 @@ def test_without_friction_it_tips():
     assert turned > 0.5 and np.all(ratio > 1.4 * SLOPE)
 
 
-def test_friction_little_above_what_is_needed_holds_as_well_as_much():
-    """Far from the top 0.26 is needed; friction must not be limited by a pressure that is still to come."""
+@pytest.mark.parametrize("below", [False, pytest.param(True, marks=pytest.mark.verification)])
+def test_friction_little_above_what_is_needed_holds_as_well_as_much(below):
+    """Far from the top 0.26 is needed; friction must not be limited by a pressure that is still to come.
+
+    That less of it, `below`, does not hold takes as long as both that do; what slides is followed daily at 0.1.
+    """
     x = 20.0
     slope = C**2 * x / (A**2 * C * np.sqrt(1.0 - (x / A) ** 2))
     needed = slope + (x - 2.0 * C * slope) * (C + CLEARANCE) / (A + CLEARANCE) ** 2  # the bowl answers below the slant
     assert 0.24 < needed < 0.28
-    some, much, little = (pressed(f, x, (0.4,))[2][0] for f in (1.3 * needed, 3.0 * needed, 0.7 * needed))
+    some, much = (pressed(f, x, (0.4,))[2][0] for f in (1.3 * needed, 3.0 * needed))
     np.testing.assert_allclose(some, much, rtol=0.05)  # both hold; which points creep at the rim of the contact differs
-    assert little < 0.5 * much
+    assert not below or pressed(0.7 * needed, x, (0.4,))[2][0] < 0.5 * much
 
 
 def test_a_body_that_slides_is_followed_in_the_steps_asked_for():

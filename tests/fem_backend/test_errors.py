@@ -472,11 +472,11 @@ LONG = pytest.mark.verification
 
 @pytest.mark.parametrize("tau", [pytest.param(0.1, marks=LONG), 0.5, pytest.param(2.0, marks=LONG)])
 def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
-    """Against ten times as many steps, on the way there and back; without the mesh's share, and at most 5 times it."""
+    """Against five times as many steps, on the way there and back; without the mesh's share, and at most 5 times it."""
     there_and_back = (0.0, 4.0, 8.0), (0.0, 2.0, 0.0)
     bench = graded.other(prony_g=0.5, prony_tau=tau)
     found = bench.solve(Programme(*there_and_back, (1.0, 2.0)))
-    dense = bench.solve(Programme(*there_and_back, tuple(np.round(np.arange(1, 41) / 20, 10))))
+    dense = bench.solve(Programme(*there_and_back, tuple(np.round(np.arange(1, 31) / 15, 10))))
     exact = dense.Fz[np.isclose(dense.travel[:, None], [1.0, 2.0]).any(1)]
     left = error_estimate.run_terms(bench.settings, bench.knobs, found)["Fz"]
     off = np.abs(found.Fz - exact)
@@ -512,11 +512,11 @@ def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
 
 
 def off_axis(friction: float, *asked: float):
-    """A ball that sticks to the slope beside the top, and what it states, at the last two of the `asked` travels."""
+    """A ball that sticks to the slope beside the top, and what it states, at 0.2 and 0.4 mm where they are `asked`."""
     knobs, programme = {**VALUES, "friction": friction}, Programme.ramp(asked)
     at = {"point": [20.0, 0.0], "mesh": {"level": "coarse"}, "derivatives": False}
     found = BACKEND(knobs, Case("slope", programme, at))
-    k = [int(np.argmin(np.abs(found.channels["travel"] - s))) for s in (0.2, 0.4)]
+    k = [int(np.argmin(np.abs(found.channels["travel"] - s))) for s in (0.2, 0.4) if s <= asked[-1]]
     return {n: v[k] for n, v in found.channels.items()}, {n: v[k] for n, v in found.error.items()}
 
 
@@ -530,7 +530,7 @@ def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, mo
     exact, _ = off_axis(friction, *np.round(0.05 * np.arange(1, 9), 10))
     found, error = off_axis(friction, 0.2, 0.4)
     monkeypatch.setattr(tractions, "met", lambda *_: None)
-    late, _ = off_axis(friction, 0.2, 0.4)
+    late, _ = off_axis(friction, 0.2)
     for name in ("Fx", "Fz"):
         assert np.all(np.abs(found[name] - exact[name]) < error[name])
     assert np.all(np.abs(found["Fx"] - exact["Fx"]) < 0.01 * exact["Fz"])

@@ -129,6 +129,7 @@ def test_what_was_reached_comes_with_the_failure():
     failure = failed({}, (0.5, 1.0, 10.5))
     assert failure.cause in ("inversion", "step_limit", "instability", "contact")
     assert failure.history and {"iteration", "residual"} == set(failure.history[0])
+    assert failure.__cause__ is None and failure.__context__ is None  # no state of the solver travels with it
     reached = failure.partial.channels
     assert reached["travel"].tolist() == [0.5, 1.0]
     whole = BACKEND(VALUES, Case("c", Programme.ramp((0.5, 1.0), 1.0), {"mesh": SMALL}))

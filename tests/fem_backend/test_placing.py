@@ -1,3 +1,4 @@
+import functools
 import itertools
 
 import numpy as np
@@ -167,10 +168,15 @@ def test_meshes_made_for_other_specimens_are_placed_upright(monkeypatch):
     assert np.abs(nodes[0] - nodes[1]).max() > 1.0  # negative control
 
 
+@functools.cache
+def unmoved():
+    return meshing.assemble(FINE, NOMINAL, NOMINAL, (0.0, 0.0), FULL)
+
+
 @pytest.mark.parametrize("point", POINTS)
 def test_element_size_at_the_point(point):
     """Edges at the pole turn and shrink by the map's derivative; to first order in their length (0.03 of the ball)."""
-    body = BODIES[1]
+    body, still, still_c = BODIES[1], unmoved(), 35.0
 
     def edges(mesh):
         pole = np.argmin(np.linalg.norm(still.doflocs[:, : still.nvertices] - [[0], [0], [still_c]], axis=0))
@@ -178,7 +184,6 @@ def test_element_size_at_the_point(point):
         other = np.where(pairs[:, 0] == pole, pairs[:, 1], pairs[:, 0])
         return mesh.doflocs.T[other] - mesh.doflocs.T[pole]
 
-    still, still_c = meshing.assemble(FINE, NOMINAL, NOMINAL, (0.0, 0.0), FULL), 35.0
     moved = meshing.assemble(FINE, NOMINAL, body, point, FULL)
     p, q = point[0] / body.a, point[1] / body.b
     r = np.hypot(p, q)

@@ -112,8 +112,8 @@ GRADED = {"mesher": "mapped", "n": 8, "slip": 0.5}  # on the small mesh a contac
     "knob,size,odd,table",
     [
         ("offset_x", 1.5, "Fx", {}),
-        ("offset_y", 1.0, "Fy", {}),
-        ("tilt_y", 4.0, "Fx", {}),
+        pytest.param("offset_y", 1.0, "Fy", {}, marks=slow),
+        pytest.param("tilt_y", 4.0, "Fx", {}, marks=slow),
         (
             "tilt_x",
             4.0,
@@ -141,7 +141,7 @@ def test_force_has_no_jumps_in_the_misalignment(make_bench, knob):
 
     How the mesh shows in a wider range is for finer meshes (verification set).
     """
-    x = np.linspace(0.4, 0.403, 4)
+    x = np.linspace(0.4, 0.402, 3)
     F = np.array([force(make_bench({knob: v}, GRADED).solve([0.8]))[:, 0] for v in x])
     assert np.abs(np.diff(F, 2, axis=0)).max() < 1e-7 * F[0, 2], np.diff(F, 2, axis=0) / F[0, 2]
     assert np.abs(np.diff(F, axis=0)).max() > 1e-6 * F[0, 2]  # negative control: first differences are seen

@@ -1,6 +1,7 @@
 """Contact found in the record of an approach: where it is, how sure, and what becomes of it in a study."""
 
 import re
+from itertools import product
 
 import contact_records
 import numpy as np
@@ -31,9 +32,13 @@ def write(path, head, *columns):
     return path
 
 
-@pytest.mark.parametrize("records", [15, pytest.param(40, marks=pytest.mark.verification)])
-@pytest.mark.parametrize("noise", [1e-4, 1e-3, 4e-3])
-@pytest.mark.parametrize("n", [41, 121])
+@pytest.mark.parametrize(
+    "noise, n, records",
+    [
+        *((noise, n, 15) for noise, n in ((1e-4, 121), (1e-3, 41), (4e-3, 41))),
+        *(pytest.param(*case, 40, marks=pytest.mark.verification) for case in product((1e-4, 1e-3, 4e-3), (41, 121))),
+    ],
+)
 def test_the_stated_deviation_is_what_the_contact_is_off_by(noise, n, records):
     """Of many records: errors over stated deviations, which hold what other bodies than this one would do, too."""
     rng = np.random.default_rng(3)

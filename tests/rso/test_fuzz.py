@@ -15,7 +15,7 @@ import pytest
 from rso.cli import main
 
 HERE = Path(__file__).parent
-FAST, ALL, IN_A_PROCESS = 60, 1000, (3, 9, 27)
+FAST, ALL = 60, 1000
 LIMIT_S = 5
 CHECK = ["check", "--trust"]
 
@@ -68,7 +68,7 @@ def test_mutated_files_by_the_thousand(tmp_path, first):
         check(n, tmp_path / "study")
 
 
-@pytest.mark.parametrize("n", IN_A_PROCESS)
+@pytest.mark.parametrize("n", [3, *(pytest.param(n, marks=pytest.mark.verification) for n in (9, 27))])
 def test_mutated_files_in_a_process(tmp_path, n):
     name, right = fuzzing.case(n, tmp_path / "study")
     done = subprocess.run(

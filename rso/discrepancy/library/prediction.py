@@ -243,7 +243,8 @@ def _recorded(
             level = np.mean(test.depth[held], keepdims=True)
             rests = rows_at(level, forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])
-    there, home = _stopped(u, F, top), _stopped(u, G, top)
+    there = _stopped(u, F, top)
+    home = _stopped(u, G, top) if back.any() else there
     turn = len(u) + 1
     far = min(-AIR * library.plan.scale, 1.1 * float(test.depth.min()))
     way = np.concatenate([np.full((len(F), 1), far), way], axis=1)
@@ -271,7 +272,7 @@ def _recorded(
     forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
     depth, got = recorded_curve(setting, way, forces, time, test.age, test.earlier)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)
-    backward = np.maximum.accumulate(depth[:, : -turn - 1 : -1], axis=1)
+    backward = np.maximum.accumulate(depth[:, : -turn - 1 : -1], axis=1) if back.any() else depth
     out = np.empty((len(F), len(pick), test.n))
     for j, c in enumerate(pick):
         v = got[FORCES[c]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from rso.doe.farthest import extend, farthest
@@ -31,13 +33,14 @@ def _swapped(X: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     Source: Jin, Chen & Sudjianto, J. Stat. Plan. Inference 134 (2005) 268, eqs. (19) to (26).
     """
     n, d = X.shape
-    lowest, vain = _discrepancy(X), 0
+    lowest, vain, pairs = _discrepancy(X), 0, _pairs(X)
     for _ in range(SWAPS):
         j, a, b = (int(rng.integers(0, high, endpoint=True)) for high in (d - 1, n - 1, n - 1))
-        found = _after_swap(X, a, b, j, lowest)
+        found = _after_swap(pairs, a, b, j, lowest)
         vain = 0 if found < lowest else vain + 1
         if vain == 0:
             X[[a, b], j], lowest = X[[b, a], j], found
+            pairs.swap(a, b, j)
         elif vain == IN_VAIN:
             break
     return X
@@ -58,26 +61,56 @@ def _discrepancy(X: np.ndarray) -> float:
     return float((13.0 / 12.0) ** d - 2.0 / n * one.cumsum()[-1] + 1.0 / n**2 * two.ravel().cumsum()[-1])
 
 
-def _after_swap(X: np.ndarray, a: int, b: int, j: int, before: float) -> float:
-    """Centred discrepancy once X[a, j] and X[b, j] change places, from that `before`."""
-    n, z = len(X), X - 0.5
-    far, near = abs(z), 0.5 * z**2
+@dataclass(frozen=True)
+class _Pairs:
+    """What the centred discrepancy of X (n, d) consists of, kept while entries change places within a column.
 
-    def beside(i: int) -> np.ndarray:
-        return 1.0 / n**2.0 * np.prod(0.5 * (2.0 + far[i] + far - abs(z[i] - z)), axis=1)
+    With z = |x − 1/2|: `two` (d, n, n) is 2 + z_a + z_b − |x_a − x_b| of every pair, `far` (n, d) is z, `g` and `h`
+    (n,) are Π (1 + z) and Π (1 + z/2 − z²/2).
+    """
 
-    def column(i: int) -> np.ndarray:
-        return 2 + far[i, j] + far[:, j] - abs(z[i, j] - z[:, j])
+    two: np.ndarray
+    far: np.ndarray
+    g: np.ndarray
+    h: np.ndarray
 
-    of_a, of_b, gamma = beside(a), beside(b), column(b) / column(a)
-    alpha, beta = (1 + far[b, j]) / (1 + far[a, j]), (2 - far[b, j]) / (2 - far[a, j])
-    g_a, g_b = np.prod(1.0 + far[a]), np.prod(1.0 + far[b])
-    h_a, h_b = np.prod(1.0 + 0.5 * far[a] - near[a]), np.prod(1.0 + 0.5 * far[b] - near[b])
+    def swap(self, a: int, b: int, j: int) -> None:
+        """Entries a and b of column j change places."""
+        two, far = self.two[j], self.far
+        two[[a, b]] = two[[b, a]]
+        two[:, [a, b]] = two[:, [b, a]]
+        far[[a, b], j] = far[[b, a], j]
+        for i in (a, b):
+            self.g[i], self.h[i] = _products(far[i])
+
+
+def _pairs(X: np.ndarray) -> _Pairs:
+    z = (X - 0.5).T
+    far = abs(z)
+    two = 2.0 + far[:, :, None] + far[:, None, :] - abs(z[:, :, None] - z[:, None, :])
+    g, h = np.transpose([_products(row) for row in far.T])
+    return _Pairs(two, far.T.copy(), g.copy(), h.copy())
+
+
+def _products(far: np.ndarray) -> tuple[float, float]:
+    near = 0.5 * far**2
+    return float(np.prod(1.0 + far)), float(np.prod(1.0 + 0.5 * far - near))
+
+
+def _after_swap(pairs: _Pairs, a: int, b: int, j: int, before: float) -> float:
+    """Centred discrepancy once entries a and b of column j change places, from that `before`."""
+    two, far, n = pairs.two, pairs.far, len(pairs.far)
+    beside = 1.0 / n**2.0 * np.multiply.reduce(0.5 * two[:, (a, b)], axis=0)
+    of_a, of_b = beside
+    gamma = two[j, b] / two[j, a]
+    far_a, far_b = float(far[a, j]), float(far[b, j])
+    alpha, beta = (1 + far_b) / (1 + far_a), (2 - far_b) / (2 - far_a)
+    g_a, g_b, h_a, h_b = (float(v) for v in (pairs.g[a], pairs.g[b], pairs.h[a], pairs.h[b]))
     own_a, own_b = (1.0 / n**2 * g - 2.0 / n * h for g, h in ((g_a, h_a), (g_b, h_b)))
     new_a = g_a * alpha / n**2 - 2.0 * alpha * beta * h_a / n
     new_b = g_b / (n**2 * alpha) - 2.0 * h_b / (n * alpha * beta)
     others = gamma * of_a - of_a + of_b / gamma - of_b
-    others[[a, b]] = 0.0
+    others[a] = others[b] = 0.0
     return float(before + new_a - own_a + new_b - own_b + 2 * others.cumsum()[-1])
 
 
