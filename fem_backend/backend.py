@@ -594,13 +594,13 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     meridian, elements did not resolve an attraction, and contact beside it acted per undeformed area.  4: the mesh of a
     meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
-    rounded tip were too long.  6: no later meshes were made below many edges.  7: errors were stated too small where
-    contact just reaches a rounded edge.
+    rounded tip were too long.  6: no later meshes were made below many edges.  7 and 8: errors were stated too small
+    where contact just reaches a rounded edge.
     """
     finest = np.isfinite(settings.indenter.finest[1])
     pointed = finest and modelling.gathers(settings.indenter)
     if on_axis(settings) and finest and not pointed:
-        return 7
+        return 8
     if on_axis(settings) and pointed:
         return 6
     if programmes.controlled(programme):
