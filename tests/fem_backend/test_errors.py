@@ -522,12 +522,12 @@ def off_axis(friction: float, *asked: float):
 
 @pytest.mark.parametrize("friction", [pytest.param(0.1, marks=LONG), 0.4])
 def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, monkeypatch):
-    """One step and two to 0.2 and 0.4 mm beside ones of 0.05 mm.
+    """One step and two to 0.2 and 0.4 mm beside ones of 0.1 mm.
 
     Without the share of the step that a point is in touch (the negative control) nothing that is touched anew sticks:
     with multipliers its gap is zero, which says nothing of when it closed.
     """
-    exact, _ = off_axis(friction, *np.round(0.05 * np.arange(1, 9), 10))
+    exact, _ = off_axis(friction, 0.1, 0.2, 0.3, 0.4)
     found, error = off_axis(friction, 0.2, 0.4)
     monkeypatch.setattr(tractions, "met", lambda *_: None)
     late, _ = off_axis(friction, 0.2)

@@ -41,8 +41,14 @@ def held_nothing(mesh: MeshTet2) -> np.ndarray:
     return np.zeros((mesh.doflocs.shape[1], 3), bool)
 
 
-@pytest.mark.parametrize("body", BODIES, ids=["nominal", "longer", "shorter"])
-@pytest.mark.parametrize("point", POINTS)
+@pytest.mark.parametrize(
+    "body, point",
+    [  # daily the longer one at every point, and all of them at the farthest
+        pytest.param(b, p, marks=() if b is BODIES[1] or p == (20.0, 20.0) else pytest.mark.verification)
+        for p in POINTS
+        for b in BODIES
+    ],
+)
 def test_placed_mesh_is_the_ellipsoid(body, point):
     mesh = meshing.assemble(QUARTER, NOMINAL, body, point, FULL)
     X = mesh.doflocs.T

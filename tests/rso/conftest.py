@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,21 +39,30 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def curves_learnt_once() -> Iterator[None]:
+def surfaces_learnt_once() -> Iterator[None]:
     """Surfaces of the same simulations are the same: those that other data of a module are held to are fitted once."""
-    known: dict[Any, Any] = {}
-    learn = emulator.fit_curve
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("fit_curve", "fit_surrogate"):
+            patch.setattr(emulator, name, _once(getattr(emulator, name)))
+        yield
 
-    def learnt(*arrays: np.ndarray, **more: Any) -> Any:
-        parts = [*arrays, *(v for _, v in sorted(more.items()))]
-        key = tuple((v.shape, v.tobytes()) if isinstance(v, np.ndarray) else v for v in parts), tuple(sorted(more))
+
+def _once(learn: Callable[..., Any]) -> Callable[..., Any]:
+    """What is learnt from the same bits of all arguments is learnt once."""
+    known: dict[Any, Any] = {}
+
+    def bits(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.shape, value.dtype.str, value.tobytes()
+        return tuple(map(bits, value)) if isinstance(value, tuple | list) else value
+
+    def learnt(*values: Any, **more: Any) -> Any:
+        key = tuple(map(bits, values)), tuple((name, bits(more[name])) for name in sorted(more))
         if key not in known:
-            known[key] = learn(*arrays, **more)
+            known[key] = learn(*values, **more)
         return known[key]
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(emulator, "fit_curve", learnt)
-        yield
+    return learnt
 
 
 @pytest.fixture

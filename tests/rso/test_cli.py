@@ -325,7 +325,7 @@ def test_the_example_of_a_folder_is_one_that_is_read(tmp_path, capsys):
         assert words in page
 
 
-def test_a_whole_study_with_its_report(tmp_path, capsys):
+def test_a_whole_study_with_its_report(tmp_path, capsys, here):
     path = str(studies.write(tmp_path, **studies.QUICK | {"report": "html = true\npdf = true"}))
     assert main(["status", path]) == 0 and "not started" in capsys.readouterr().out
     assert main(["report", path]) == 2

@@ -120,7 +120,7 @@ def two(tmp_path):
     return tmp_path
 
 
-def test_both_tests_together_find_the_truth(two):
+def test_both_tests_together_find_the_truth(two, here):
     found = rso.load(two).run(jobs=1)
     table = found.parameters
     assert (table["verdict"] == "determined").sum() >= 2

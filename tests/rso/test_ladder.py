@@ -26,7 +26,7 @@ from rso.report.model_selection.report import render_ladder, report, value_text
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
 
-pytestmark = pytest.mark.usefixtures("curves_learnt_once")
+pytestmark = pytest.mark.usefixtures("surfaces_learnt_once")
 MU, D1 = 0.01, 8.0
 STUDY = """
 [study]

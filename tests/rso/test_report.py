@@ -681,7 +681,8 @@ DIAGNOSIS = {
 }
 
 
-def test_where_the_model_is_off_is_told_or_that_nobody_has_looked(tmp_path):
+def test_where_the_model_is_off_is_told_or_that_nobody_has_looked(tmp_path, monkeypatch):
+    monkeypatch.setattr("rso.report.calibration.report.draw", lambda results, name: "<svg/>")  # words alone are read
     assert "has not been examined; “rso diagnose STUDY” does." in page(complete())
     results = complete() | {"diagnosis": DIAGNOSIS}
     text = page(results)

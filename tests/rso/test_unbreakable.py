@@ -50,7 +50,7 @@ def finished(tmp_path_factory):
 
 
 @pytest.mark.parametrize("largest_file", [1, 60_000])
-def test_full_disk_then_room_again(tmp_path, finished, largest_file):
+def test_full_disk_then_room_again(tmp_path, finished, largest_file, here):
     studies.write(tmp_path, **QUICK)
     full = rso("run", tmp_path, "--jobs", 1, largest_file=largest_file)
     assert full.returncode == 1 and "Traceback" not in full.stderr, full.stderr
@@ -147,7 +147,7 @@ def test_damage_is_told_in_words_and_nothing_is_deleted(tmp_path, capsys, finish
 # ------------------------------------------------------------------------------------------------------ two at once
 
 
-def test_a_second_run_and_fresh_are_refused_while_the_first_goes_on(tmp_path, capsys):
+def test_a_second_run_and_fresh_are_refused_while_the_first_goes_on(tmp_path, capsys, here):
     test_cli.sleepy(tmp_path, 60)
     first = test_cli.begun(tmp_path)
     for more in ([], ["--fresh"]):
