@@ -19,3 +19,4 @@ def pytest_collection_finish() -> None:
     """What imports and collection made stays to the end: no later garbage collection has to go through it again."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(7000, 10, 10)  # and it needs to look less often than a program of a few objects
