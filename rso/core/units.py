@@ -274,6 +274,7 @@ def header(text: str) -> tuple[str, str]:
     return name, unit
 
 
+@functools.lru_cache  # a table of many columns asks the same of each
 def _meant(written: str) -> str:
     """The nearest column to one that is written nearly so."""
     usual = [f"{k}_{u}" for k, u in COLUMNS.items()]
@@ -281,6 +282,7 @@ def _meant(written: str) -> str:
     return f"did you mean {near[0]}? " if near else ""
 
 
+@functools.cache
 def _understood() -> str:
     columns = ", ".join(f"{k}_{u}" for k, u in COLUMNS.items())
     return (

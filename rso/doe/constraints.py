@@ -38,8 +38,8 @@ class Condition:
     def excess(self, theta: Mapping[str, np.ndarray]) -> np.ndarray:
         """How far values (n,) by name violate it (n,): the difference of its sides, at most 0 where it holds."""
         with np.errstate(all="ignore"):
-            worst = np.max([self._size(gap(theta), strict) for gap, strict in self._gaps], axis=0)
-        return worst
+            each = [self._size(gap(theta), strict) for gap, strict in self._gaps]
+        return np.max(np.broadcast_arrays(*each), axis=0)  # of a chain one pair may be of numbers alone
 
     def holds(self, theta: Mapping[str, np.ndarray]) -> np.ndarray:
         """Mask (n,) of the values that respect it; one that cannot be computed does not."""

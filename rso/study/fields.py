@@ -135,8 +135,8 @@ Files = Annotated[
 ]
 _NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
 Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]
-NotNegativeForce = number_in("N", ge=0)
-NotNegativeLength = number_in("mm", ge=0)
+NotNegativeForce = number_in("N", ge=0, le=1e6)
+NotNegativeLength = number_in("mm", ge=0, le=1e6)
 Depth = number_in("mm", gt=0, le=1e6)
 Share = number_in("1", ge=0, lt=1)
 Tolerance = number_in("1", gt=0, lt=1)

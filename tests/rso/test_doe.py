@@ -294,6 +294,7 @@ def test_conditions_are_read_and_say_by_how_much_they_are_violated():
     assert np.array_equal(read_condition("1 < D1 / 10 < 10", ("mu", "D1")).holds(theta), [True, False])
     assert np.array_equal(read_condition("sqrt(mu - 0.015) >= 0", ("mu", "D1")).holds(theta), [False, True])
     assert not read_condition("D1 > 50", ("mu", "D1")).holds(theta)[0]  # strict
+    assert np.array_equal(read_condition("1 < 2 <= D1 / 50", ("mu", "D1")).holds(theta), [False, True])
 
 
 @pytest.mark.parametrize(

@@ -322,8 +322,9 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         if best is None and any(name for _, name in itertools.islice(_names(rows, k), _SHOWN)):
             best = k
     best = _likely(rows) if best is None else best
-    unknown = [cell for cell, name in _names(rows, best) if name is None]
-    cell = next((cell for cell in unknown if not header_aliases.is_one(cell)), unknown[0])
+    unknown = (cell for cell, name in _names(rows, best) if name is None)
+    first = next(unknown)
+    cell = next((c for c in itertools.chain([first], unknown) if not header_aliases.is_one(c)), first)
     try:
         header(cell)
     except ValueError as error:
