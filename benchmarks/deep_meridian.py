@@ -61,7 +61,7 @@ def cases() -> list[Deep]:
         held = {**sphere, "support": {"kind": "fixed"}}
         out.append(Deep(f"held_{k + 1}", {**held, "indenter": BALL}, values, to_eight, P4.get(k, {})))
         out.append(Deep(f"shaft_{k + 1}", {**held, "indenter": SHAFT}, values, to_twelve, {}))
-    for k in (0, 2):
+    for k in range(len(SETS)):
         bowl = {**sphere, "support": {"kind": "bowl", "clearance": 1.0, "friction": 0.0}, "indenter": BALL}
         out.append(Deep(f"bowl_{k + 1}", bowl, SETS[k], to_eight, {}))
     for thick in (1.0, 2.0, 4.0):

@@ -97,7 +97,8 @@ def follow_travel_rezoned(
                 since = _kept(legs, here)
         except Stopped as stopped:
             points = stopped.points = points + [replace(p, leg=known) for p in stopped.points]
-            if stopped.last is None or stopped.cause == "time_limit" or not _served(leg, stopped.last[1]):
+            final = stopped.cause in ("time_limit", "instability")  # what a body does is no fault of its mesh
+            if stopped.last is None or final or not _served(leg, stopped.last[1]):
                 raise
             u, here = stopped.last
             try:

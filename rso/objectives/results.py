@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import platform
 from collections.abc import Mapping
@@ -157,7 +158,7 @@ def _run(plan: ParetoPlan, r: ParetoRun, best: set[str]) -> dict[str, Any]:
 
 
 def _scores(s: Scores | None) -> dict[str, Any] | None:
-    return None if s is None else {"rmse": s.rmse, "max_abs": s.max_abs, "q2": s.q2, "n": s.n}
+    return None if s is None else dataclasses.asdict(s)
 
 
 def _surface(found: ParetoOutcome, text: str) -> dict[str, Any]:

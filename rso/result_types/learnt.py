@@ -71,7 +71,7 @@ class ScoresBlock(ResultBlock):
 
     rmse: Number = holds("root mean square error")
     max_abs: Number = holds("largest error seen")
-    relative_rmse: Number = holds("RMSE over the spread of the output")
+    relative_rmse: Number = holds("RMSE over the root mean square of the output")
     q2: Number = holds("share of the variance that is predicted")
     n: int = holds("number of runs")
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 from rso.result_types.keys import ByName, Interval, Number, Numbers, ResultBlock, StudyBlock, Texts, holds
-from rso.result_types.learnt import State
+from rso.result_types.learnt import ScoresBlock, State
+from rso.result_types.stated import VerifyBlock
 
 Setting = float | str | None
 Settings = dict[str, Setting]  # parameter → number, or the text of a category
@@ -74,15 +75,6 @@ class RunOfObjectivesBlock(ResultBlock):
     cpu_s: Number = holds("processor time", "s")
 
 
-class SurfaceScoreBlock(ResultBlock):
-    """Errors of a response surface."""
-
-    rmse: Number = holds("root mean square error")
-    max_abs: Number = holds("largest error seen")
-    q2: Number = holds("share of the variance that is predicted")
-    n: int = holds("number of runs")
-
-
 class QuantitySurfaceBlock(ResultBlock):
     """The response surface of a quantity."""
 
@@ -90,8 +82,8 @@ class QuantitySurfaceBlock(ResultBlock):
     unit: str = holds("its unit")
     spread: Number = holds("spread of the quantity over the runs")
     story: str = holds("how it was chosen")
-    cross_validation: SurfaceScoreBlock | None = holds("errors on left-out runs")
-    held_out: SurfaceScoreBlock | None = holds("errors on runs that were new to it")
+    cross_validation: ScoresBlock | None = holds("errors on left-out runs")
+    held_out: ScoresBlock | None = holds("errors on runs that were new to it")
 
 
 class ShareBlock(ResultBlock):
@@ -178,13 +170,6 @@ class RoundBlock(ResultBlock):
     words: str = holds("the same in words")
 
 
-class AgreementBlock(ResultBlock):
-    """The study's `[verify]`."""
-
-    tolerance: float = holds("how well prediction and rerun must agree")
-    max_infill: int = holds("runs that may be added")
-
-
 class SearchedBlock(ResultBlock):
     """How the front was searched."""
 
@@ -233,7 +218,7 @@ class ObjectivesFile(ResultBlock):
     front: ObjectivesFrontBlock = holds("the front")
     candidates: tuple[ProposalBlock, ...] = holds("candidates, each simulated")
     rounds: tuple[RoundBlock, ...] = holds("how search and simulation came to agree")
-    verify: AgreementBlock = holds("the study's `[verify]`")
+    verify: VerifyBlock = holds("the study's `[verify]`")
     search: SearchedBlock = holds("the study's `[search]`")
     warnings: Texts = holds("what a reader must not miss")
     counts: RunCountsBlock = holds("numbers of simulations")

@@ -198,13 +198,9 @@ class TestALayerUnderAFlatEnd:
         one, two = (relaxation(times, 0.45, self.LAYER, end, fine=n) for n in (1, 2))
         np.testing.assert_allclose(one, two, rtol=2e-4)
 
-    def test_relaxation(self):
-        """F/d from 0.05 to 20 a²/D: 1 % at every moment, 0.4 % beside its drained value, the radius of contact 1e-3.
-
-        The stated error is that large at every moment, too, where mesh and steps err against each other.
-        """
-        unit, fillet = self.END**2, 0.02 * self.END
-        tau = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0])
+    def pressed(self, fillet, tau, **mesh):
+        """The run and F/d by transforms at tau (n,) a²/D; `fillet` over the radius."""
+        unit, fillet = self.END**2, fillet * self.END
         start = self.RAMP * unit
         settings = {
             "specimen": {"shape": "slab", "thickness": self.LAYER.h},
@@ -212,21 +208,40 @@ class TestALayerUnderAFlatEnd:
             "support": {"kind": "bonded"},
             "drainage": {"indenter": "porous"},
             "material": {"law": "linear_elastic"},
+            "mesh": mesh,
         }
         programme = Programme(
             (0.0, start, 25.0 * unit), (0.0, self.DEPTH, self.DEPTH), (self.DEPTH,), tuple(tau * unit)
         )
         values = {"mu": MU, "D1": D1, "permeability": self.LAYER.k}
         run = BACKEND(values, Case("a", programme, settings))
-        found, end = run.channels, touching(self.LAYER, self.END, fillet, self.DEPTH)
-        exact = relaxation(found["time"], start, self.LAYER, end)
-        F = found["Fz"] / self.DEPTH
+        end = touching(self.LAYER, self.END, fillet, self.DEPTH)
+        return run, relaxation(run.channels["time"], start, self.LAYER, end), end
+
+    def test_relaxation(self):
+        """F/d from 0.05 to 20 a²/D: 1 % at every moment, 0.4 % beside its drained value, the radius of contact 1e-3.
+
+        The stated error is that large at every moment, too, where mesh and steps err against each other.
+        """
+        run, exact, end = self.pressed(0.02, np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0]))
+        found, F = run.channels, run.channels["Fz"] / self.DEPTH
         off, said = np.abs(F - exact), run.error["Fz"] / self.DEPTH
         assert np.all(said > 0.6 * off) and np.mean(said > off) > 0.8  # an estimate: one moment of five may lie above
         np.testing.assert_allclose(F, exact, rtol=0.01)
         np.testing.assert_allclose(F / F[-1], exact / exact[-1], rtol=4e-3)
         np.testing.assert_allclose(found["contact_radius"], end.c, rtol=1e-3)
         assert F[0] > 1.5 * F[-1]  # enough is there to be missed
+
+    @pytest.mark.verification
+    @pytest.mark.parametrize("level", ["coarse", "standard", "fine"])
+    @pytest.mark.parametrize("fillet", [0.02, 0.05, 0.1])
+    def test_what_is_stated_where_contact_barely_reaches_the_edge(self, fillet, level):
+        """0.002 R deep; printed in % of the force.  At least 0.45 of what is missed is stated at level coarse and R/10,
+        elsewhere 0.6 of it."""
+        run, exact, _ = self.pressed(fillet, np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 20.0]), level=level)
+        off, said = (100.0 * v / exact for v in (run.channels["Fz"] / self.DEPTH - exact, run.error["Fz"] / self.DEPTH))
+        print(f"\nfillet R/{1 / fillet:g}, {level}: above theory {np.round(off, 2)}, stated {np.round(said, 2)}")
+        assert np.all(said > (0.45 if fillet == 0.1 and level == "coarse" else 0.6) * np.abs(off))
 
 
 class TestLiquidThatGivesWay:

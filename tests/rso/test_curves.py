@@ -162,33 +162,27 @@ def test_a_curve_is_not_off_where_it_was_computed():
     assert np.all(error_between_points(u, u**1.7, u[1:] - 0.1) > 0.0)
 
 
-@pytest.mark.parametrize("beside", [0.41, 0.553, 1.2, 2.36])
-def test_a_point_close_beside_another_widens_nothing(beside):
-    """Simulations are off by 0.05 % each; a target near a computed travel says nothing that this one does not.
+@pytest.mark.parametrize("n, beside", [(12, 0.41), (12, 1.2), (12, 2.2), (12, 2.36), (8, 0.606), (8, 1.515)])
+def test_a_point_close_beside_another_neither_widens_nor_hides(n, beside):
+    """Simulations are off by 0.05 % each; a target may stand near a computed travel.
 
-    With exact values the statement holds what the spline misses there too.
+    The curve itself swings beside such a pair, most near its end.  What is stated is 0.5 to 1.7 times what it misses.
+    With exact values it holds what the spline misses.
     """
-    rng, even = np.random.default_rng(3), np.linspace(0.198, 2.376, 12)
-    pair, at = np.sort(np.append(even, beside)), np.linspace(0.02, 2.376, 300)
-    noise = [rng.normal(size=len(pair)) for _ in range(40)]
+    rng, pair = np.random.default_rng(3), np.sort(np.append(np.linspace(2.376 / n, 2.376, n), beside))
+    at, noise = np.linspace(0.02, 2.376, 300), [rng.normal(size=n + 1) for _ in range(40)]
+    force = pair**1.5 + 0.3 * pair**2.2
+    right = at**1.5 + 0.3 * at**2.2
 
-    def force(u):
-        return u**1.5 + 0.3 * u**2.2
+    def missed(value):
+        return np.abs(Resampling(pair, value)(at) - right)
 
-    def median_over_noise(knots, largest):
-        return np.median([largest(knots, force(knots) * (1 + 5e-4 * e[: len(knots)])) for e in noise])
+    def stated(value):
+        return error_between_points(pair, value, at)
 
-    def stated(knots, value):
-        return error_between_points(knots, value, at).max()
-
-    def missed(knots, value):  # beside the last point the curve itself swings
-        return np.abs(Resampling(knots, value)(at) - force(at)).max()
-
-    assert median_over_noise(pair, stated) <= 1.5 * max(
-        median_over_noise(k, f) for k, f in ((even, stated), (pair, missed))
-    )
-    off = np.abs(Resampling(pair, force(pair))(at) - force(at))
-    assert np.all(off <= 1.2 * error_between_points(pair, force(pair), at) + 1e-12)
+    off, said = (np.median([f(force * (1 + 5e-4 * e)).max() for e in noise]) for f in (missed, stated))
+    assert 0.5 * off <= said <= 1.7 * off
+    assert np.all(missed(force) <= 1.2 * stated(force) + 1e-12)
 
 
 RISES = {
@@ -206,8 +200,8 @@ RISES = {
 def test_before_the_first_travel_little_errors_of_simulations_stay_little(n, law):
     """Forces off by 0.5 % each, as contact passes from element to element, are no error of several forces there.
 
-    Of exact values the statement holds what the spline misses; with errors it is 0.04 of the first force more at most
-    in the median, eight times 0.5 %.
+    Of exact values the statement holds what the spline misses.  With errors it is in the median at most 0.07 of the
+    first force more, of a flat end; it was 0.3 to 4 where the spline ended at contact.
     """
     rng, u, force = np.random.default_rng(11), np.linspace(1 / n, 1.0, n), RISES[law]
     at = np.linspace(0.01 / n, 0.999 / n, 50)

@@ -45,6 +45,7 @@ def test_the_schema_of_each_file_is_printed_and_has_units(name, capsys):
     printed = json.loads(capsys.readouterr().out)
     assert printed == result_schema(name) and set(printed["required"]) <= set(printed["properties"])
     assert "schema_" not in printed["properties"]
+    assert ("schema" in printed["properties"]) == (name != "deformed.json")  # a picture, which no program reads later
     assert '"unit"' in json.dumps(printed)
 
 
