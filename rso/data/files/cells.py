@@ -151,7 +151,22 @@ def segment_words(path: Path, line: Sequence[int] | np.ndarray, text: list[str])
     return np.array(text)
 
 
-def segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
+def segments_of(path: Path, rows: Sequence[Row], head: Head, codes: Mapping[str, str]) -> dict[int, str]:
+    """Line → what its segment is by the study's `codes`, or SKIP: that of the line above where a cell is empty.
+
+    Nanoindenters and merged cells of spreadsheets name a segment where it begins.  An empty cell that has a code of
+    its own is that.
+    """
+    found: dict[int, str] = {}
+    last = ""
+    for row in rows:
+        at, cells = head.at["segment"], cells_of(row[1], head.separator)
+        empty = last and at < len(cells) and not cells[at].strip() and "" not in codes
+        last = found[row[0]] = last if empty else _segment_code(path, row, head, codes)
+    return found
+
+
+def _segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
     """What a row's segment is by the study's `codes`, or SKIP; 1 and 1.0 are the same code."""
     number, text = row
     at, cells = head.at["segment"], cells_of(text, head.separator)
