@@ -123,8 +123,24 @@ def jump_in(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     sudden = u[least] - u[first] <= SUDDEN * (u[-1] - u[0])
     if len(air) < BEFORE or not sudden or fall < max(PULLS * float(np.ptp(F)), 5.0 * float(np.abs(air[:-1]).max())):
         return None
+    if not _rises(u[first + 1 :], F[first + 1 :], fall, u[-1] - u[0], float(np.abs(air[:-1]).max())):
+        return None  # a cell that was tared in air falls as well, and stays
     apart = float(u[first + 1] - u[first])
     return Onset(0.5 * float(u[first] + u[first + 1]), apart / 12**0.5, 0.01 * float(u[-1] - u[first]))
+
+
+def _rises(u: np.ndarray, F: np.ndarray, fall: float, way: float, scatter: float) -> bool:
+    """Whether a force (n,) that fell begins to rise at once: by a tenth of its fall, and more than it scatters by, soon
+    after.
+
+    A body that drew the indenter in has all of the fall back a₀²/3R further on, a₀ the contact without a load.
+    """
+    least = int(np.argmin(F[u <= u[0] + SUDDEN * way]))
+    soon = np.nonzero(u <= u[least] + 2.0 * SUDDEN * way)[0]
+    if len(soon) - least < BEFORE:
+        return False
+    here, there = (float(np.median(F[part])) for part in (slice(least, least + BEFORE), soon[-BEFORE:]))
+    return there - here > max(0.1 * fall, scatter)
 
 
 def approached(depth: np.ndarray, force: np.ndarray) -> Onset:

@@ -90,7 +90,10 @@ def check_repeat(
             f"contact is: {ZERO}"
         )
     if force is not None and np.sum(loading) >= curve_shape.FEWEST:
-        notes += _of_force(who, label, depth, force, time, loading, found)
+        try:
+            notes += _of_force(who, label, depth, force, time, loading, found)
+        except ValueError as error:  # a cell that was tared on the way makes a force that no zero mends
+            raise ValueError("; ".join([str(error), *(n for n in notes if "Fz jumps" in n)])) from error
     return notes
 
 

@@ -337,6 +337,8 @@ def test_a_force_that_slips_while_it_presses_is_no_jump_into_contact():
     force = u**1.5 - 0.3 * (u > 0.5)
     assert contact_point.jump_in(u, force) is None
     assert contact_point.jump_in(u, u**1.5) is None
+    tared = np.maximum(u - 0.5, 0.0) ** 1.5 + 0.1 * (u < 0.2)  # in air: it falls and stays
+    assert contact_point.jump_in(u, tared) is None
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.05, -0.05])
@@ -346,7 +348,7 @@ def test_a_force_that_drifts_in_air_is_tared_as_it_comes_to_contact(drift):
     u = np.linspace(-2.0, 1.0, 600)
     pure, size = pressed(u), float(pressed(np.array(1.0)))
     force = pure + size * (0.3 + drift * u / 2.0) + 0.003 * size * rng.standard_normal(600)
-    depth, own, _ = contact_point.zeroed(u, {"Fz": force}, np.ones(600, bool), ("depth", "Fz"))
+    _, own, _ = contact_point.zeroed(u, {"Fz": force}, np.ones(600, bool), ("depth", "Fz"))
     left = (force - own["Fz"])[0] - 0.3 * size
     # a line through 400 readings is known at its end to 2/√400 of their scatter; three of these
     assert abs(left) < 0.003 * size * 3 * 2 / 20

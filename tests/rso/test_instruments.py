@@ -252,3 +252,13 @@ def test_a_drift_in_air_is_no_contact_that_nobody_found(tmp_path):
     on = 0.1 * (0.1 * 0.6**1.5) * 0.6 / 2.1  # what the drift adds beyond contact
     assert float(drift.split("about ")[1].split(" N")[0]) == pytest.approx(on, rel=0.2)  # a level of the first tenth
     assert not any("depth must count from contact" in d for d in doubts)
+
+
+def test_a_cell_that_was_tared_in_the_approach_is_named(tmp_path):
+    """No zero mends a record whose force has two of them."""
+    u = np.linspace(-1.0, 0.6, 320)
+    force = 0.06 * np.maximum(u, 0.0) ** 1.5 + 0.02 * (u < -0.7)
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Time (s),Position (mm),Load (N)"], [np.arange(320) * 0.1, u + 5.0, force], ","))
+    with pytest.raises(ValueError, match=r"Fz jumps by -0\.02 N at 0\.29\d mm .* a cell tared during the test"):
+        read_measurement(path)

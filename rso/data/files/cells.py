@@ -122,7 +122,8 @@ def cell_number(path: Path, line: int, name: str, cells: Sequence[str], head: He
         tables.no_reading(path, line, cells, head)
         fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{_hint(name, cell)}")
     if abs(value) > _LARGEST:
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is larger than anything measured ({_LARGEST:g})")
+        large = f"is larger than anything measured ({_LARGEST:g}); a mark for an overload or a gap? Delete such rows"
+        fail(path, line, f"column {name!r}: {cell[:40]!r} {large}")
     if value < 0 and name.endswith("_sigma"):
         fail(path, line, f"column {name!r}: {cell[:40]!r} is negative, a standard uncertainty is not")
     return value

@@ -73,7 +73,8 @@ def file_text(path: Path) -> tuple[str, list[str]]:
         raise ValueError(f"{path}: is no workbook that can be read; damaged?")
     if b"\0" in raw:
         raise ValueError(
-            f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is expected"
+            f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is expected. "
+            "UTF-16 without a mark at its begin? Save it as UTF-8"
         )
     try:
         return raw.decode("utf-8-sig"), []

@@ -76,6 +76,7 @@ class Repeat:
     `channels` holds forces (kind force) or x, y and displacements (kind profile); `sigma` the stated standard
     uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.  `creep`
     are the readings of a hold at constant force, which end the others, or why they cannot be compared; "" without one.
+    `tared` says that Fz counts from the contact that was found in the record.
     """
 
     label: str
@@ -85,6 +86,7 @@ class Repeat:
     sigma: Mapping[str, np.ndarray]
     segment: np.ndarray
     creep: HeldForce | str = ""
+    tared: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,8 +336,9 @@ def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset
     told = f"repeat {r.label}: contact is found at {_own(table, onset.depth, onset.deviation)} by the shape of Fz"
     told += f"; {', '.join(names)} count{'s' * (len(names) == 1)} from there"
     level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
-    told += f", {level * per:.2g} {unit} is taken off" if "Fz" in names else ""
-    return replace(r, depth=depth, channels=channels), onset if "depth" in names else None, [told]
+    told += f", {level * per + 0.0:.2g} {unit} is taken off" if "Fz" in names else ""
+    counted = replace(r, depth=depth, channels=channels, tared="Fz" in names)
+    return counted, onset if "depth" in names else None, [told]
 
 
 def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset, list[str]]:
