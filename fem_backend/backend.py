@@ -387,10 +387,13 @@ class FiniteElements:
                 depth, force, lambda u, F: self.hertz(settings, u, F), self._jkr(settings)
             )
         first = literature.shear_modulus(own, depth, force) if len(depth) else None
-        name = first[0] if first else new_study.HERTZ
+        plate = literature.of_uniform_compression(own, depth, force) if len(depth) else None
+        name = first[0] if first else new_study.HERTZ if plate is None else new_study.UNIFORM
 
         def layer(u: np.ndarray, F: np.ndarray) -> Mapping[str, float]:
-            found = literature.shear_modulus(own, u, F)
+            found, uniform = literature.shear_modulus(own, u, F), literature.of_uniform_compression(own, u, F)
+            if found is None and uniform is not None:
+                return {"mu": uniform}
             return self.hertz(settings, u, F) if found is None else {"mu": found[1]}
 
         walled = literature.wall_nearby(own) is not None

@@ -10,6 +10,7 @@ import numpy as np
 from fem_backend import closed_forms, members
 from fem_backend.adapter.model_hierarchy import as_it_is, touch
 from fem_backend.closed_forms import Formula
+from fem_backend.indenters.plate import Plate
 from fem_backend.laws import LAWS
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
@@ -123,6 +124,21 @@ def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> 
     if not unit[good].any():
         return None
     return found[-1].name, float(unit[good] @ force[good] / (unit[good] @ unit[good]))
+
+
+def of_uniform_compression(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float | None:
+    """μ (MPa) that Fz (n,) N over travel (n,) mm has where a plate compresses a flat body uniformly, incompressible.
+
+        F = 3 μ V u / h²,   V / h the mean cross-section
+
+    None for other indenters and for bodies without an end to the sides.  Ends that stick make it more, by at most
+    1 + a²/2h² of a cylinder of radius a (Gent & Lindley, Proc. Inst. Mech. Eng. 173 (1959) 111).
+    """
+    h, specimen = thickness(settings), settings.specimen
+    if h is None or not isinstance(settings.indenter, Plate) or getattr(specimen, "alike", False):
+        return None
+    unit = 3.0 * float(specimen.volume()) / h**2 * travel
+    return float(unit @ force / (unit @ unit))
 
 
 def _held(settings: Settings) -> bool:

@@ -21,6 +21,7 @@ WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
 STIFFENED = 3.0  # a well as wide as the indenter makes 1.6 to 4.5 times the force of a slab without a wall
 HERTZ = "Hertz's limit"
+UNIFORM = "uniform compression"
 Limit = Callable[[np.ndarray, np.ndarray], Mapping[str, float]]  # of depths (n,) mm and Fz (n,) N, by knob
 
 
@@ -125,17 +126,19 @@ def suggested_ranges(
 
     The limit is Hertz's or another closed form by `name`, of a body without the wall of one that is `walled`: with it
     the modulus may be far less.  The shallow half counts.  Where the force pulls, the JKR
-    limit says modulus and adhesion.  ValueError for a record with no modulus.
+    limit says modulus and adhesion.  A limit that knows no modulus (an empty one) leaves wide ranges.  ValueError for a
+    record whose modulus would not be positive.
     """
     mu: float = 0.0
     pull: Mapping[str, float] = {}
     if len(depth):
         shallow = (depth > 0.0) & (depth <= 0.5 * float(depth.max()))
-        mu = float(hertz(depth[shallow], force[shallow])["mu"]) if shallow.any() else 0.0
+        found = hertz(depth[shallow], force[shallow]) if shallow.any() else {"mu": 0.0}
+        mu = float(found.get("mu", 0.0))
         if _adheres(force):
             pull = jkr(depth, force)
             mu = float(pull.get("mu", mu))
-        if mu <= 0.0:
+        if mu <= 0.0 and (found or pull):
             raise ValueError(
                 f"the modulus by {name} would be {mu:.2g} MPa, which is not possible. Fz falls while the indenter "
                 "goes deeper: is this a tensile record, or is a sign or a zero wrong?"

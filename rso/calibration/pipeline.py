@@ -349,11 +349,15 @@ def _warn_of_constraints(one: SearchResult, found: dict[str, Any]) -> None:
 
 def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, Any]]) -> list[str]:
     """Warnings of most likely values outside of what the study states: ranges were widened, perhaps for what is missing
-    in the model."""
+    in the model.  Nothing is said where stated values agree with the data as well: the interval holds some."""
     values = (identification or {}).get("values") or {}
+    intervals = {p["parameter"]: p["interval"] for p in (identification or {}).get("parameters") or ()}
     said = []
     for p in parameters:
         (low, high), value = p["stated"], values.get(p["name"])
+        allowed = intervals.get(p["name"])
+        if allowed is not None and allowed[0] < high and low < allowed[1]:
+            continue
         if value is not None and max(low - value, value - high) > 1e-9 * max(abs(low), abs(high)):
             said.append(
                 f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the "

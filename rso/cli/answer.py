@@ -86,13 +86,14 @@ def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:
 
 
 def estimate_text(value: float, span: tuple[float, float], unit: str) -> str:
-    """A value in the unit that people use, with the digits that its interval supports, or as many as keep it inside."""
+    """A value in the unit that people use, with the digits that its interval supports, or as many as keep it inside the
+    interval as that is written."""
     label, factor = people(unit, max(map(abs, span)))
     low, high = span
+    first, last = (float(end) for end in _ends(span, factor))
+    first, last = min(first, low * factor), max(last, high * factor)
     digits = 2 if high - low > UNSURE * abs(high + low) / 2 else 3
-    while (
-        low < value < high and digits < MOST and not low <= float(number_text(value * factor, digits)) / factor <= high
-    ):
+    while low < value < high and digits < MOST and not first <= float(number_text(value * factor, digits)) <= last:
         digits += 1
     return f"{number_text(value * factor, digits)}{_behind(label)}"
 
@@ -100,11 +101,17 @@ def estimate_text(value: float, span: tuple[float, float], unit: str) -> str:
 def interval_in_unit(span: tuple[float, float], unit: str) -> str:
     """An interval in the unit that people use."""
     label, factor = people(unit, max(map(abs, span)))
-    for digits in range(3, 7):  # as many as the ends need to differ
+    low, high = _ends(span, factor)
+    return f"{low} to {high}{_behind(label)}"
+
+
+def _ends(span: tuple[float, float], factor: float) -> tuple[str, str]:
+    """Both ends of an interval times a factor, with as many digits as they need to differ."""
+    for digits in range(3, 7):
         low, high = (number_text(x * factor, digits) for x in span)
         if low != high or span[0] == span[1]:
             break
-    return f"{low} to {high}{_behind(label)}"
+    return low, high
 
 
 def number_text(x: float, digits: int) -> str:

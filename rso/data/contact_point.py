@@ -26,6 +26,8 @@ FURTHEST = 0.95  # of the way
 FEWEST = 6  # readings up to there
 BEFORE = 3  # readings in air, at least, that show that there was an approach
 DRIFT = 0.1  # of the range of the force, at most: a body that is pressed when the record begins is steeper
+DRIFTED = 4.0  # standard errors of the slope of an approach beyond which it drifts
+PULLS, SUDDEN = 0.1, 0.03  # of the range of force and of depth: a jump into contact
 REMEMBERS = 0.98  # correlation of a reading with the next, at most
 
 
@@ -101,8 +103,50 @@ def _widened(contact: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
     return Onset(depth, max(contact.scatter, math.sqrt(within)), max(contact.bias, math.sqrt(off)))
 
 
+def jump_in(depth: np.ndarray, force: np.ndarray) -> Onset | None:
+    """Where a body draws the indenter in after an approach in air: between two readings of a loading curve (n,) in mm
+    and N; None without such a jump.
+
+    It falls by PULLS of its range from a level that it had in air up to there, within SUDDEN of the way.  A rigid
+    indenter without a reach of adhesion jumps at contact (Johnson, Kendall & Roberts, Proc. R. Soc. A 324 (1971) 301);
+    that reach is unknown and taken for 1 % of the way pressed.
+    """
+    order = np.argsort(depth, kind="stable")
+    u, F = depth[order], force[order]
+    least = int(np.argmin(F))
+    if least < BEFORE or u[-1] <= u[least]:
+        return None
+    level = float(np.median(F[:least]))
+    fall = level - float(F[least])
+    first = int(np.nonzero(F[:least] > level - 0.5 * fall)[0][-1])  # the last reading in air
+    air = F[: first + 1] - level
+    sudden = u[least] - u[first] <= SUDDEN * (u[-1] - u[0])
+    if len(air) < BEFORE or not sudden or fall < max(PULLS * float(np.ptp(F)), 5.0 * float(np.abs(air[:-1]).max())):
+        return None
+    if not _rises(u[first + 1 :], F[first + 1 :], fall, u[-1] - u[0], float(np.abs(air[:-1]).max())):
+        return None  # a cell that was tared in air falls as well, and stays
+    apart = float(u[first + 1] - u[first])
+    return Onset(0.5 * float(u[first] + u[first + 1]), apart / 12**0.5, 0.01 * float(u[-1] - u[first]))
+
+
+def _rises(u: np.ndarray, F: np.ndarray, fall: float, way: float, scatter: float) -> bool:
+    """Whether a force (n,) that fell begins to rise at once: by a tenth of its fall, and more than it scatters by, soon
+    after.
+
+    A body that drew the indenter in has all of the fall back a₀²/3R further on, a₀ the contact without a load.
+    """
+    least = int(np.argmin(F[u <= u[0] + SUDDEN * way]))
+    soon = np.nonzero(u <= u[least] + 2.0 * SUDDEN * way)[0]
+    if len(soon) - least < BEFORE:
+        return False
+    here, there = (float(np.median(F[part])) for part in (slice(least, least + BEFORE), soon[-BEFORE:]))
+    return there - here > max(0.1 * fall, scatter)
+
+
 def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
     """The contact of a loading curve that begins in air; ValueError where it does not show one."""
+    if (jump := jump_in(depth, force)) is not None:
+        return jump
     u, F = _pressed(depth, force) if len(depth) >= FEWEST else (depth, force)
     return _widened(_seen(depth, _of_rounded(u, F) if len(depth) >= FEWEST else None), u, F)
 
@@ -126,6 +170,8 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     """
     if len(depth) < FEWEST:
         return False
+    if (jump := jump_in(depth, force)) is not None:
+        return jump.depth - float(depth.min()) > LATE * float(np.ptp(depth))
     u, F = _pressed(depth, force)
     try:
         found = _seen(depth, _of_rounded(u, F))
@@ -154,8 +200,23 @@ def zeroed(
     own = dict(channels)
     for name in names:
         if name in own:
-            own[name] = own[name] - float(np.median(own[name][air]))
+            own[name] = own[name] - _level(depth[air], own[name][air], found.depth)
     return depth - found.depth if "depth" in names else depth, own, found
+
+
+def _level(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
+    """The force (N) that readings (n,) of an approach have come to at the contact (mm): by a line where they clearly
+    drift, else their median."""
+    n = len(depth)
+    if n < FEWEST or np.ptp(depth) == 0.0:
+        return float(np.median(force))
+    t = depth - contact
+    A = np.stack([np.ones(n), t], axis=1)
+    (level, slope), *_ = np.linalg.lstsq(A, force, rcond=None)
+    rest = force - A @ (level, slope)
+    spread = float(np.sum((t - t.mean()) ** 2))
+    error = math.sqrt(float(rest @ rest) / (n - 2) / spread / _own_share(rest, n))
+    return float(level) if abs(slope) > DRIFTED * error else float(np.median(force))
 
 
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

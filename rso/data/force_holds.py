@@ -10,6 +10,7 @@ from rso.data import curve_shape
 
 CONSTANT = 0.02  # of its range that a force may change while it is held
 CREEPS = 0.005  # of the stroke that the depth changes in a hold at constant force, at least
+KEEPS = 0.8  # of its speed of loading that a drive keeps, at least, where only the sensor has come to its end
 STEADY = 0.05  # of the force that it may be off by in a hold that a file says to be one
 
 
@@ -65,6 +66,20 @@ def hold_readings(
     if not off <= max(STEADY * level, 6.0 * curve_shape.noise_of(force[at]) if at.stop - at.start > 5 else 0.0):
         return f"the force there is off its level of {level:.3g} N by up to {off:.2g} N"
     return HeldForce(time[at], depth[at], force[at], sigma[at])
+
+
+def at_its_end(depth: np.ndarray, time: np.ndarray | None, segment: np.ndarray, first: int) -> bool:
+    """Whether the indenter goes on from the `first` of readings (n,) on as fast as before: no machine holds a force so.
+
+    Under a held force a body creeps slower and slower, while a drive that pushes on against a sensor at its end keeps
+    its speed to the last.  Only loading says so, with times.
+    """
+    rest = len(depth) - first
+    if time is None or rest < 6 or first < 6 or np.any(segment != "loading"):
+        return False
+    before, end = slice(max(first - rest, 0), first), slice(len(depth) - rest // 2, len(depth))
+    speeds = [float(np.polyfit(time[part], depth[part], 1)[0]) for part in (before, end)]
+    return speeds[1] > KEEPS * speeds[0] > 0.0
 
 
 def _drift(depth: np.ndarray) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rso.data import curve_shape
 from rso.data.contact_point import LATE, STEEPEST, begins_in_air
+from rso.data.scatter import step_of_scale
 
 FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
 UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
@@ -28,6 +29,7 @@ LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside
 POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
 ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
+COARSE = 0.01  # of its range: steps of a force that are remarked upon
 UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
 BEYOND = 2.0  # times the deepest travel: no mark goes as far
 
@@ -41,10 +43,12 @@ def check_repeat(
     time: np.ndarray | None,
     lines: np.ndarray,
     sorted_here: bool,
+    found: bool = False,
 ) -> list[str]:
     """Remarks on one repeat; ValueError naming file, repeat and column where it cannot be a test.
 
-    `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given.
+    `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given,
+    `found` where depth counts from a contact that was found in this record.
     """
     who = f"{path}: repeat {label!r}"
     few = len(depth) < curve_shape.FEW
@@ -86,7 +90,10 @@ def check_repeat(
             f"contact is: {ZERO}"
         )
     if force is not None and np.sum(loading) >= curve_shape.FEWEST:
-        notes += _of_force(who, label, depth, force, time, loading)
+        try:
+            notes += _of_force(who, label, depth, force, time, loading, found)
+        except ValueError as error:  # a cell that was tared on the way makes a force that no zero mends
+            raise ValueError("; ".join([str(error), *(n for n in notes if "Fz jumps" in n)])) from error
     return notes
 
 
@@ -118,7 +125,13 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
 
 
 def _of_force(
-    who: str, label: str, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, loading: np.ndarray
+    who: str,
+    label: str,
+    depth: np.ndarray,
+    force: np.ndarray,
+    time: np.ndarray | None,
+    loading: np.ndarray,
+    found: bool,
 ) -> list[str]:
     """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
     d, F = depth[loading], force[loading]
@@ -131,13 +144,20 @@ def _of_force(
             f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before? "
             "(depth that counts from a preload: preload of the experiment says it)"
         )
-    if late > LATE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
+    if not found and late > LATE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm: up to there it stays within "
             f"its scatter of {scatter:.1g} N. Depth must count from contact: subtract the travel in air (zero = … "
             "or \"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
-    if grown := curve_shape.before_contact(d, F):
+    if found and (grown := curve_shape.before_contact(d, F)):
+        on = grown * float(d.max()) / abs(float(d.min()))
+        notes.append(
+            f"repeat {label}: Fz grows by {grown:.3g} N in the approach, before the contact that was found. If the "
+            f"sensor drifts, it goes on by about {on:.2g} N up to the deepest reading: subtract it before, or state "
+            "noise.correlation"
+        )
+    elif grown := curve_shape.before_contact(d, F):
         notes.append(
             f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
             f"must count from contact: {ZERO}"
@@ -156,6 +176,11 @@ def _of_force(
         notes.append(
             f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm. Was it held at "
             "constant force, did the sensor saturate, or did the indenter sink in?"
+        )
+    if (step := step_of_scale(F)) > COARSE * span:
+        notes.append(
+            f"repeat {label}: Fz comes in steps of {step:.3g} N, {100.0 * step / span:.2g} % of its range; what they "
+            "round off counts as noise"
         )
     # nearer to the deepest point it is a rest, in which the body relaxes
     if (fall := curve_shape.fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):
@@ -316,9 +341,10 @@ def _breaks(
         )
         if far.any():
             k = int(np.argmax(np.abs(rise) * far))
+            drawn = ", a jump into contact" * bool(rise[k] < 0.0 > force[k + 1])
             notes.append(
                 f"repeat {label}: Fz jumps by {rise[k]:.3g} N at {depth[k]:.3g} mm between two readings (line "
-                f"{lines[k + 1]}), far more than beside it. Was there a slip, a crack, or a cell tared during the "
-                "test?"
+                f"{lines[k + 1]}), far more than beside it. Was there a slip, a crack{drawn}, or a cell tared "
+                "during the test?"
             )
     return notes

@@ -17,7 +17,7 @@ from rso.data.files.reading import Measurement, Repeat
 from rso.data.holds import Hold, held, relaxing_curve
 from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.outliers import without_spikes
-from rso.data.scatter import White, beyond_said, of_record, ratio_of, repeat_scatter
+from rso.data.scatter import White, beyond_said, of_record, of_scale, ratio_of, repeat_scatter, step_of_scale
 from rso.data.variance_components import variance_parts
 
 PULLS = 0.1  # of its range: a force that is negative by more pulls
@@ -73,6 +73,7 @@ def combine(
         # small force, steep bend: not to be noise
         there = of_record(u[:n], mean[:n] - _power_series(u[:n], mean[:n])(u[:n]), smooth[:n], said[:n, :n])
         noisy = there if hold is None else _both(there, n, _of_hold(hold, mean[n:], smooth[n:], said[n:, n:]))
+        noisy = _on_a_scale(noisy, measurement.repeats[0], channel, segment, means)
         seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise, n)
     covariance = seen + said
     untold = len(y) == 1 and not noise.correlation
@@ -162,6 +163,16 @@ def _continued(hold: Hold, mean: np.ndarray, smooth: np.ndarray, slope: np.ndarr
     along = relaxing_curve(list(hold.since[:, None]), mean[len(smooth) :])(hold.since)
     share = along / smooth[-1] if smooth[-1] else np.ones(len(along))
     return np.append(smooth, along), np.append(slope, slope[-1] * share)
+
+
+def _on_a_scale(seen: White, repeat: Repeat, channel: str, segment: str, means: _Means) -> White:
+    """White noise of one record (n,), no less than the scale of its readings rounds off."""
+    values = repeat.channels[channel][repeat.segment == segment]
+    step = step_of_scale(values)
+    if not step or len(means.along) < 2:
+        return seen
+    rise = np.where(means.many[0] > 1.0, np.abs(means.slope) * np.gradient(means.along), 0.0)
+    return of_scale(seen, values, step, rise)
 
 
 def _of_hold(hold: Hold, mean: np.ndarray, smooth: np.ndarray, said: np.ndarray) -> White:

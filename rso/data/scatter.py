@@ -55,6 +55,37 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     return White(np.maximum(found.variance - np.interp(u, u[four].mean(axis=1), expected), 0.0), found.freedom)
 
 
+def step_of_scale(values: np.ndarray) -> float:
+    """The step of a coarse scale on whose marks readings (n,) stand, 0 where most of them are numbers of their own.
+
+    A converter of few bits or a display of few digits: at least two readings stand on a mark, and all marks lie whole
+    steps apart.
+    """
+    marks = np.unique(values)
+    if len(marks) < 3 or 2 * len(marks) > len(values):
+        return 0.0
+    apart = np.diff(marks)
+    step = float(np.median(apart[apart < 1.5 * apart.min()]))
+    off = np.abs(apart / step - np.round(apart / step))
+    return step if step > 0.0 and off.max() < 0.05 else 0.0
+
+
+def of_scale(seen: White, values: np.ndarray, step: float, rise: np.ndarray) -> White:
+    """Noise of means of readings `values` (m,) that stand on marks a step Δ apart: no less than what the scale leaves.
+
+        σ² = Δ²/12 · e^{−4π²s²/Δ²} / max(1, r/Δ)
+
+    r (n,) is the rise of the curve within a mean: readings on one mark are off alike, and their differences show
+    less.  s is what readings scatter by from one to the next beyond the marks they pass: it blurs the scale (Widrow &
+    Kollár, Quantization Noise, 2008, §5.2).
+    """
+    jumps = np.diff(values)
+    passed = np.abs(float(values[-1] - values[0])) * step
+    s2 = max(float(jumps @ jumps) - passed, 0.0) / (2.0 * len(jumps))
+    least = step**2 / 12.0 * math.exp(-((2.0 * math.pi) ** 2) * s2 / step**2) / np.maximum(1.0, rise / step)
+    return White(np.maximum(seen.variance, least), seen.freedom)
+
+
 def repeat_scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray]:
     """Noise of one of r >= 2 repeats y (r, n), as if it were white, and gain and contact (2, r) of each against their
     mean.

@@ -32,6 +32,7 @@ from rso.inference import (
     with_model_errors,
 )
 from rso.inference.error_model import shares
+from rso.inference.identifiability import RARE
 from rso.inference.verdict import physical
 from rso.study.schema import Study
 
@@ -130,12 +131,19 @@ def base_model_block(d: Determination | None) -> dict[str, Any] | None:
     }
 
 
-def base_model_sentence(found: Mapping[str, Any] | None) -> list[str]:
-    """What the fit alone says, beside what a diagnosis allows for."""
+def base_model_sentence(found: Mapping[str, Any] | None, gap: bool = False) -> list[str]:
+    """What the fit alone says, beside what a diagnosis allows for, and why it may agree where there is a `gap`."""
     if not found:
         return []
     stories: Sequence[str] = [v["story"] for v in found["parameters"].values()]
+    agrees = gap and found["p_value"] is not None and found["p_value"] > RARE
+    within = (
+        "This fit compares loading alone and counts all errors of a test in full; the gap above may be smaller, or in "
+        "other readings. "
+        if agrees
+        else ""
+    )
     return [
-        f"Fit of the base model alone, over the ranges of the study file. {found['story']} {' '.join(stories)} "
+        f"Fit of the base model alone, over the ranges of the study file. {found['story']} {within}{' '.join(stories)} "
         "A diagnosis also allows for model-form error and for effects that the data do not exclude."
     ]

@@ -354,7 +354,7 @@ def run_diagnosis(
     alone = plain(base_model_block(base_model(asked.study, library, asked.box)))
 
     def keep(found: dict[str, Any]) -> None:
-        found["words"] = [*found["words"], *base_model_sentence(alone)]
+        found["words"] = [*found["words"], *base_model_sentence(alone, found["diagnosis"]["verdict"] != "no_gap")]
         found["timings"] = {
             "library_wall": built,
             "library_cpu": library.cpu_s,

@@ -224,7 +224,9 @@ def _header(file: str) -> str:
     counts = [sum(bool(number.fullmatch(cell.strip(' "'))) for cell in row) for row in rows]
     first = next((k for k, n in enumerate(counts) if n > 1), 0)
     k = first
-    while k > 0 and counts[k - 1] == 0 and sum(bool(cell.strip()) for cell in rows[k - 1]) > 1:
+    filled = [sum(bool(cell.strip()) for cell in row) for row in rows]
+    # a header has as many cells as the row of units beneath it: pairs of a word and a value stand above it
+    while k > 0 and counts[k - 1] == 0 and filled[k - 1] > 1 and (k == first or filled[k - 1] >= filled[k]):
         k -= 1
     names = [cell.strip(' "') for cell in rows[k] if cell.strip()]
     return f"its header seems to be line {k + 1}: {', '.join(map(repr, names))};\n" if 0 <= k < first else ""

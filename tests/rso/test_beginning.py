@@ -338,3 +338,12 @@ def test_a_table_of_specimens_is_neither_overwritten_nor_left_behind(tmp_path, c
     assert new(tmp_path, str(tmp_path / "a.csv"), "--specimens") == 2
     assert "specimens.csv: is there already" in capsys.readouterr().err
     assert (tmp_path / "specimens.csv").read_text() == "mine" and not (tmp_path / "study.toml").exists()
+
+
+def test_the_header_that_is_named_is_as_wide_as_its_units(tmp_path, capsys):
+    """Words above it that belong to the test are no header."""
+    path = tmp_path / "a.txt"
+    rows = "".join(f"{0.1 * k:.1f}\t{k:d}\t{0.1 * k:.1f}\n" for k in range(20))
+    path.write_text(f"Test ID\tBatch\nWay\tPush\tClock\n(mm)\t(N)\t(sec)\n{rows}")
+    assert new(tmp_path, str(path)) == 2
+    assert "its header seems to be line 2: 'Way', 'Push', 'Clock'" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.data import CONTACT, Column, read_measurement
+from rso.data import CONTACT, Column, contact_point, read_measurement
 from rso.data.contact_point import approached, begins_in_air, contact_onset
 from rso.data.files import header_aliases
 from rso.study.loader import load_study
@@ -309,3 +309,46 @@ def test_what_shape_and_approach_leave_open_is_in_the_deviation(body, before):
     found = [contact_onset(*contact_records.record(rng, body, before)) for _ in range(12)]
     away = np.array([abs(f.depth) / f.deviation for f in found])
     assert np.mean(away < 2.5) > 0.8 and np.median([f.deviation for f in found]) < 0.2
+
+
+def jkr(d, w=3e-5, R=5.0, E=4e-3):
+    """Force (N) by Johnson, Kendall & Roberts over depths (n,) mm, stable branch; 0 beyond pull-off."""
+    a = np.linspace(0.05, 3.0, 100_000)
+    depth = a**2 / R - np.sqrt(2 * np.pi * w * a / E)
+    force = 4 * E * a**3 / (3 * R) - np.sqrt(8 * np.pi * w * E * a**3)
+    k = int(np.argmin(depth))
+    return np.interp(d, depth[k:], force[k:])
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 4e-5])
+def test_a_body_that_draws_the_indenter_in_is_touched_there(tmp_path, noise):
+    """An adhesive record begins in air too, and its force falls before it rises."""
+    down, up = np.linspace(-0.4, 0.5, 540), np.linspace(0.5, -0.5, 600)
+    u = np.r_[down, up[1:]]
+    force = np.r_[np.where(down >= 0.0, jkr(down), 0.0), np.where(up > -0.105, jkr(up), 0.0)[1:]]
+    force = force + noise * np.random.default_rng(5).standard_normal(len(u))
+    m = read_measurement(write(tmp_path / "a.csv", "Position (mm),Load (mN)", u + 0.4, 1e3 * force))
+    assert abs(float(m.repeats[0].depth.max()) - 0.5) < 0.002  # a step is 0.0017
+    assert not any("Depth must count from contact" in d for d in m.doubts)
+
+
+def test_a_force_that_slips_while_it_presses_is_no_jump_into_contact():
+    u = np.linspace(0.0, 1.0, 200)
+    force = u**1.5 - 0.3 * (u > 0.5)
+    assert contact_point.jump_in(u, force) is None
+    assert contact_point.jump_in(u, u**1.5) is None
+    tared = np.maximum(u - 0.5, 0.0) ** 1.5 + 0.1 * (u < 0.2)  # in air: it falls and stays
+    assert contact_point.jump_in(u, tared) is None
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.05, -0.05])
+def test_a_force_that_drifts_in_air_is_tared_as_it_comes_to_contact(drift):
+    """Half of the drift of the approach would be left as an error of zero by the middle of it."""
+    rng = np.random.default_rng(8)
+    u = np.linspace(-2.0, 1.0, 600)
+    pure, size = pressed(u), float(pressed(np.array(1.0)))
+    force = pure + size * (0.3 + drift * u / 2.0) + 0.003 * size * rng.standard_normal(600)
+    _, own, _ = contact_point.zeroed(u, {"Fz": force}, np.ones(600, bool), ("depth", "Fz"))
+    left = (force - own["Fz"])[0] - 0.3 * size
+    # a line through 400 readings is known at its end to 2/√400 of their scatter; three of these
+    assert abs(left) < 0.003 * size * 3 * 2 / 20

@@ -144,3 +144,11 @@ def test_a_refuted_model_or_unconfirmed_surrogates_fix_nothing():
     )
     for worse in ({"verified": False}, {"open": ("D1",)}, {"poor": ("Fz",)}):
         assert not is_trusted(fits, Some(**{**vars(good), **worse}))
+
+
+def test_a_value_at_an_end_has_no_more_digits_than_that_end():
+    """ν = 0.49995 of 0.343 to 0.500 would claim five digits of a number that is known to one."""
+    from rso.report.calibration.derived import derived_span, derived_value
+
+    nu = {"unit": "1", "value": 0.49995, "interval": [0.3425, 0.49996], "known": True}
+    assert derived_span(nu) == "0.343 to 0.500" and derived_value(nu) == "0.50"

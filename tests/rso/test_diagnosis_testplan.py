@@ -217,6 +217,24 @@ def test_a_pause_on_the_way_back_is_no_slow_way_and_air_before_contact_no_loadin
         assert test.pace == 1.0 and test.rest == pytest.approx(5.0, rel=0.03)
 
 
+@pytest.mark.parametrize("tared", [False, True])
+def test_a_force_that_was_tared_at_contact_drifts_from_there(tared):
+    """Else its drift would need an error of zero beside it, and be told as two effects."""
+    (r,) = toy.recorded(toy.TRUTH, rng())
+    n = 100
+    late = dataclasses.replace(
+        r,
+        depth=np.concatenate([np.linspace(-5.0, -0.05, n), r.depth]),
+        channels={c: np.concatenate([np.zeros(n), v]) for c, v in r.channels.items()},
+        time=np.concatenate([np.linspace(0.0, 100.0, n), 101.0 + r.time - r.time[0]]),
+        segment=np.concatenate([["loading"] * n, r.segment]),
+        tared=tared,
+    )
+    (test,) = make_test_plan([toy.experiment("a", (late,))]).tests
+    first = test.time[test.depth > 0.0][0]
+    assert first == pytest.approx(0.0 if tared else 101.0, abs=1.0)  # half a bin; readings about contact lie 1 s apart
+
+
 def test_rests_that_are_nearly_the_same_are_one_way():
     """Repeats of one programme rest and return as a machine can: one way there, one after an earlier test, and back."""
     programme = ((30.0, 0.8), (30.5, 0.79), (30.2, 0.82), (29.6, 0.81), (0.0, 1.0))

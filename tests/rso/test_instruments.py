@@ -192,3 +192,73 @@ def test_a_penetration_counts_from_contact_as_it_says(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(table(["Time (s)\tPd (mm)\tFn (N)"], [T, U, F]))
     np.testing.assert_allclose(read_measurement(path).repeats[0].depth, U, atol=2e-6)
+
+
+PAGES = {
+    "cp932": "時間(s),ストローク(mm),試験力(N)",
+    "gb18030": "时间(s),位移(mm),载荷(N)",
+    "cp949": "시간(s),변위(mm),하중(N)",
+    "cp1251": "время(s),перемещение(mm),сила(N)",
+    "cp1250": "czas(s),głębokość(mm),siła(N)",
+    "latin-1": "Prüfzeit(s),Prüfweg(mm),Prüfkraft(N)",
+}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_names_of_an_older_code_page_are_read(tmp_path, page):
+    path = tmp_path / "a.csv"
+    path.write_bytes(table([PAGES[page]], [T, U, F], ",").encode(page))
+    m = read_measurement(path)
+    np.testing.assert_allclose(m.repeats[0].channels["Fz"], F, atol=2e-6)
+    assert any("UTF-8 would need no guess" in d for d in m.doubts) == (page != "latin-1")
+
+
+def test_a_segment_that_is_named_where_it_begins_goes_on_below(tmp_path):
+    """As nanoindenters write it; the first reading of a segment may lack what is not read."""
+    force = 0.8 * THERE**1.5 * np.where(PARTS > 0, 0.9, 1.0)
+    begins = np.r_[True, np.diff(PARTS) > 0]
+    words = np.array(["Load Segment Type", "Hold Segment Type", "Unload From Peak Segment Type"])[PARTS]
+    rows = [
+        f"{word if new else ''}\t{u:.6f}\t{f:.6f}\t{'' if new else '1.5'}"
+        for word, new, u, f in zip(words, begins, THERE, force, strict=True)
+    ]
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(["Segment\tDisplacement (mm)\tLoad (N)\tStiffness (N/m)", *rows]) + "\n")
+    (r,) = read_measurement(path).repeats
+    assert r.segment.tolist() == np.array(["loading", "hold", "unloading"])[PARTS].tolist()
+    np.testing.assert_allclose(r.channels["Fz"], force, atol=2e-6)
+
+
+def test_a_sensor_at_its_end_is_no_creep(tmp_path):
+    """The drive goes on as before: what a held force lets happen slower and slower is another thing."""
+    path, most = tmp_path / "a.csv", 0.6 * F[-1]
+    path.write_text(table(["time_s,depth_mm,Fz_N"], [T, U, np.minimum(F, most)], ","))
+    m = read_measurement(path)
+    assert m.repeats[0].creep == "" and m.repeats[0].depth.max() <= U[F <= most].max() + 0.021  # a step of U is 0.02
+    assert any("a sensor at its end; these" in d for d in m.doubts)
+    assert not any("creep" in d for d in m.doubts)
+
+
+def test_a_drift_in_air_is_no_contact_that_nobody_found(tmp_path):
+    """The contact was found: to subtract it once more would be wrong."""
+    u = np.linspace(-1.5, 0.6, 700)
+    force = 0.1 * np.maximum(u, 0.0) ** 1.5
+    force += 0.1 * force.max() * np.linspace(0.0, 1.0, 700)
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Position (mm),Load (N)"], [u + 1.5, force], ","))
+    doubts = read_measurement(path).doubts
+    assert any("contact is found at" in d for d in doubts)
+    (drift,) = (d for d in doubts if "in the approach, before the contact that was found" in d)
+    on = 0.1 * (0.1 * 0.6**1.5) * 0.6 / 2.1  # what the drift adds beyond contact
+    assert float(drift.split("about ")[1].split(" N")[0]) == pytest.approx(on, rel=0.2)  # a level of the first tenth
+    assert not any("depth must count from contact" in d for d in doubts)
+
+
+def test_a_cell_that_was_tared_in_the_approach_is_named(tmp_path):
+    """No zero mends a record whose force has two of them."""
+    u = np.linspace(-1.0, 0.6, 320)
+    force = 0.06 * np.maximum(u, 0.0) ** 1.5 + 0.02 * (u < -0.7)
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Time (s),Position (mm),Load (N)"], [np.arange(320) * 0.1, u + 5.0, force], ","))
+    with pytest.raises(ValueError, match=r"Fz jumps by -0\.02 N at 0\.29\d mm .* a cell tared during the test"):
+        read_measurement(path)

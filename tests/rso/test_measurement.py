@@ -1017,3 +1017,33 @@ def test_many_gaps_and_what_says_something_are_refused(tmp_path, cells):
     path.write_text(lossy(cells))
     with pytest.raises(ValueError, match=f"{path}:{min(cells) + 2}: "):
         read_measurement(path)
+
+
+@pytest.mark.parametrize("readings", [150, 400, 4000])
+@pytest.mark.parametrize("levels", [10, 30])
+def test_a_coarse_scale_is_noise(tmp_path, readings, levels):
+    """Readings on the marks of a scale scatter less from one to the next than they are off."""
+    depth = np.linspace(0.0, 0.3, readings)
+    force = 0.06 * depth**1.5
+    step = force.max() / levels
+    path = tmp_path / "a.csv"
+    rows = [f"{u:.6f},{round(f / step) * step:.9g}" for u, f in zip(depth, force, strict=True)]
+    path.write_text("\n".join(["depth_mm,Fz_N", *rows]) + "\n")
+    m = read_measurement(path)
+    curve = combine(m, Noise())
+    off = (curve.value - np.interp(curve.depth, depth, force)) / curve.white
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.15  # an even error within half a step; means over marks are off by less
+    assert any(f"steps of {step:.3g} N" in d for d in m.doubts)
+
+
+def test_scatter_that_blurs_a_scale_is_all_that_counts(tmp_path):
+    rng = np.random.default_rng(3)
+    depth = np.linspace(0.0, 0.3, 4000)
+    force = 0.06 * depth**1.5
+    step = force.max() / 30
+    path = tmp_path / "a.csv"
+    noisy = np.round((force + 0.7 * step * rng.standard_normal(4000)) / step) * step
+    path.write_text("depth_mm,Fz_N\n" + "".join(f"{u:.6f},{f:.9g}\n" for u, f in zip(depth, noisy, strict=True)))
+    curve = combine(read_measurement(path), Noise())
+    off = (curve.value - np.interp(curve.depth, depth, force)) / curve.white
+    assert 0.85 < np.sqrt(np.mean(off**2)) < 1.15  # of 200 means: 5 % of sampling, three of these

@@ -2,6 +2,7 @@
 
 import tomllib
 
+import numpy as np
 import pytest
 
 from fem_backend import members
@@ -210,3 +211,24 @@ def test_the_range_of_a_slab_is_about_the_modulus_of_a_layer(folder):
     mu_ = tomllib.loads(text)["parameters"]["mu"]
     low, high = (float(mu_[k].split()[0]) for k in ("low", "high"))
     assert (low * high) ** 0.5 == pytest.approx(10.0, rel=0.02)  # two digits are written; Hertz alone is 6 % above
+
+
+def test_a_plate_on_a_puck_has_a_range_about_its_modulus(folder):
+    """Uniform compression by hand: F = π a² μ (λ⁻² − λ), neo-Hooke, incompressible, to a tenth of the height."""
+    mu, a, h = 2.5, 8.0, 6.0  # MPa: a rubber, beyond any wide range
+    depth = np.linspace(0.0, 0.6, 25)
+    stretch = 1.0 - depth / h
+    force = np.pi * a**2 * mu * (stretch**-2 - stretch)
+    rows = "".join(f"{u:.4f},{f:.6f}\n" for u, f in zip(depth, force, strict=True))
+    (folder / "curve.csv").write_text("depth_mm,Fz_N\n" + rows)
+    given = {"puck": (a, h), "plate": ()}
+    found = tomllib.loads(study_text(folder / "study.toml", BACKEND, NewTest(given), ["curve.csv"]))["parameters"]
+    low, high = (float(found["mu"][end].split()[0]) for end in ("low", "high"))
+    assert found["mu"]["low"].endswith("kPa")
+    assert (low * high) ** 0.5 == pytest.approx(1e3 * mu, rel=0.08)  # it stiffens by 5 % to half the way; two digits
+
+
+def test_an_indenter_without_a_closed_form_leaves_a_wide_range(folder):
+    """A plate on a slab without an end has none, and it is no fault of the record."""
+    text = study_text(folder / "study.toml", BACKEND, NewTest({"slab": (2.0,), "plate": ()}), ["curve.csv"])
+    assert "the readings do not show it: narrow it" in text

@@ -114,3 +114,13 @@ def test_what_a_diagnosis_allows_for_besides_is_more(found):
     before, base = d["diagnosis"]["parameters"]["before"]["mu"], d["base_model"]["parameters"]["mu"]["interval"]
     assert apart((before["low"], before["high"]), base) > 0.05
     assert any("Fit of the base model alone, over the ranges of the study file" in w for w in d["words"])
+
+
+def test_a_fit_that_agrees_beside_a_gap_says_how_both_can_be():
+    """Two sentences of one page that contradict each other leave a reader with neither."""
+    from rso.discrepancy.base_model import base_model_sentence
+
+    fit = {"p_value": 0.9, "story": "The model agrees with the data within their errors.", "parameters": {}}
+    assert "the gap above may be smaller" in base_model_sentence(fit, gap=True)[0]
+    for other, gap in ((fit, False), ({**fit, "p_value": 1e-3}, True), ({**fit, "p_value": None}, True)):
+        assert "the gap above" not in base_model_sentence(other, gap)[0]

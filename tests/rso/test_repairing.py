@@ -293,3 +293,12 @@ def test_targets_that_contradict_each_other_move_nothing(tmp_path):
 def test_bad_keys_are_refused(tmp_path, key):
     with pytest.raises(ValueError, match="repair"):
         load_study(studies.write(tmp_path, search=f"{SEARCH}\n{key}"))
+
+
+@pytest.mark.parametrize("interval, said", [((0.001, 200.0), False), ((40.0, 200.0), False), ((70.0, 200.0), True)])
+def test_a_value_outside_the_stated_range_is_no_fault_where_stated_ones_agree_as_well(interval, said):
+    """What the data do not determine may lie anywhere: the range is not wrong, and nothing is missing."""
+    from rso.calibration.pipeline import _outside
+
+    found = {"values": {"D1": 90.0}, "parameters": [{"parameter": "D1", "interval": list(interval)}]}
+    assert bool(_outside(found, [{"name": "D1", "unit": "1/MPa", "stated": [0.9, 60.0]}])) == said

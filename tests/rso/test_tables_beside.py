@@ -68,6 +68,10 @@ def test_a_sheet_of_a_workbook_with_several(tmp_path):
     assert len(read_measurement([f"{tmp_path / 'book.xlsx'}#Gel#{k}" for k in (1, 2)]).repeats) == 2
     with pytest.raises(ValueError, match=r"book.xlsx#Gel#1, book.xlsx#Gel#2"):
         read_measurement(f"{tmp_path / 'book.xlsx'}#Gel")
+    book.create_sheet("Notes").append(["by", "NN"])
+    book.save(tmp_path / "book.xlsx")
+    with pytest.raises(ValueError, match=r"book.xlsx#Gel#1, book.xlsx#Gel#2"):  # to be typed as it stands
+        read_measurement(tmp_path / "book.xlsx")
 
 
 @pytest.mark.parametrize("header", ["depth_mm,Fz_N,Fx_N,Fy_N", "depth_mm,Fz_N,time_s,Fx_N"])

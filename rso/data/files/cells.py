@@ -122,7 +122,8 @@ def cell_number(path: Path, line: int, name: str, cells: Sequence[str], head: He
         tables.no_reading(path, line, cells, head)
         fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{_hint(name, cell)}")
     if abs(value) > _LARGEST:
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is larger than anything measured ({_LARGEST:g})")
+        large = f"is larger than anything measured ({_LARGEST:g}); a mark for an overload or a gap? Delete such rows"
+        fail(path, line, f"column {name!r}: {cell[:40]!r} {large}")
     if value < 0 and name.endswith("_sigma"):
         fail(path, line, f"column {name!r}: {cell[:40]!r} is negative, a standard uncertainty is not")
     return value
@@ -151,7 +152,22 @@ def segment_words(path: Path, line: Sequence[int] | np.ndarray, text: list[str])
     return np.array(text)
 
 
-def segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
+def segments_of(path: Path, rows: Sequence[Row], head: Head, codes: Mapping[str, str]) -> dict[int, str]:
+    """Line → what its segment is by the study's `codes`, or SKIP: that of the line above where a cell is empty.
+
+    Nanoindenters and merged cells of spreadsheets name a segment where it begins.  An empty cell that has a code of
+    its own is that.
+    """
+    found: dict[int, str] = {}
+    last = ""
+    for row in rows:
+        at, cells = head.at["segment"], cells_of(row[1], head.separator)
+        empty = last and at < len(cells) and not cells[at].strip() and "" not in codes
+        last = found[row[0]] = last if empty else _segment_code(path, row, head, codes)
+    return found
+
+
+def _segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
     """What a row's segment is by the study's `codes`, or SKIP; 1 and 1.0 are the same code."""
     number, text = row
     at, cells = head.at["segment"], cells_of(text, head.separator)

@@ -102,8 +102,13 @@ def segment_column(cells: Sequence[str]) -> int | None:
 
 def segment_codes(values: Sequence[str]) -> dict[str, str]:
     """Words of such a column → loading, hold or unloading; nothing where one of them, as a number, may be anything."""
-    codes = {value: WORDS.get(_JOINED.sub(" ", value).strip().lower(), "") for value in dict.fromkeys(values)}
+    codes = {value: WORDS.get(_segment_word(value), "") for value in dict.fromkeys(values)}
     return codes if "loading" in codes.values() and all(codes.values()) else {}
+
+
+def _segment_word(value: str) -> str:
+    """A word of such a column in small letters, without what only says that it is one: Load Segment Type."""
+    return _JOINED.sub(" ", value).strip().lower().removesuffix(" type").removesuffix(" segment")
 
 
 def tensile(texts: Sequence[str]) -> str:

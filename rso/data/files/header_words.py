@@ -237,7 +237,10 @@ WORDS: Mapping[str, str] = MappingProxyType(
     dict.fromkeys(("loading", "load", "extend", "approach", "ramp up", "belasten", "belastung", "charge"), "loading")
     | dict.fromkeys(("hold", "holding", "pause", "dwell", "halten", "maintien"), "hold")
     | dict.fromkeys(("creep", "creeping", "force hold", "load hold", "hold at force", "kriechen", "fluage"), "creep")
-    | dict.fromkeys(("unloading", "unload", "retract", "withdraw", "entlasten", "entlastung", "décharge"), "unloading")
+    | dict.fromkeys(
+        ("unloading", "unload", "unload from peak", "retract", "withdraw", "entlasten", "entlastung", "décharge"),
+        "unloading",
+    )
 )
 TENSILE = (
     "tensile",

@@ -5,14 +5,31 @@ from __future__ import annotations
 import difflib
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from rso.data.files.columns import Row, is_number
+from rso.data.files.header_words import NAMES
 from rso.data.files.workbook import BEGINS, sheet_of, sheet_without_block, text_of_workbook
 
 MAX_BYTES = 200_000_000
 OLD = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
+# Code pages of files that are no UTF-8, the most usual one first: it can be read of any bytes.
+CODE_PAGES: Mapping[str, str] = MappingProxyType(
+    {
+        "latin-1": "Latin-1",
+        "cp932": "Shift-JIS",
+        "gb18030": "GB 18030",
+        "cp949": "Korean (CP949)",
+        "cp1251": "Cyrillic (CP1251)",
+        "cp1250": "Central European (CP1250)",
+        "cp1254": "Turkish (CP1254)",
+    }
+)
+# Names of columns that say by their letters what code page they are of; two letters are no chance.
+_TELLING = tuple(n for names in NAMES.values() for n in names if not n.isascii() and len(n) > 1)
+_HEAD = 50_000  # letters that hold the header
 _BROKEN = 8  # lines that the cells of a header may have
 _OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
@@ -28,8 +45,8 @@ def _missing(path: Path) -> str:
 
 
 def file_text(path: Path) -> tuple[str, list[str]]:
-    """Contents as text, and remarks: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its
-    readings."""
+    """Contents as text, and remarks: UTF-16 with its mark, UTF-8 with or without one, else an older code page; of a
+    workbook its readings."""
     path, sheet = sheet_of(path)
     try:
         if not path.is_file():
@@ -56,12 +73,33 @@ def file_text(path: Path) -> tuple[str, list[str]]:
         raise ValueError(f"{path}: is no workbook that can be read; damaged?")
     if b"\0" in raw:
         raise ValueError(
-            f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is expected"
+            f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is expected. "
+            "UTF-16 without a mark at its begin? Save it as UTF-8"
         )
     try:
         return raw.decode("utf-8-sig"), []
     except UnicodeDecodeError:
-        return raw.decode("latin-1"), []
+        return _of_code_page(raw)
+
+
+def _of_code_page(raw: bytes) -> tuple[str, list[str]]:
+    """Text that is no UTF-8, and a remark: Latin-1, unless another code page makes more names of columns of it."""
+    texts = {}
+    for page in CODE_PAGES:
+        try:
+            texts[page] = raw.decode(page)
+        except UnicodeDecodeError:
+            continue
+    names = {page: _known(text[:_HEAD].lower()) for page, text in texts.items()}
+    best = max(texts, key=names.__getitem__)  # of equals the first
+    plain = next(iter(CODE_PAGES))
+    said = f"read as {CODE_PAGES[best]}, in which its columns have names; UTF-8 would need no guess"
+    return texts[best], [] if best == plain else [said]
+
+
+def _known(text: str) -> int:
+    """How many names of columns a text has whose letters are not ASCII."""
+    return sum(name in text for name in _TELLING)
 
 
 def numbered_lines(text: str, comments: list[Row]) -> Iterator[Row]:

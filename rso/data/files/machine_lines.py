@@ -19,8 +19,8 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
 
     Such are, where readings begin with numbers, lines that begin with words and have more or fewer cells than the
     header, or one cell alone; they stand above the first reading, at the end, before a header, or before at least
-    FEWEST readings.  At the very end lines of words may have as many cells as the header, unless words are codes or
-    labels that the first column is read for and numbers stand in all others that are read.
+    FEWEST readings.  At the very end lines of words may have as many cells as the header.  Where the first column is
+    read for codes or labels, a line with numbers in all others that are read is a reading, whatever else it lacks.
     """
     width = len(filled_cells(head.text, head.separator))
     again = filled_cells(head.text, head.separator)
@@ -35,7 +35,7 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
     words |= drawn
     if any(k == 0 for name, k in head.at.items() if name in BARE_COLUMNS):
         every = sum(name not in BARE_COLUMNS for name in head.at)
-        words -= {k for k in words if len(cells[k]) == width and _numbers(cells[k], head) == every}
+        words -= {k for k in words if _numbers(cells[k], head) == every}
     single = {k for k in words if len(cells[k]) == 1}
     other = {k for k in words if numeric and len(cells[k]) != width} | single | drawn
     end = len(rows)

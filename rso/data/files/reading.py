@@ -36,8 +36,8 @@ from rso.data.files.cells import (
     no_thousands,
     require_plausible,
     row_of,
-    segment_code,
     segment_words,
+    segments_of,
 )
 from rso.data.files.columns import (
     CONTACT,
@@ -76,6 +76,7 @@ class Repeat:
     `channels` holds forces (kind force) or x, y and displacements (kind profile); `sigma` the stated standard
     uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.  `creep`
     are the readings of a hold at constant force, which end the others, or why they cannot be compared; "" without one.
+    `tared` says that Fz counts from the contact that was found in the record.
     """
 
     label: str
@@ -85,6 +86,7 @@ class Repeat:
     sigma: Mapping[str, np.ndarray]
     segment: np.ndarray
     creep: HeldForce | str = ""
+    tared: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +195,7 @@ def read_measurement(
             doubts += told
             onsets += [onset] if onset is not None else []
             if kinds[0] == "force":
-                doubts += [*_plausible(table, r), *_left(table, r)]
+                doubts += [*_plausible(table, r, onset is not None), *_left(table, r)]
                 repeats[-1], said = _without_creep(r)
                 doubts += said
             elif "uz" in r.channels:
@@ -254,26 +256,32 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
         return r, []
     n, words = found
     sigma = r.sigma.get("depth", np.zeros(len(r.depth)))
-    creep = force_holds.hold_readings(n, r.depth, force, r.time, r.segment, sigma)
-    lost = len(r.depth) - n - (0 if isinstance(creep, str) else len(creep.depth))
+    ends = force_holds.at_its_end(r.depth, r.time, r.segment, n)
+    creep = "" if ends else force_holds.hold_readings(n, r.depth, force, r.time, r.segment, sigma)
+    lost = len(r.depth) - n - (len(creep.depth) if isinstance(creep, HeldForce) else 0)
     told = f"repeat {r.label}: {words}, held at constant force or a sensor at its end: "
-    if isinstance(creep, str):
+    if ends:
+        told = f"repeat {r.label}: {words}, and the indenter goes on as fast as before: a sensor at its end; "
+        told += f"these {lost} readings are left out"
+    elif isinstance(creep, str):
         told += f"that creep is not compared, as {creep}; "
     else:
         told += f"its {len(creep.depth)} readings are those of creep, depth over time; "
-    told += f"the {lost} readings behind it are left out" if lost else "there are none behind it"
+    if not ends:
+        told += f"the {lost} readings behind it are left out" if lost else "there are none behind it"
     channels, sigmas = ({c: v[:n] for c, v in part.items()} for part in (r.channels, r.sigma))
     time = None if r.time is None else r.time[:n]
     kept = replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], channels=channels, sigma=sigmas, creep=creep)
     return kept, [told]
 
 
-def _plausible(table: _Table, r: Repeat) -> list[str]:
-    """Remarks on a force curve; what refuses it says, too, which signs were turned."""
+def _plausible(table: _Table, r: Repeat, found: bool) -> list[str]:
+    """Remarks on a force curve, whose contact was `found` or stated; what refuses it says, too, which signs were
+    turned."""
     lines, force = table.line[table.rows[r.label]], r.channels.get("Fz")
     try:
         return plausibility.check_repeat(
-            table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None
+            table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None, found
         )
     except ValueError as error:
         if not table.turned:
@@ -328,8 +336,9 @@ def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset
     told = f"repeat {r.label}: contact is found at {_own(table, onset.depth, onset.deviation)} by the shape of Fz"
     told += f"; {', '.join(names)} count{'s' * (len(names) == 1)} from there"
     level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
-    told += f", {level * per:.2g} {unit} is taken off" if "Fz" in names else ""
-    return replace(r, depth=depth, channels=channels), onset if "depth" in names else None, [told]
+    told += f", {level * per + 0.0:.2g} {unit} is taken off" if "Fz" in names else ""
+    counted = replace(r, depth=depth, channels=channels, tared="Fz" in names)
+    return counted, onset if "depth" in names else None, [told]
 
 
 def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset, list[str]]:
@@ -422,13 +431,14 @@ def _apart(paths: Sequence[Path]) -> None:
 class _Rows:
     """The rows of a file under its header, by table, each with the line of its header.
 
-    `codes` say what the words of a machine's segments mean; `cycle` is the number of the cycle that is asked for, 0
-    for all; `gaps` are lines that were left out.  The remarks are of the file, of its lines and of its segments.
+    `segments` say of each line what the word of its segment means, where one has; `cycle` is the number of the cycle
+    that is asked for, 0 for all; `gaps` are lines that were left out.  The remarks are of the file, of its lines and
+    of its segments.
     """
 
     head: Head
     parts: Sequence[tuple[int, list[Row]]]
-    codes: Mapping[str, str] | None
+    segments: Mapping[int, str] | None
     cycle: int
     gaps: Sequence[int]
     notes: Sequence[str]
@@ -472,10 +482,12 @@ def _rows_of(path: Path, wanted: Mapping[str, Column]) -> _Rows:
         one = tables.table_block(path, parts, block)
         cycle, parts = block * (one == parts), one
     codes = wanted["segment"].values if "segment" in wanted else own or None
+    segments = None
     if codes is not None:
-        parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
+        segments = {k: v for _, part in parts for k, v in segments_of(path, part, head, codes).items()}
+        parts = [(at, [row for row in part if segments[row[0]] != SKIP]) for at, part in parts]
     parts, gaps = tables.without_gaps(parts, head)
-    return _Rows(head, parts, codes, cycle, gaps, [*notes, *between], of_file, of_lines, of_segments)
+    return _Rows(head, parts, segments, cycle, gaps, [*notes, *between], of_file, of_lines, of_segments)
 
 
 def _values_of(path: Path, found: _Rows) -> tuple[dict[str, np.ndarray], dict[str, list[str]], np.ndarray]:
@@ -514,8 +526,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
     stated = None
-    if found.codes is not None:
-        stated = np.array([segment_code(path, row, head, found.codes) for row in found.rows])
+    if found.segments is not None:
+        stated = np.array([found.segments[number] for number, _ in found.rows])
     elif "segment" in words:
         stated = segment_words(path, lines, words["segment"])
     unbroken = lines - np.searchsorted(found.gaps, lines)  # a row that was left out parts no blocks

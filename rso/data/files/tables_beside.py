@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rso.data.files.columns import Row, cells_of, is_number, separator_of
-from rso.data.files.workbook import sheet_of, sheet_without_block
+from rso.data.files.workbook import sheet_of, sheet_without_block, title_read
 
 LOOKED = 60  # lines among which the header stands
 SHOWN = 6  # labels that a message lists
@@ -30,7 +30,7 @@ def table_beside(path: Path, rows: Sequence[Row], block: int) -> tuple[list[Row]
     labels = [next(filter(None, above[at : at + width]), "") for at in starts]
     if not 0 < block <= len(labels):
         file, sheet = sheet_of(path)
-        inside = f"#{sheet_without_block(sheet) or 'SHEET'}" if file.suffix.lower() == ".xlsx" else ""
+        inside = f"#{sheet_without_block(sheet) or title_read(file)}" if file.suffix.lower() == ".xlsx" else ""
         each = [f"{file.name}{inside}#{n}" + (f" ({v})" if v else "") for n, v in enumerate(labels, 1)]
         many = f"{', '.join(each[:SHOWN])}{', …' if len(each) > SHOWN else ''}"
         said = (

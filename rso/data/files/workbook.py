@@ -60,8 +60,20 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list
     Numbers are written to all their digits, however the sheet shows them, and formulas by the values last computed.
     What somebody computed beside the table, under no header of its own, is not read, which a remark says.
     """
-    from openpyxl import load_workbook  # only who has such a file waits for it
     from openpyxl.utils.cell import get_column_letter
+
+    sheets, titles = _sheets(path, raw, sheet)
+    rows = sheets[_chosen(path, sheets, titles, sheet)]
+    beside = _beside(rows)
+    kept = [[v for k, v in enumerate(row) if k not in beside] for row in rows]
+    letters = ", ".join(get_column_letter(k + 1) for k in sorted(beside))
+    told = [f"column(s) {letters}, under no header of the table, are not read"] if letters else []
+    return "".join("\t".join(map(_written, row)) + "\n" for row in kept), told
+
+
+def _sheets(path: Path, raw: bytes, sheet: str) -> tuple[dict[str, list[list[Any]]], list[str]]:
+    """Rows of the named sheet, or of all, and the titles of all; ValueError for other archives."""
+    from openpyxl import load_workbook  # only who has such a file waits for it
     from openpyxl.utils.exceptions import InvalidFileException
 
     try:
@@ -92,12 +104,12 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list
         raise ValueError(
             f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
         ) from error
-    rows = sheets[_chosen(path, sheets, titles, sheet)]
-    beside = _beside(rows)
-    kept = [[v for k, v in enumerate(row) if k not in beside] for row in rows]
-    letters = ", ".join(get_column_letter(k + 1) for k in sorted(beside))
-    told = [f"column(s) {letters}, under no header of the table, are not read"] if letters else []
-    return "".join("\t".join(map(_written, row)) + "\n" for row in kept), told
+    return sheets, titles
+
+
+def title_read(path: Path) -> str:
+    """The sheet of a workbook that is read where none is named; ValueError as :func:`text_of_workbook`."""
+    return _chosen(path, *_sheets(path, path.read_bytes(), ""), "")
 
 
 class Refused(ValueError):

@@ -265,7 +265,8 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
         if r.depth.max() <= 0.0:
             raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
         channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
-        time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
+        time = _times(r.depth, e.speed) if r.time is None else r.time
+        time = time - (_touched(r, time) if r.tared else time[0])
         came = stop_time(r, time, e.speed)
         branches = [_binned(r, time, channels, b, came, e.power) for b in (LOADING, UNLOADING, HELD)]
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
@@ -387,6 +388,12 @@ def _in_order(experiments: Sequence[Experiment]) -> list[int]:
     for k in range(len(experiments)):
         visit(k, ())
     return done
+
+
+def _touched(r: Repeat, time: np.ndarray) -> float:
+    """When (s) loading passes the zero of its depth: a force that was tared there has drifted since then alone."""
+    there = r.segment == "loading"
+    return float(np.interp(0.0, np.maximum.accumulate(r.depth[there]), time[there])) if there.any() else float(time[0])
 
 
 def _times(depth: np.ndarray, speed: float) -> np.ndarray:

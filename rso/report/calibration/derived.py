@@ -74,11 +74,14 @@ def _unit(q: Mapping[str, Any]) -> Unit:
 
 
 def derived_value(q: Mapping[str, Any]) -> str:
-    """The most likely value, as exactly as it is known, with more digits where it would leave its interval."""
+    """The most likely value, as exactly as it is known, with more digits where it would leave its interval as that is
+    written."""
     unit, (low, high) = _unit(q), q["interval"]
     low, high, value = (v * unit.factor for v in (low, high, q["value"]))
     half = 0.5 * (high - low)
-    decimals = next((d for d in range(7) if low <= round(value, d) <= high), 6)
+    written = places(half, 2) if half > 0.0 else 6
+    first, last = min(low, round(low, written)), max(high, round(high, written))
+    decimals = next((d for d in range(7) if first <= round(value, d) <= last), 6)
     text = rounded(value, half) if q.get("known") is True else significant(value, 2)
     if low < value < high and places(value, 2) < decimals and places(half, 1) < decimals:
         text = fixed(value, decimals)
