@@ -59,16 +59,19 @@ class EllipsoidShape:
 
     def distance(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Distance (mm) of a point x (3,) outside, and its gradient N (3,) in direction, of any length."""
-        axes, y = self.semi_axes, np.empty(3)
-        tau = closest_point(np.ascontiguousarray(x, float), axes, y)
-        N = y / axes**2
+        tau, y = self._nearest(x)
+        N = y / self.semi_axes**2
         return tau * float(np.linalg.norm(N)), N
 
     def closest(self, x: ArrayLike) -> np.ndarray:
         """Point (3,) of the surface that is closest to a point x (3,) mm outside."""
-        y = np.empty(3)
-        closest_point(np.ascontiguousarray(x, float), self.semi_axes, y)
-        return y
+        return self._nearest(x)[1]
+
+    def _nearest(self, x: ArrayLike) -> tuple[float, np.ndarray]:
+        """Multiplier and point of one x (3,) by the plain function: the compiled one takes 0.15 s to load."""
+        y = [0.0] * 3
+        tau = closest_point.py_func(np.asarray(x, float).tolist(), self.semi_axes.tolist(), y)
+        return float(tau), np.array(y)
 
     def depth(self, X: np.ndarray) -> np.ndarray:
         """Distance (…,) mm of points X (…, 3) to the surface, negative outside."""

@@ -176,8 +176,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.core": (
-        "correlation curves default_backend disk distributions inline_toml power_law printable similarity symbols"
-        " units",
+        "correlation curves default_backend disk distributions inline_toml polynomial_degree power_law"
+        " printable similarity symbols units",
         "plain_results quantities",
     ),
     "rso.data": (

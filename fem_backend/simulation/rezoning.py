@@ -34,6 +34,7 @@ FINER_AT_EDGES = 0.7  # the same below an indenter with an edge or a tip
 SIZES = (1.0, 0.8)  # times that length: meshes that are tried, as equilibrium may not be found on one
 GROWTH = 0.3  # of the length of new edges per distance from the surface
 AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
+SERVED = 0.02  # lengths of the indenter that a mesh has served at least, where an equilibrium is lost on it
 NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
 T = TypeVar("T")
 AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
@@ -112,7 +113,7 @@ def follow_travel_rezoned(
 def _served(leg: MeshLeg, here: float) -> bool:
     """Whether a mesh has gone some way before a travel (mm), so that on a new one a run may find what it lost."""
     least = max(leg.began, watched_from(leg.at.settings))
-    return may_rezone(leg.at) and here > least + AGAIN * leg.at.placement.indenter.length
+    return may_rezone(leg.at) and here > least + SERVED * leg.at.placement.indenter.length
 
 
 def _kept(legs: list[MeshLeg], here: float) -> float:

@@ -665,7 +665,6 @@ def report(options: argparse.Namespace, command: str) -> int:
 def _folder(options: argparse.Namespace, study: Path, alone: bool = True) -> Path:
     """Where results go, those of a specimen that is named `alone` in a folder of its own; StudyError where the folder
     beside the study leads elsewhere and nobody said that it may."""
-    from rso.population.summary import folder_of
     from rso.study.errors import StudyError
 
     beside = (study / "results").absolute()
@@ -678,7 +677,11 @@ def _folder(options: argparse.Namespace, study: Path, alone: bool = True) -> Pat
         )
     folder: Path = options.out.absolute() if options.out else beside
     name = getattr(options, "specimen", None)
-    return folder_of(folder, name) if name and alone else folder
+    if not (name and alone):
+        return folder
+    from rso.population.summary import folder_of
+
+    return folder_of(folder, name)
 
 
 def _store(options: argparse.Namespace, folder: Path) -> Path:

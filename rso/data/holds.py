@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from rso.data.files.reading import Measurement, Repeat
 
@@ -151,6 +150,8 @@ def relaxing_curve(times: Sequence[np.ndarray], y: np.ndarray) -> Callable[[np.n
     Non-negative least squares over `TIMES` times τ: a discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
     28 (1989) 511), which neither overshoots nor rings where a polynomial does.
     """
+    from scipy.optimize import nnls  # 0.1 s of start-up that only holds need
+
     first, last = float(np.min(times[0])), float(np.max(times[-1]))
     spectrum = np.geomspace(max(0.5 * first, 0.1 * SOONEST * last), 3.0 * last, TIMES)
 

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from rso.data.files.reading import Measurement, Repeat
 
@@ -68,6 +67,8 @@ def _wild(r: Repeat) -> np.ndarray:
 
 def _far(v: np.ndarray) -> np.ndarray:
     """Readings further than SPIKE standard deviations or steps of the sensor from the median of five around them."""
+    from scipy.ndimage import median_filter  # start-up that only records need
+
     third = 1.48 * np.abs(np.diff(v, 3)) / math.sqrt(20.0)  # variance of a third difference
     least = max(np.median(third), 1e-4 * np.median(np.abs(v)), step_of(v))
     around = np.median(np.lib.stride_tricks.sliding_window_view(third, min(NEAR, len(third))), axis=1)

@@ -13,8 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.optimize import minimize
 
 LENGTHS = 5  # of correlation that are tried, from the spacing of readings to the whole travel
 POLISHED = 2  # of these are followed to their maximum, the likeliest from where they begin
@@ -47,6 +45,9 @@ def variance_parts(
     `shapes` (2, n) are ŷ and ŷ'; `priors` are the usual deviations of correlated noise, gain and contact, known from
     `weight` degrees of freedom; None: nothing is expected of it.  κ is `least` at least.
     """
+    from scipy.linalg import eigh  # 0.1 s of start-up that only repeats need
+    from scipy.optimize import minimize
+
     apart, k = np.abs(u[:, None] - u), len(contrasts)
     root = np.sqrt(white)
     Z = np.vstack([contrasts, shapes]) / root

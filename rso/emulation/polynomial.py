@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from rso.core.polynomial_degree import HIGHEST
 from rso.emulation.common import (
     checked_samples,
     from_log,
@@ -19,8 +20,6 @@ from rso.emulation.common import (
     within_ranges,
 )
 from rso.emulation.scores import Scores, score
-
-HIGHEST = 4
 
 
 @dataclass(frozen=True, eq=False)

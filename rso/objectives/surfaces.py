@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.polynomial_degree import HIGHEST
 from rso.doe import Space
 from rso.emulation import Scores, Surrogate, fit_surrogate, multi_output, score
 from rso.emulation.common import monomial_exponents
-from rso.emulation.polynomial import HIGHEST
 
 ALL = ()  # the key of a surface that holds for every category
 

@@ -21,9 +21,9 @@ from pydantic import (
 )
 
 from rso.core import disk
+from rso.core.polynomial_degree import HIGHEST
 from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
-from rso.emulation.polynomial import HIGHEST
 from rso.evaluation.decks import DELIMITERS, Deck
 from rso.evaluation.joint import ROUTE
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable

@@ -97,7 +97,7 @@ def test_what_a_diagnosis_simulates_beyond_its_library_is_counted(tmp_path):
     """In a bowl that takes longer than held, and nothing of it was run yet."""
     times = []
     for kind in ("fixed", "bowl"):
-        own = {**OWN, "backend__settings": f"support = {{ kind = '{kind}' }}"}
+        own = {**OWN, "backend__settings": f"support = {{ kind = '{kind}' }}", "diagnose": ""}
         lines = check_lines(load_study(studies.write(tmp_path / kind, **own)), tmp_path / kind / "results", False)
         at = next(n for n, line in enumerate(lines) if "rso diagnose: " in line)
         pattern = r"names two, [1-9]\d* tests that could decide are computed: about \d+ simulations, (.*) (s|min|h)$"
@@ -105,6 +105,9 @@ def test_what_a_diagnosis_simulates_beyond_its_library_is_counted(tmp_path):
         m = re.search(pattern, lines[at + 2])
         times.append(float(m[1]) * {"s": 1, "min": 60, "h": 3600}[m[2]])
     assert times[1] > 2.0 * times[0] > 0.0
+    own["diagnose"] = None  # who does not ask for a diagnosis waits for none of it
+    lines = check_lines(load_study(studies.write(tmp_path / "run", **own)), tmp_path / "run" / "results", False)
+    assert not any("names two" in line for line in lines)
 
 
 TOP = studies.SECTIONS["[experiments]"]

@@ -634,3 +634,16 @@ def test_the_results_are_strict_json(tmp_path):
     studies.run(tmp_path, doe="runs = 8\nheld_out = 0")
     text = (tmp_path / "results" / "results.json").read_text(encoding="utf-8")
     json.loads(text, parse_constant=refuse)
+
+
+def test_a_command_that_computes_nothing_waits_for_no_surfaces_and_no_optimisers(tmp_path):
+    """`rso status` takes a third longer with scipy.optimize, and twice as long with the backend."""
+    file = studies.write(tmp_path)
+    needless = {"scipy.optimize", "scipy.interpolate", "rso.emulation", "fem_backend.backend", "matplotlib", "pandas"}
+    code = (
+        f"import sys; from rso.cli import main; main(['status', {str(file)!r}]); "
+        f"print(sorted({needless!r} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "not started" in done.stdout
