@@ -178,7 +178,7 @@ LAYERS = {
     "rso.core": (
         "correlation curves default_backend disk distributions inline_toml polynomial_degree power_law"
         " printable similarity symbols units",
-        "plain_results quantities",
+        "digits plain_results quantities",
     ),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",

@@ -7,12 +7,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rso.cli.output import Mark
+from rso.core.digits import estimate, interval_ends
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
 
 DERIVED = 2  # quantities that follow from the parameters, as many as on the first page of a report
-MOST = 6  # digits of a value
-UNSURE = 0.2  # width of an interval over its middle from which on a value has two digits
 
 
 def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
@@ -86,32 +85,17 @@ def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:
 
 
 def estimate_text(value: float, span: tuple[float, float], unit: str) -> str:
-    """A value in the unit that people use, with the digits that its interval supports, or as many as keep it inside the
-    interval as that is written."""
+    """A value in the unit that people use, with the digits of its interval."""
     label, factor = people(unit, max(map(abs, span)))
-    low, high = span
-    first, last = (float(end) for end in _ends(span, factor))
-    first, last = min(first, low * factor), max(last, high * factor)
-    digits = 2 if high - low > UNSURE * abs(high + low) / 2 else 3
-    while low < value < high and digits < MOST and not first <= float(number_text(value * factor, digits)) <= last:
-        digits += 1
-    return f"{number_text(value * factor, digits)}{_behind(label)}"
+    low, high = (end * factor for end in span)
+    return f"{estimate(value * factor, low, high)}{_behind(label)}"
 
 
 def interval_in_unit(span: tuple[float, float], unit: str) -> str:
     """An interval in the unit that people use."""
     label, factor = people(unit, max(map(abs, span)))
-    low, high = _ends(span, factor)
+    low, high = interval_ends(span[0] * factor, span[1] * factor)
     return f"{low} to {high}{_behind(label)}"
-
-
-def _ends(span: tuple[float, float], factor: float) -> tuple[str, str]:
-    """Both ends of an interval times a factor, with as many digits as they need to differ."""
-    for digits in range(3, 7):
-        low, high = (number_text(x * factor, digits) for x in span)
-        if low != high or span[0] == span[1]:
-            break
-    return low, high
 
 
 def number_text(x: float, digits: int) -> str:

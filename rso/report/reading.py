@@ -11,19 +11,9 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from rso.core.curves import loading
+from rso.core.digits import known, significant
 from rso.core.symbols import in_units
-from rso.report.layout.digits import (
-    Unit,
-    channel_text,
-    clean,
-    known,
-    largest,
-    sentence,
-    shortest,
-    shown,
-    significant,
-    symbol,
-)
+from rso.report.layout.digits import Unit, channel_text, clean, largest, sentence, shortest, shown, symbol
 
 Results = Mapping[str, Any]
 FLAT = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero

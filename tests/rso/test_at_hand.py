@@ -94,12 +94,12 @@ def test_what_is_open_is_called_as_in_the_report(verdict, words):
 @pytest.mark.parametrize(
     "value, span, text",
     [
-        (0.0102, (0.0098, 0.0106), "10.2 kPa"),
-        (0.0102, (0.0060, 0.0140), "10 kPa"),
+        (0.0102, (0.0098, 0.0106), "10.20 kPa"),
+        (0.0102, (0.0060, 0.0140), "10.2 kPa"),
         (2.5, (2.4, 2.6), "2.50 MPa"),
         (12345.0, (12300.0, 12400.0), "12345 MPa"),
         (0.49598, (0.394, 0.4976), "0.496 MPa"),  # 0.50 is not in its interval
-        (0.49995, (0.3425, 0.49996), "0.50 MPa"),  # it is, as the interval is written: to 0.500
+        (0.49995, (0.3425, 0.49996), "0.500 MPa"),  # as the end of its interval
     ],
 )
 def test_values_have_the_digits_that_are_known(value, span, text):

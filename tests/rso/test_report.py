@@ -15,11 +15,12 @@ import pytest
 from report_fixture import STAGES, complete, one_parameter, until
 
 from rso.core.curves import baseline
+from rso.core.digits import rounded, significant
 from rso.report import render
 from rso.report.calibration import predictive_check
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
-from rso.report.layout.digits import aligned, between, duration, percent, rounded, shown, significant, symbol, unit_text
+from rso.report.layout.digits import aligned, between, duration, percent, shown, symbol, unit_text
 from rso.report.layout.document import Answers, Picture, Table, Text
 from rso.report.layout.page import html_page, pdf_page, pour
 from rso.report.notes import opening, sentences
@@ -144,7 +145,7 @@ def test_two_pieces_of_a_profile_are_said_and_drawn_as_two():
     D1 = np.array(d1["profile"]["values"])
     d1["profile"]["rise"] = list(4 * (np.log(D1 / 13) ** 2 - 4) ** 2)  # valleys at 1.76 and at 96 1/MPa
     text = page(results).replace("\xa0", " ")
-    assert "every value from 1.5 to 2.2 MPa⁻¹ or 80 to 120 MPa⁻¹ agrees with the data" in text
+    assert "every value from 1.48 to 2.20 MPa⁻¹ or 77 to 117 MPa⁻¹ agrees with the data" in text
     assert "every value from 1.09 to 160 MPa⁻¹ (a factor of 150)" not in text
     assert draw(results, "determined") != before
 
@@ -496,7 +497,13 @@ def test_a_thousand_runs_stay_readable(tmp_path):
 
 @pytest.mark.parametrize(
     "x,half,text",
-    [(10.17, 1.9, "10.2"), (10.17, 0.04, "10.17"), (10.17, 30.0, "10"), (1234.0, 200.0, "1200"), (9.996, 0.3, "10.0")],
+    [
+        (10.17, 1.9, "10.2"),
+        (10.17, 0.04, "10.170"),
+        (10.17, 30.0, "10"),
+        (1234.0, 200.0, "1230"),
+        (9.996, 0.3, "10.00"),
+    ],
 )
 def test_digits_follow_the_uncertainty(x, half, text):
     assert rounded(x, half) == text

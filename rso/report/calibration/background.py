@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.layout.digits import DASH, aligned, channel_text, clean, duration, known, percent, shortest, significant
+from rso.core.digits import DASH, known, significant
+from rso.report.layout.digits import aligned, channel_text, clean, duration, percent, shortest
 from rso.report.layout.document import Block, Cell, Mark, Section, Table, Text, column, table, words
 from rso.report.notes import sentences
 from rso.report.reading import (

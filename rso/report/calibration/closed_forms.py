@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from rso.core.digits import DASH, NBSP, fixed, known, significant
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, WARM, canvas, svg
-from rso.report.layout.digits import DASH, NBSP, clean, fixed, known, shown, significant
+from rso.report.layout.digits import clean, shown
 from rso.report.layout.document import Block, Cell, Picture, Section, Text, column, table, words
 from rso.report.reading import Results, experiment, listed
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, TwoSlopeNorm
 
+from rso.core.digits import known
 from rso.report.canvas import ACCENT, INK, PAPER, WARM, canvas, svg
-from rso.report.layout.digits import clean, known, quantity, shown
+from rso.report.layout.digits import clean, quantity, shown
 from rso.report.layout.document import Block, Picture
 from rso.report.reading import Results, listed, number
 

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from rso.core.digits import NBSP
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, SIMULATED, WIDTH_90
-from rso.report.layout.digits import NBSP, Unit, channel_text, clean, percent, quantity, shortest, shown
+from rso.report.layout.digits import Unit, channel_text, clean, percent, quantity, shortest, shown
 from rso.report.layout.document import Picture
 from rso.report.reading import (
     BandView,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.layout.digits import Unit, between, clean, fixed, percent, places, rounded, shown, significant
+from rso.core.digits import estimate
+from rso.report.layout.digits import Unit, between, clean, percent, shown
 from rso.report.layout.document import Fact, Table, column, table, words
 from rso.report.reading import Results, number, pair
 
@@ -74,28 +75,16 @@ def _unit(q: Mapping[str, Any]) -> Unit:
 
 
 def derived_value(q: Mapping[str, Any]) -> str:
-    """The most likely value, as exactly as it is known, with more digits where it would leave its interval as that is
-    written."""
-    unit, (low, high) = _unit(q), q["interval"]
-    low, high, value = (v * unit.factor for v in (low, high, q["value"]))
-    half = 0.5 * (high - low)
-    written = places(half, 2) if half > 0.0 else 6
-    first, last = min(low, round(low, written)), max(high, round(high, written))
-    decimals = next((d for d in range(7) if first <= round(value, d) <= last), 6)
-    text = rounded(value, half) if q.get("known") is True else significant(value, 2)
-    if low < value < high and places(value, 2) < decimals and places(half, 1) < decimals:
-        text = fixed(value, decimals)
-    return f"{text}{unit.after}"
+    """The most likely value, with the digits of its interval."""
+    unit, ends = _unit(q), q["interval"]
+    value, low, high = (v * unit.factor for v in (q["value"], *ends))
+    return f"{estimate(value, low, high)}{unit.after}"
 
 
 def derived_span(q: Mapping[str, Any]) -> str:
-    """Both ends to two digits of their half-width: a Poisson's ratio of 0.26 to 0.46 is not one of 0.3 to 0.5."""
-    unit, (low, high) = _unit(q), q["interval"]
-    a, b = low * unit.factor, high * unit.factor
-    if not 0.0 < b - a < 0.9 * abs(b):
-        return between(low, high, unit)
-    decimals = places(0.5 * (b - a), 2)
-    return f"{fixed(a, decimals)} to {fixed(b, decimals)}{unit.after}"
+    """Both ends of the interval."""
+    low, high = q["interval"]
+    return between(low, high, _unit(q))
 
 
 def _ends(q: Mapping[str, Any]) -> str:

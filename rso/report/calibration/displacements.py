@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.digits import DASH, known
 from rso.report.canvas import ACCENT, INK, LIGHT, PAPER, canvas, short, svg, tag
-from rso.report.layout.digits import DASH, Unit, aligned, clean, known, largest, percent, quantity, shortest, shown
+from rso.report.layout.digits import Unit, aligned, clean, largest, percent, quantity, shortest, shown
 from rso.report.layout.document import Block, Cell, Picture, Table, column, table, words
 from rso.report.reading import Results, best_candidate, candidates, number, validations
 

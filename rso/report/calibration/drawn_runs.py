@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rso.report.layout.digits import known
+from rso.core.digits import known
 from rso.report.reading import ParameterView, Results, listed
 
 

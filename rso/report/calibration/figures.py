@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from rso.core.digits import interval_ends, known
 from rso.report.calibration import cloud_maps, deformed, errors, turning
 from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
@@ -53,7 +54,7 @@ from rso.report.canvas import (
     svg,
     tag,
 )
-from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
+from rso.report.layout.digits import Unit, channel_text, clean, largest, percent, shortest, shown
 from rso.report.reading import (
     BandView,
     CandidateView,
@@ -146,7 +147,7 @@ def determined(results: Results, name: str) -> str:
         word = "determined" if good else how(results, p).removeprefix("is ")
         axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
         sides = ("left", "right") if b - a > 0.2 else ("right", "left")
-        for x, text, ha in zip((a, b), ends(low, high, p.unit), sides, strict=True):
+        for x, text, ha in zip((a, b), interval_ends(low * p.unit.factor, high * p.unit.factor), sides, strict=True):
             axes.text(x, y - 0.2, text, ha=ha, va="top", fontsize=8)
         best = likely(results, p)
         if known(best):

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.core.digits import DASH, known, significant
 from rso.discrepancy.parameters import unproved
 from rso.discrepancy.wording import UNDECIDED, undecided
 from rso.report.discrepancy.reading import chance, sized
-from rso.report.layout.digits import DASH, channel_text, clean, known, percent, significant
+from rso.report.layout.digits import channel_text, clean, percent
 from rso.report.layout.document import Block, Cell, Fact, Section, Table, Text, column, table, words
 from rso.report.reading import Results, fitted_curves, pair
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from matplotlib.ticker import FuncFormatter
 
+from rso.core.digits import DASH, known, significant
 from rso.report.canvas import ACCENT, GREY, PAPER, WARM, canvas, plain_log, svg
-from rso.report.layout.digits import DASH, aligned, clean, known, percent, shortest, significant
+from rso.report.layout.digits import aligned, clean, percent, shortest
 from rso.report.layout.document import Block, Cell, Picture, Section, Table, Text, column, table, words
 from rso.report.reading import Results, number, parameters
 

@@ -9,23 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.digits import DASH, known, significant
 from rso.inference.intervals import pieces
 from rso.report.calibration.cloud_maps import cloud_blocks
 from rso.report.calibration.derived import derived_table
 from rso.report.calibration.errors import error_blocks
 from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
-from rso.report.layout.digits import (
-    DASH,
-    aligned,
-    between,
-    channel_text,
-    clean,
-    known,
-    percent,
-    sentence,
-    shortest,
-    significant,
-)
+from rso.report.layout.digits import aligned, between, channel_text, clean, percent, sentence, shortest
 from rso.report.layout.document import Block, Cell, Mark, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.reading import ParameterView, Results, lettered, number, pair, parameters, points
 

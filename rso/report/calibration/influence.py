@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from rso.core.digits import known, significant
 from rso.report.canvas import ACCENT, GREY, HALO, INK, WARM, canvas, parameter_axis, short, svg, tag
-from rso.report.layout.digits import Unit, channel_text, clean, known, percent, shortest, signed, significant
+from rso.report.layout.digits import Unit, channel_text, clean, percent, shortest, signed
 from rso.report.layout.document import Block, Cell, Picture, Table, column, table, words
 from rso.report.reading import Results, number, outputs, pair, parameters, seen
 

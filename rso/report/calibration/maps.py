@@ -12,6 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from rso.core.digits import known
 from rso.report.calibration.drawn_runs import drawn_runs
 from rso.report.canvas import (
     ACCENT,
@@ -27,7 +28,7 @@ from rso.report.canvas import (
     short,
     svg,
 )
-from rso.report.layout.digits import Unit, channel_text, clean, known, largest, quantity, shown
+from rso.report.layout.digits import Unit, channel_text, clean, largest, quantity, shown
 from rso.report.reading import (
     CandidateView,
     OutputView,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.digits import DASH, NBSP, known
 from rso.report.calibration.background import provenance, runs
 from rso.report.calibration.closed_forms import closed_form_sections
 from rso.report.calibration.deformed import moved_sentence
@@ -29,20 +30,7 @@ from rso.report.calibration.verdict import (
     verdict,
 )
 from rso.report.layout.byline import byline
-from rso.report.layout.digits import (
-    DASH,
-    NBSP,
-    Unit,
-    aligned,
-    clean,
-    known,
-    largest,
-    percent,
-    quantity,
-    shortest,
-    shown,
-    signed,
-)
+from rso.report.layout.digits import Unit, aligned, clean, largest, percent, quantity, shortest, shown, signed
 from rso.report.layout.document import (
     Block,
     Cell,

@@ -8,9 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from rso.core.digits import NBSP, known
 from rso.report.calibration.displacements import is_profile, profile_words
 from rso.report.calibration.predictive_check import prediction_note, prediction_of, prediction_sentence
-from rso.report.layout.digits import NBSP, clean, known, percent, quantity, shortest
+from rso.report.layout.digits import clean, percent, quantity, shortest
 from rso.report.layout.document import Fact, Mark
 from rso.report.reading import Results, best_candidate, candidates, experiments, finished, number, validations
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.core.digits import significant
 from rso.report.calibration.displacements import is_profile
-from rso.report.layout.digits import clean, percent, quantity, shortest, significant
+from rso.report.layout.digits import clean, percent, quantity, shortest
 from rso.report.reading import Results, listed, number
 
 SEEN = 3.0  # standard deviations below which a single reading is hardly more than noise

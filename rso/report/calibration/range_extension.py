@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.layout.digits import DASH, clean, known, shortest, significant
+from rso.core.digits import DASH, known, significant
+from rso.report.layout.digits import clean, shortest
 from rso.report.layout.document import Block, Cell, Text, column, table, words
 from rso.report.reading import ParameterView, Results, lettered, listed, parameters
 

@@ -5,24 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.core.digits import DASH, fixed, known, significant
 from rso.report.calibration.drawn_runs import drawn_runs
 from rso.report.calibration.influence import influence_blocks, over
-from rso.report.layout.digits import (
-    DASH,
-    Unit,
-    aligned,
-    between,
-    clean,
-    fixed,
-    known,
-    largest,
-    quantity,
-    raised,
-    sentence,
-    shortest,
-    shown,
-    significant,
-)
+from rso.report.layout.digits import Unit, aligned, between, clean, largest, quantity, raised, sentence, shortest, shown
 from rso.report.layout.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.reading import (
     OutputView,

@@ -17,9 +17,10 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap, to_hex, to_rgb
 from matplotlib.figure import Figure
 
+from rso.core.digits import known, significant
 from rso.report.calibration import deformed
 from rso.report.canvas import ACCENT, INK
-from rso.report.layout.digits import clean, known, quantity, shortest, significant
+from rso.report.layout.digits import clean, quantity, shortest
 from rso.report.layout.document import Picture, Section
 from rso.report.reading import Results, grids, listed, outputs, parameters, target_output
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from rso.core.digits import estimate, known
 from rso.inference.verdict import REFUTED
 from rso.report.calibration.deformed import deformed_blocks, moved_sentence
 from rso.report.calibration.derived import (
@@ -20,17 +21,7 @@ from rso.report.calibration.gap import gap_fact, gap_sentences
 from rso.report.calibration.identification import allowed, identified, spans
 from rso.report.calibration.predictions import prediction_fact
 from rso.report.calibration.predictive_check import missed, missed_channel, prediction_of
-from rso.report.layout.digits import (
-    Unit,
-    clean,
-    duration,
-    known,
-    percent,
-    quantity,
-    rounded,
-    shortest,
-    unit_text,
-)
+from rso.report.layout.digits import Unit, clean, duration, percent, quantity, shortest, unit_text
 from rso.report.layout.document import Answers, Block, Fact, Facts, Mark, Picture, Section, Text
 from rso.report.notes import data_remarks
 from rso.report.reading import (
@@ -165,8 +156,8 @@ def interval_rows(results: Results) -> list[tuple[ParameterView, Mapping[str, An
 
 
 def _value(p: ParameterView, x: float, interval: list[float], unit: Unit) -> str:
-    half = (interval[1] - interval[0]) / 2 * unit.factor
-    return f"{rounded(x * unit.factor, half)}{unit.after}"
+    low, high = (v * unit.factor for v in interval)
+    return f"{estimate(x * unit.factor, low, high)}{unit.after}"
 
 
 def likely(results: Results, p: ParameterView) -> float | None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.core.digits import DASH, known
 from rso.report.discrepancy.reading import Found, place_text
-from rso.report.layout.digits import DASH, clean, duration, known, percent, quantity, shortest, symbol
+from rso.report.layout.digits import clean, duration, percent, quantity, shortest, symbol
 from rso.report.layout.document import Block, Cell, Section, Table, Text, column, table, words
 from rso.report.reading import listed, number, pair
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from rso.core.digits import fixed, known, places
 from rso.discrepancy.parameters import called
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, plain_log, short, style, svg
 from rso.report.discrepancy.maps import legend, residual_map
@@ -27,7 +28,7 @@ from rso.report.discrepancy.reading import (
     verdict_of,
 )
 from rso.report.discrepancy.signatures import signature_map
-from rso.report.layout.digits import clean, fixed, known, places, symbol
+from rso.report.layout.digits import clean, symbol
 from rso.report.reading import listed, number
 from rso.report.sketch import NAME, sketch_figure
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.core.digits import DASH, known
 from rso.discrepancy.parameters import called
 from rso.discrepancy.wording import TELLS
 from rso.report.discrepancy.figures import leading, least, power_rows
 from rso.report.discrepancy.reading import Found, amount, brief, core, effects_of
-from rso.report.layout.digits import DASH, aligned, clean, known, percent
+from rso.report.layout.digits import aligned, clean, percent
 from rso.report.layout.document import Block, Cell, Picture, Section, Text, column, table, words
 from rso.report.reading import listed, number
 

@@ -9,22 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.digits import DASH, NBSP, fixed, known, places, significant
 from rso.discrepancy.parameters import called
 from rso.discrepancy.wording import UNDECIDED, undecided
-from rso.report.layout.digits import (
-    DASH,
-    NBSP,
-    Unit,
-    clean,
-    fixed,
-    known,
-    percent,
-    places,
-    shortest,
-    shown,
-    significant,
-    unit_text,
-)
+from rso.report.layout.digits import Unit, clean, percent, shortest, shown, unit_text
 from rso.report.reading import listed, number, pair
 
 Found = Mapping[str, Any]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Unpack
 
+from rso.core.digits import DASH, NBSP, known, significant
 from rso.discrepancy.parameters import called, known_alone, unproved
 from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
 from rso.report.canvas import short
@@ -38,7 +39,7 @@ from rso.report.discrepancy.shrinkage import each_its_own, how_much, share_text
 from rso.report.discrepancy.signatures import ROWS, colours
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
-from rso.report.layout.digits import DASH, NBSP, aligned, clean, known, percent, quantity, significant, symbol
+from rso.report.layout.digits import aligned, clean, percent, quantity, symbol
 from rso.report.layout.document import (
     Block,
     Cell,

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.core.digits import DASH, NBSP, known, significant
 from rso.discrepancy.parameters import called
 from rso.discrepancy.wording import in_one_curve, percents
 from rso.report.discrepancy.figures import drawn_curves
 from rso.report.discrepancy.reading import Found, chance, chosen, core
-from rso.report.layout.digits import DASH, NBSP, Unit, aligned, clean, known, percent, quantity, significant, symbol
+from rso.report.layout.digits import Unit, aligned, clean, percent, quantity, symbol
 from rso.report.layout.document import Block, Picture, Section, Table, Text, column, table, words
 from rso.report.reading import listed, number, pair
 

@@ -1,19 +1,16 @@
-"""Numbers, units and names as text: as many digits as are known, otherwise four; never markup."""
+"""Numbers with their units, and names, as the pages print them; never markup."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeGuard
 
 from rso.core import symbols
+from rso.core.digits import DASH, NBSP, fixed, interval_ends, known, places, significant
 from rso.core.units import LADDERS, people
 from rso.report.layout.document import Cell
 
-DASH = "–"
-NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
@@ -72,46 +69,10 @@ def shown(unit: str, size: float | None = None) -> Unit:
     return Unit(*people(unit, size))
 
 
-def known(x: object) -> TypeGuard[float]:
-    """True for a finite number."""
-    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-
-
 def largest(values: Sequence[float | None]) -> float | None:
     """The largest size among the known values, None where nothing is known."""
     sizes = [abs(v) for v in values if known(v)]
     return max(sizes, default=None)
-
-
-def places(x: float, digits: int = 4) -> int:
-    """Decimals with which x has that many significant digits (negative: tens, hundreds)."""
-    return digits - 1 - _exponent(x, digits) if x else digits - 1
-
-
-def _exponent(x: float, digits: int) -> int:
-    # After rounding: 9.9997 with three digits is 10.0.
-    return int(f"{abs(x):.{digits - 1}e}".split("e")[1])
-
-
-def fixed(x: float, decimals: int) -> str:
-    """x with that many decimals and a true minus sign; zero has no sign."""
-    text = f"{x:.{max(decimals, 0)}f}"
-    if not text.strip("-0."):
-        text = text.lstrip("-")
-    return text.replace("-", "−")
-
-
-def significant(x: float | None, digits: int = 4) -> str:
-    """x with that many significant digits, as a decimal between 1e-4 and 1e6 and as a power of ten outside."""
-    if not known(x):
-        return DASH
-    if x == 0:
-        return "0"
-    exponent = _exponent(x, digits)
-    if -5 < exponent < 6:
-        return fixed(x, digits - 1 - exponent)
-    mantissa = f"{x:.{digits - 1}e}".split("e")[0].replace("-", "−")
-    return f"{mantissa}{NBSP}×{NBSP}10{symbols.superscript(exponent)}"
 
 
 def shortest(x: object) -> str:
@@ -119,18 +80,6 @@ def shortest(x: object) -> str:
     if isinstance(x, str):
         return clean(x)
     return f"{x:.6g}".replace("-", "−") if known(x) else DASH
-
-
-def rounded(x: float | None, half_width: float | None) -> str:
-    """x to the digit in which its half-width has its first (second, where the first is a 1)."""
-    if not known(x) or not known(half_width) or half_width <= 0:
-        return significant(x)
-    digits = 2 if f"{half_width:.1e}"[0] == "1" else 1
-    decimals = places(half_width, digits)
-    if decimals < 0:
-        return fixed(round(x, decimals), 0)
-    # A half-width far below 1e-4 of x claims more digits than a reader can use.
-    return fixed(x, min(decimals, max(places(x, 5), 0)))
 
 
 def quantity(x: float | None, unit: str, digits: int = 4, size: float | None = None) -> str:
@@ -161,15 +110,7 @@ def between(low: float | None, high: float | None, unit: Unit, digits: int = 3) 
         return DASH
     if low == high:
         return f"{significant(low * unit.factor, digits)}{unit.after}"
-    return f"{' to '.join(ends(low, high, unit, digits))}{unit.after}"
-
-
-def ends(low: float, high: float, unit: Unit, digits: int = 3) -> tuple[str, str]:
-    """Two ends of a range without their unit, rounded by its width where that is small."""
-    a, b = low * unit.factor, high * unit.factor
-    narrow = 0 < b - a < 0.5 * abs(b)
-    first, last = (rounded(v, (b - a) / 2) if narrow else significant(v, digits) for v in (a, b))
-    return first, last
+    return f"{' to '.join(interval_ends(low * unit.factor, high * unit.factor, digits))}{unit.after}"
 
 
 def duration(seconds: float | None) -> str:

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from rso.core.digits import known
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, plain_log, short, style, svg
-from rso.report.layout.digits import Unit, channel_text, clean, known, largest, shown, symbol
+from rso.report.layout.digits import Unit, channel_text, clean, largest, shown, symbol
 from rso.report.reading import at_rest, listed, on_the_way, pair, points
 from rso.report.sketch import NAME, sketch_figure
 

@@ -6,23 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
+from rso.core.digits import DASH, NBSP, known, significant
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
-from rso.report.layout.digits import (
-    DASH,
-    NBSP,
-    Unit,
-    aligned,
-    between,
-    clean,
-    duration,
-    known,
-    percent,
-    sentence,
-    shown,
-    significant,
-    symbol,
-)
+from rso.report.layout.digits import Unit, aligned, between, clean, duration, percent, sentence, shown, symbol
 from rso.report.layout.document import (
     Block,
     Cell,

@@ -12,20 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rso.core import disk
+from rso.core.digits import DASH, known, significant
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
-from rso.report.layout.digits import (
-    DASH,
-    clean,
-    duration,
-    known,
-    quantity,
-    sentence,
-    shown,
-    significant,
-    symbol,
-)
+from rso.report.layout.digits import clean, duration, quantity, sentence, shown, symbol
 from rso.report.layout.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.layout.page import pictures
 from rso.report.model_selection.report import interval_text, value_text

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rso.report.layout.digits import Unit, clean, shown, significant, symbol
+from rso.core.digits import significant
+from rso.report.layout.digits import Unit, clean, shown, symbol
 
 Found = Mapping[str, Any]
 Value = float | str

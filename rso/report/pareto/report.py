@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rso.core.digits import significant
 from rso.report.canvas import short
 from rso.report.layout.byline import byline
-from rso.report.layout.digits import clean, duration, percent, sentence, significant, symbol, unit_text
+from rso.report.layout.digits import clean, duration, percent, sentence, symbol, unit_text
 from rso.report.layout.document import Block, Cell, Fact, Facts, Picture, Report, Section, Text, column, table, words
 from rso.report.layout.page import pictures, pour
 from rso.report.pareto.figures import MOST_COLUMNS, draw

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from rso.core.digits import known
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, WARM, canvas, plain_log, short, style, svg
-from rso.report.layout.digits import Unit, known, shown, symbol
+from rso.report.layout.digits import Unit, shown, symbol
 
 Found = Mapping[str, Any]
 ROW = 0.17  # inch of a specimen

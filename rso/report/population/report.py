@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any, Unpack
 from urllib.parse import quote
 
+from rso.core.digits import DASH, known, significant
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
-from rso.report.layout.digits import DASH, Unit, between, clean, known, percent, sentence, significant, symbol
+from rso.report.layout.digits import Unit, between, clean, percent, sentence, symbol
 from rso.report.layout.document import Block, Cell, Fact, Facts, Picture, Report, Section, Text, column, table, words
 from rso.report.population.figures import draw, unit_of
 

@@ -1,0 +1,38 @@
+"""Values and intervals as text: the same digits in the terminal and on the page, and nothing that contradicts itself."""
+
+import numpy as np
+
+from rso.cli.answer import estimate_text, interval_in_unit
+from rso.core.digits import estimate, interval_ends
+from rso.report.calibration.derived import derived_span, derived_value
+
+
+def number(text: str) -> float:
+    mantissa, _, power = text.replace("−", "-").replace("\xa0", " ").partition(" × 10")
+    return float(mantissa) * 10.0 ** int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or 0)
+
+
+def test_a_written_value_lies_in_its_written_interval_whose_ends_differ():
+    rng = np.random.default_rng(4)
+    for _ in range(2000):
+        middle = 10.0 ** rng.uniform(-7.0, 7.0) * rng.choice([-1.0, 1.0])
+        half = abs(middle) * 10.0 ** rng.uniform(-3.0, 1.0)
+        value = rng.uniform(middle - half, middle + half)
+        low, high = map(number, interval_ends(middle - half, middle + half))
+        assert low <= number(estimate(value, middle - half, middle + half)) <= high
+        assert low < high
+        # what rounding moves an end by: half of a second digit of the half-width, or of a third of its own
+        most = max(0.05 * half, 0.005 * abs(middle) + 0.005 * half)
+        assert abs(low - middle + half) <= most and abs(high - middle - half) <= most
+
+
+def test_terminal_and_page_write_the_same_digits():
+    """The same interval was 27.2 to 28.9 in one and 27.19 to 28.95 in the other."""
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        low = 10.0 ** rng.uniform(-4.0, 1.0)
+        high = low * (1.0 + 10.0 ** rng.uniform(-3.0, 1.0))
+        value = rng.uniform(low, high)
+        q = {"unit": "MPa", "value": value, "interval": [low, high], "known": True}
+        assert derived_span(q).replace("\xa0", " ") == interval_in_unit((low, high), "MPa").replace("\xa0", " ")
+        assert derived_value(q).replace("\xa0", " ") == estimate_text(value, (low, high), "MPa").replace("\xa0", " ")
