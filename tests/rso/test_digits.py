@@ -1,4 +1,4 @@
-"""Values and intervals as text: the same digits in the terminal and on the page, and nothing that contradicts itself."""
+"""Values and intervals as text: the same digits in terminal and page, and nothing that contradicts itself."""
 
 import numpy as np
 
