@@ -280,7 +280,8 @@ def _doubt(plan: Plan, proposal: Proposal, fitted: FittedSurrogates, runs: Seque
         found = [why(o) for r in runs for o in r.outcomes if not isinstance(o, Done)]
         first = {cause: reason for cause, reason in reversed(found)}  # one example of each cause
         said = [f"{reason}" if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
-        return f"no run has an answer. The simulation says: {'; '.join(said)}"
+        tried = f"none of the {len(runs)} points tried has an" if len(runs) > 1 else "the point tried has no"
+        return f"{tried} answer. The simulation says: {'; '.join(said)}"
     errors = stages.tolerance_misses(plan, fitted.emulator, fitted.held_out).values()
     # Where the targets are met already, ranges that the surrogates do not follow would spoil more than they tell.
     if runs and proposal.choice.reachable and errors:

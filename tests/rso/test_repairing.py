@@ -263,7 +263,7 @@ def test_runs_without_an_answer_bar_the_way(tmp_path, setting, word):
         backend__settings=f"thickness = {studies.THICKNESS}\n{setting}",
     )
     assert what(found) == ["widened", "taken back", "stopped"]
-    assert f"no run has an answer. The simulation says: {word}, " in found.audit[-1].why
+    assert f" points tried has an answer. The simulation says: {word}, " in found.audit[-1].why
     assert ranges(found) == [low, high]
     assert found.bench.plan.feasible(np.linspace(0, 1, 9)[:, None]).all()  # what fails outside bars nothing inside
 

@@ -1,6 +1,7 @@
 import copy
 import dataclasses
 import html
+import io
 import json
 import re
 import shutil
@@ -9,7 +10,7 @@ import time
 from contextlib import contextmanager
 from functools import cache
 
-import matplotlib
+import matplotlib.image
 import numpy as np
 import pytest
 from report_fixture import STAGES, complete, one_parameter, until
@@ -347,6 +348,24 @@ def test_every_stage_renders_and_says_what_is_missing(stage, tmp_path):
     figures = {name: draw(results, name) for name in pictures(document)}
     assert len(html_page(document, figures)) > 5000
     assert pdf_page(document, figures).startswith(b"%PDF")
+
+
+def test_no_page_on_paper_is_a_third_empty(monkeypatch):
+    """A picture without room on its page goes to the next one, and what follows it fills the first."""
+    import typst
+
+    make, pages = typst.compile, []
+
+    def both(source, **given):
+        drawn = make(source, **{**given, "format": "png", "ppi": 30})
+        pages.extend(matplotlib.image.imread(io.BytesIO(page), format="png")[..., :3].min(axis=2) for page in drawn)
+        return make(source, **given)
+
+    monkeypatch.setattr(typst, "compile", both)
+    document = report(complete())
+    pdf_page(document, {name: draw(complete(), name) for name in pictures(document)})
+    down = [np.nonzero((page < 0.8).any(axis=1))[0].max() / len(page) for page in pages]
+    assert len(pages) > 5 and min(down[:-1]) > 2 / 3
 
 
 def test_nothing_at_all_still_renders(tmp_path):
