@@ -12,9 +12,10 @@ R, MU, K = 3.0, 0.01, 2.0
 SHARES = np.array([0.25, 0.5, 1.0])  # of the deepest travel
 
 
-def pressed(specimen, depth, level):
+def pressed(specimen, depth, level, law="neo_hookean"):
     """Response (channels of three depths) of a bonded body under a ball."""
     settings = {
+        "material": {"law": law},
         "specimen": specimen,
         "indenter": {"shape": "sphere", "radius": R},
         "support": {"kind": "bonded"},
@@ -29,12 +30,12 @@ def test_a_ball_that_is_hardly_pressed_in_has_the_force_of_hertz(depth):
     """F = 4/3 E/(1 − ν²) √R δ^1.5; with elements of the size of R/20 it was 7 to 50 % more on the level coarse."""
     E, nu = 9.0 * K * MU / (3.0 * K + MU), (3.0 * K - 2.0 * MU) / (2.0 * (3.0 * K + MU))
     u = depth * R * SHARES
-    found = pressed({"shape": "half_space"}, depth * R, "coarse").channels["Fz"]
+    found = pressed({"shape": "half_space"}, depth * R, "coarse", "linear_elastic").channels["Fz"]
     hertz = 4.0 / 3.0 * E / (1.0 - nu**2) * R**0.5 * u**1.5
-    # Hertz's paraboloid and small strains are right to a part of δ/R; the level coarse misses 2 % of a contact that is
-    # half as wide as the deepest, and the edge of its mesh 0.1 %
-    np.testing.assert_allclose(found, hertz, rtol=0.02 + depth)
-    assert abs(found[-1] / hertz[-1] - 1.0) < 0.006 + depth
+    # Hertz's paraboloid and small slopes are right to 0.3 δ/R: the level reference has 0.1, 0.6 and 1.0 % less at
+    # 0.01, 0.03 and 0.05 R; coarse misses 2 % of a contact half as wide as the deepest, and 0.5 % of that
+    np.testing.assert_allclose(found, hertz, rtol=0.02 + 0.3 * depth)
+    assert abs(found[-1] / hertz[-1] - 1.0) < 0.006 + 0.3 * depth
 
 
 @pytest.mark.parametrize("depth", [0.01, 0.1])
