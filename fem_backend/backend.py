@@ -24,7 +24,7 @@ from fem_backend.export import files as export_files
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation import cohesive, controlled, derivatives, experiment, indentation, outputs
+from fem_backend.simulation import contact_elements, controlled, derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.indentation import Result
@@ -282,7 +282,7 @@ class FiniteElements:
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
             placement = modelling.placement_of(settings, knobs)
-            settings = cohesive.resolved(settings, knobs, deepest) if placement.meridian else settings
+            settings = contact_elements.resolved(settings, knobs, deepest) if placement.meridian else settings
             modelling.admit(settings, knobs, placement)
             end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
@@ -447,7 +447,7 @@ class FiniteElements:
         try:
             placement = modelling.placement_of(settings, knobs)
             if placement.meridian:
-                settings = cohesive.resolved(settings, knobs, max(case.programme.travel_mm))
+                settings = contact_elements.resolved(settings, knobs, max(case.programme.travel_mm))
             settings = dataclasses.replace(settings, large_strain=settings.large_strain and not placement.meridian)
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
             instants, end = _before(
@@ -475,7 +475,7 @@ class FiniteElements:
                 return Solved(settings, knobs, placement, model, result)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
-        except cohesive.Unresolved as error:
+        except contact_elements.Unresolved as error:
             failed = SimulationFailed("not_supported", str(error))
         except Stopped as stopped:
             partial, reached = None, stopped.reached
@@ -598,7 +598,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
     rounded tip were too long.  6: no later meshes were made below many edges.  7 and 8: errors were stated too small
-    where contact just reaches a rounded edge.
+    where contact just reaches a rounded edge.  9: elements below a ball did not follow a contact much smaller than it.
     """
     finest = np.isfinite(settings.indenter.finest[1])
     pointed = finest and modelling.gathers(settings.indenter)
@@ -614,6 +614,8 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     other = settings.support.revised(settings.specimen)
     if kept.get("adhesion") and on_axis(settings):
         return 3
+    if on_axis(settings) and contact_elements.shallow(settings, max(programme.travel_mm)).fine is not None:
+        return 9
     if on_axis(settings) and max(programme.travel_mm, default=0.0) > experiment.watched_from(settings):
         return 6
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:

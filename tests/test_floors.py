@@ -91,7 +91,7 @@ LAYERS = {
     ),
     "fem_backend.simulation": (
         "experiment knobs schedule",
-        "cohesive symmetry",
+        "contact_elements symmetry",
         "assembly",
         "initial_state",
         "outputs pore_flow rezoning",

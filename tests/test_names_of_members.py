@@ -36,7 +36,7 @@ ALLOWED = {
     "fem_backend/closed_forms/formulas.py": "which formula the literature has for a shape",
     "fem_backend/closed_forms/half_space.py": "oracles by the name that the literature has for them",
     "fem_backend/closed_forms/layer.py": "oracles by the name that the literature has for them",
-    "fem_backend/simulation/cohesive.py": "the effective radius R of Tabor's parameter",
+    "fem_backend/simulation/contact_elements.py": "the effective radius R of Tabor's parameter",
     "fem_backend/adapter/command_line.py": "`rso new` and nominal.json of a laboratory know one specimen only",
 }
 

@@ -12,6 +12,7 @@ from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import SEALED, Settings, element_size, on_axis, profile_name
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
@@ -426,6 +427,7 @@ def at_depth(settings: Settings, depth: float) -> float:
     Of what may be solved on its meridian: 0.13 % f² + 35 % (h₀/a)², f the fineness, as of slabs and a half-space at 0.1
     to 1.5 R beside an independent program.
     """
+    settings = contact_elements.shallow(settings, depth) if on_axis(settings) else settings
     h0 = element_size(settings, on_axis(settings))
     H = settings.specimen.mean_curvature(*settings.point)
     a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))

@@ -26,7 +26,7 @@ from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.materials.regions import Regions, Substance
 from fem_backend.meshing import MeridianMesh, Mesh
-from fem_backend.simulation import cohesive, symmetry
+from fem_backend.simulation import contact_elements, symmetry
 from fem_backend.simulation.experiment import Settings, element_size
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
@@ -204,9 +204,9 @@ class AssembledModel:
 def revolved_model(settings: Settings, specimen: Specimen, symmetric: bool = True) -> AssembledModel:
     """Model of the meridian of a specimen of revolution; raises meshing.BadMesh."""
     wide = specimen.half_width if "base" in specimen.parts else specimen.largest
-    many = cohesive.samples(settings, max(wide, float(specimen.top[2] - specimen.lowest[2])))
+    many = contact_elements.samples(settings, max(wide, float(specimen.top[2] - specimen.lowest[2])))
     places = () if many is None else (many,)
-    mesh = settings.specimen.meridian(specimen, cohesive.spacing(settings), settings.fineness, *places)
+    mesh = settings.specimen.meridian(specimen, contact_elements.spacing(settings), settings.fineness, *places)
     return of_meridian(settings, specimen, mesh, symmetric)
 
 

@@ -248,10 +248,11 @@ def test_a_response_says_where_no_second_run_tells_its_errors(monkeypatch):
 def test_a_half_space_hardly_touched_ends_at_its_round_off(ratio):
     """Elements a hundred radii away have a round-off above the tolerance of the ball's force: it used to fail there.
 
-    Hertz with E = 9 K mu/(3 K + mu), within what is stated (4 %); at a twentieth of the radius strains are small.
+    Hertz with E = 9 K mu/(3 K + mu), within what is stated and 2 %: strains at a twentieth of the radius are a/R, and
+    a linear law has 1.4 % less, too.
     """
     mu, D1 = 0.01, 2.0 / (ratio * 0.01)
     E, nu = 9.0 * ratio * mu / (3.0 * ratio + 1.0), (3.0 * ratio - 2.0) / (6.0 * ratio + 2.0)
     found = pressed({"shape": "half_space"}, {"mu": mu, "D1": D1}, (0.15,), "standard")
     hertz = 4.0 / 3.0 * E / (1.0 - nu**2) * 3.0**0.5 * 0.15**1.5
-    assert found.channels["Fz"][0] == pytest.approx(hertz, abs=float(found.error["Fz"][0]))
+    assert found.channels["Fz"][0] == pytest.approx(hertz, abs=float(found.error["Fz"][0]) + 0.02 * hertz)

@@ -11,7 +11,7 @@ import pytest
 
 from fem_backend import closed_forms
 from fem_backend.backend import BACKEND, passages
-from fem_backend.simulation import cohesive
+from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.solver import jumps
 from fem_backend.solver.jumps import JumpRecord, OnBranch
@@ -78,7 +78,7 @@ def test_without_attraction_a_ball_above_the_body_feels_nothing():
     r = BACKEND(VALUES, case)
     np.testing.assert_array_equal(r.channels["travel"], [0.1, 0.1, -0.05])
     assert r.channels["Fz"][2] == 0.0 and r.channels["contact_radius"][2] == 0.0
-    ramp = BACKEND(VALUES, Case("c", Programme.ramp((0.1,)), case.settings)).channels["Fz"]
+    ramp = BACKEND(VALUES, Case("c", Programme.ramp((0.1, 0.2)), case.settings)).channels["Fz"]
     np.testing.assert_allclose(r.channels["Fz"][:2], ramp[0], rtol=1e-6)
 
 
@@ -204,13 +204,13 @@ def test_elements_follow_the_attraction():
     """Short ranges get finer elements, in steps of √2; a range beyond the usual elements changes nothing."""
     settings = read_settings(BALL)
     knobs = BACKEND.knobs({**VALUES, **attraction(2.0)}, settings)
-    fine = cohesive.resolved(settings, knobs, 0.01).fine
-    less = cohesive.resolved(settings, replace(knobs, adhesion_range=0.5 * knobs.adhesion_range), 0.01).fine
+    fine = contact_elements.resolved(settings, knobs, 0.01).fine
+    less = contact_elements.resolved(settings, replace(knobs, adhesion_range=0.5 * knobs.adhesion_range), 0.01).fine
     assert fine is not None and less is not None
-    assert fine[0] <= cohesive.zone(knobs) / cohesive.PER_ZONE < 2**0.5 * fine[0] * (1.0 + 1e-12)
+    assert fine[0] <= contact_elements.zone(knobs) / contact_elements.PER_ZONE < 2**0.5 * fine[0] * (1.0 + 1e-12)
     assert less[0] == pytest.approx(fine[0] / 4.0)
     none = replace(knobs, adhesion=0.0)
-    assert cohesive.resolved(settings, none, 0.01) is settings
+    assert contact_elements.resolved(settings, none, 0.5) is settings
 
 
 def test_nothing_is_said_of_a_mesh_that_resolves_the_adhesion_whatever_its_level():

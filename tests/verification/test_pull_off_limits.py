@@ -11,7 +11,7 @@ import pytest
 
 from fem_backend import closed_forms
 from fem_backend.backend import BACKEND, passages
-from fem_backend.simulation import assembly, cohesive, indentation
+from fem_backend.simulation import assembly, contact_elements, indentation
 from fem_backend.simulation.experiment import read_settings
 from rso.contract import Case, Programme
 
@@ -71,7 +71,7 @@ def test_jumps_do_not_hang_on_the_steps():
     """Steps of a third of the length let go within half a per cent of the travel."""
     settings, programme = read_settings(BALL), Programme((0.0, 1.0, 2.0), (0.0, FOLD, -1.6 * FOLD), (0.5 * FOLD,))
     knobs = BACKEND.knobs(values(1.0), settings)
-    settings = cohesive.resolved(settings, knobs, FOLD)
+    settings = contact_elements.resolved(settings, knobs, FOLD)
     place = assembly.placement_of(settings, knobs)
     model = assembly.model_for(settings, knobs, place, None)
     instants = [*passages(programme)[:-1], replace(passages(programme)[-1], asked=True)]

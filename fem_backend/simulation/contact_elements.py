@@ -1,8 +1,11 @@
-"""Elements that resolve an attraction: the annulus beside a contact where it acts, and the contact itself.
+"""Elements that resolve a contact: a ball's where it is small beside the ball, and the annulus of an attraction.
+
+A ball pressed in by δ touches a circle of a = √(Rδ) (Hertz).  Where its own elements are longer, they are wanted
+as long as a/10.
 
 On a half-space of modulus E* the attraction w/ℓ of a range ℓ acts over l = (π/4) E* ℓ²/w beside the contact, and a
 ball sticks to a circle of a₀ = (9π w R²/2E*)^(1/3) under no force (JKR).  Elements are wanted as long as the less of
-l/2 and a₀/10, in steps of √2 so that runs of like values share a grid, out to where the deepest contact ends.
+l/6 and a₀/12.  All that is in steps of √2, so that like runs share a grid, out to where the deepest contact ends.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
 PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
+PER_RADIUS = 10.0  # elements along the radius of a small contact, at unit fineness
 BESIDE = 1.3  # of the deepest contact's radius: where elements begin to grow
 FAR = 100.0  # lengths of the indenter: a smaller specimen is no half-space
 GROWS = 0.25  # of the distance from there
@@ -43,9 +47,9 @@ def zone(knobs: Knobs) -> float:
 
 
 def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
-    """The settings with elements that resolve the attraction down to the `deepest` travel (mm); Unresolved."""
+    """The settings with elements that resolve contact and attraction down to the `deepest` travel (mm); Unresolved."""
     if not knobs.adhesion:
-        return settings
+        return shallow(settings, deepest)
     R, E = settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point)), stiff(knobs)
     l, a0 = zone(knobs), (4.5 * math.pi * knobs.adhesion * R**2 / E) ** (1.0 / 3.0)
     unit = settings.indenter.length
@@ -63,6 +67,18 @@ def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
             f"{least:.2g} mm is the least"
         )
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))
+
+
+def shallow(settings: Settings, deepest: float) -> Settings:
+    """The settings with elements for the contact of a smooth indenter at its deepest travel (mm)."""
+    if not math.isinf(settings.indenter.finest[1]) or deepest <= 0.0:
+        return settings
+    H = settings.specimen.mean_curvature(*settings.point)
+    a, unit = float(settings.indenter.contact_radius(np.array(deepest), H)), settings.indenter.length
+    h = a / PER_RADIUS
+    if h >= float(settings.indenter.spacing(np.zeros(1))[0]):
+        return settings
+    return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(BESIDE * a / unit, math.ceil)))
 
 
 def spacing(settings: Settings) -> Callable[[np.ndarray], np.ndarray]:

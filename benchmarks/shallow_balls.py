@@ -1,0 +1,98 @@
+"""Random balls hardly pressed in, beside the level reference: `python shallow_balls.py [--cases N] [--levels …]`.
+
+    --cases N       how many of each level (40)
+    --levels L …    coarse and standard without
+
+Bodies, supports and laws of `meridian_gate.py`, also layers; from 0.002 to 0.3 radii; forces at four depths.  For each
+level: what is off, what is stated, how many stated errors cover it, and their ratio.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+from meridian_gate import LAWS, MU, R, specimen
+
+from fem_backend.backend import BACKEND
+from rso.contract import Case, Programme, SimulationFailed
+
+SEED = 44
+SHARES = np.array([0.25, 0.5, 0.75, 1.0])  # of the deepest travel
+
+
+def drawn(k: int) -> tuple[dict[str, Any], dict[str, float], float]:
+    """Settings without a level, values and depth (mm) of the random case k."""
+    rng = np.random.default_rng((SEED, k))
+    body, thickness, supports = specimen(rng)
+    if body["shape"] == "slab" and rng.integers(2):
+        ratio = float(np.exp(rng.uniform(np.log(0.05), np.log(20.0))))
+        body["layers"] = [{"thickness": float(rng.uniform(0.05, 0.5)) * thickness, "ratio": ratio}]
+    support: dict[str, Any] = {"kind": supports[rng.integers(len(supports))]}
+    if support["kind"] == "bowl":
+        support |= {"clearance": float(rng.uniform(0.3, 2.0)), "friction": 0.0}
+    if support["kind"] == "well":
+        support |= {"radius": body["radius"] + float(rng.uniform(0.0, 0.3)), "wall": "gap"}
+    law = list(LAWS)[rng.integers(4)]
+    ratio = float(np.exp(rng.uniform(np.log(1.2), np.log(1e4))))
+    depth = R * float(np.exp(rng.uniform(np.log(0.002), np.log(0.3))))
+    table = {
+        "specimen": body,
+        "indenter": {"shape": "sphere", "radius": R},
+        "support": support,
+        "material": {"law": law},
+        "derivatives": False,
+    }
+    return table, {"mu": MU, "D1": 2.0 / (ratio * MU), **LAWS[law]}, depth
+
+
+def forces(table: dict[str, Any], values: dict[str, float], depth: float, level: str) -> tuple[np.ndarray, ...]:
+    """Force (4,) N, its stated error and CPU s of a run."""
+    case = Case("ball", Programme.ramp(tuple(depth * SHARES), 1.0), {**table, "mesh": {"level": level}})
+    started = time.process_time()
+    found = BACKEND(*BACKEND.canonical(values, case))
+    return found.channels["Fz"], found.error["Fz"], np.array(time.process_time() - started)
+
+
+def main() -> None:
+    """Print a line a case and a line a level."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=40)
+    parser.add_argument("--levels", nargs="+", default=["coarse", "standard"])
+    options = parser.parse_args()
+    off: dict[str, list[np.ndarray]] = {level: [] for level in options.levels}
+    said: dict[str, list[np.ndarray]] = {level: [] for level in options.levels}
+    spent: dict[str, list[float]] = {level: [] for level in options.levels}
+    for k in range(options.cases):
+        table, values, depth = drawn(k)
+        try:
+            best, _, _ = forces(table, values, depth, "reference")
+            for level in options.levels:
+                F, error, cpu = forces(table, values, depth, level)
+                off[level].append(np.abs(F / best - 1.0))
+                said[level].append(error / np.abs(F))
+                spent[level].append(float(cpu))
+        except (ValueError, SimulationFailed) as failed:
+            print(f"{k:3d} {str(failed)[:100]}")
+            continue
+        body = table["specimen"]
+        words = f"{k:3d} {body['shape']:10s} {table['support']['kind']:6s} {depth / R:6.4f} R"
+        shown = (
+            f"{level} off {100 * off[level][-1][-1]:.2f} % said {100 * said[level][-1][-1]:.2f} %" for level in off
+        )
+        print(f"{words} {'layer ' * ('layers' in body)}{'; '.join(shown)}", flush=True)
+    for level in off:
+        a, b = np.concatenate(off[level]), np.concatenate(said[level])
+        last = np.array([v[-1] for v in off[level]])
+        stated = np.array([v[-1] for v in said[level]])
+        print(
+            f"{level}: deepest off {100 * np.median(last):.2f} % in the median, {100 * last.max():.2f} % at most, "
+            f"said {100 * np.median(stated):.2f} %; stated covers {100 * np.mean(a <= b):.0f} % of {len(a)}, "
+            f"{np.median(b / np.maximum(a, 1e-6)):.1f} times in the median; CPU {np.median(spent[level]):.2f} s"
+        )
+
+
+if __name__ == "__main__":
+    main()
