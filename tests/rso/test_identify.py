@@ -309,7 +309,7 @@ def test_pieces_of_a_profile_are_said_one_by_one():
     np.testing.assert_allclose(found, [(-outer, -inner), (inner, outer)], atol=2e-3)
     whole = a.profile_interval
     assert (whole.low, whole.high) == (a.profile.pieces()[0].low, a.profile.pieces()[1].high)
-    said = " or from ".join(f"{low:.4f} to {high:.4f}" for low, high in found).replace("-", "−")
+    said = " or from ".join(f"{low:.3f} to {high:.3f}" for low, high in found).replace("-", "−")
     assert f"every value from {said} MPa agrees" in a.story
     # over the pieces it changes by no more than 1.645 σ, between them by 0.09/0.0125 = 7.2 σ
     assert "Over all these values of a the force" in a.reason
