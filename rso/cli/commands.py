@@ -16,6 +16,7 @@ from rso.cli import output
 from rso.contract import Option
 from rso.core import disk
 from rso.core.default_backend import USE
+from rso.core.symbols import in_letters
 
 EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
@@ -322,7 +323,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     print()
     failed = [f"failed simulation, its neighbours stand for it: {line}" for line in found["failed_runs"]]
     for line in [*found["words"], *failed]:
-        print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
+        print(textwrap.fill(in_letters(line, found["units"]), min(shutil.get_terminal_size().columns, 100)))
     print()
     for file in files:
         output.say(file)

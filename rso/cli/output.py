@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from rso.core.printable import as_one_entry, raw_stream
+from rso.core.symbols import in_units
 
 Mark = Literal["good", "open", "bad"]
 MARKS: dict[Mark, tuple[str, str, str]] = {  # sign, the same in ASCII, colour
@@ -45,7 +46,9 @@ def wrapped_sentences(texts: Sequence[str]) -> None:
     """Sentences below a title, each wrapped at words."""
     width = min(_columns(), WIDEST)
     for text in texts:
-        print(textwrap.fill(text, width, initial_indent="  ", subsequent_indent="    ", break_long_words=False))
+        print(
+            textwrap.fill(in_units(text), width, initial_indent="  ", subsequent_indent="    ", break_long_words=False)
+        )
 
 
 def marked_line(mark: Mark, text: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 _GREEK = dict(
     zip(
@@ -42,6 +43,13 @@ def raised(text: str) -> str:
 def in_units(text: str) -> str:
     """A sentence with its units as they are printed: 1.2 1/MPa → 1.2 MPa⁻¹."""
     return re.sub(r"(?<=\d)( ?)1/(\w+)\b", lambda m: f"{m[1] or ' '}{unit_text(f'1/{m[2]}')}", text)
+
+
+def in_letters(text: str, names: Iterable[str]) -> str:
+    """A sentence with the letters of these names, and units as they are printed: D1 is 3 1/MPa → D₁ is 3 MPa⁻¹."""
+    for name in names:
+        text = re.sub(rf"(?<![\w./]){re.escape(name)}(?![\w.]*\w)", symbol(name), text)
+    return in_units(text)
 
 
 def superscript(number: int) -> str:

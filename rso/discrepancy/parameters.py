@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.core.symbols import unit_text
 from rso.core.units import people
 
 WIDER = 1.15  # times: an interval that is said beside another is wider by this
@@ -44,8 +45,8 @@ def _range(found: Mapping[str, Any], k: str, low: float, high: float) -> str:
 
 
 def unit_suffix(unit: str) -> str:
-    """A unit behind a number: 3.3 1/MPa would be read as another number."""
-    return "" if unit in ("1", "-", "") else f" {unit[1:] if unit.startswith('1/') else unit}"
+    """A unit behind a number, as it is printed."""
+    return f" {unit_text(unit)}".rstrip()
 
 
 def _parameter(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:

@@ -9,7 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from rso.core.units import spaced
+from rso.core.digits import interval_ends, significant
+from rso.core.symbols import unit_text
+from rso.core.units import people
 from rso.doe import Box
 from rso.inference.intervals import Interval, ProfileInterval
 
@@ -97,16 +99,6 @@ def _digits(value: float, low: float, high: float) -> int:
     return int(max(1, min(6, math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 1)))
 
 
-def _apart(low: float, high: float) -> int:
-    """Significant digits of both ends: three, or as many as the half-width has its first of (second after a 1) in."""
-    half, largest = 0.5 * (high - low), max(abs(low), abs(high))
-    if not 0 < half < largest:
-        return 3
-    first = math.floor(math.log10(half))
-    last = first - (half < 2 * 10.0**first)
-    return max(3, min(12, math.floor(math.log10(largest)) - last + 1))
-
-
 def verdict_sentences(
     box: Box,
     k: int,
@@ -126,10 +118,11 @@ def verdict_sentences(
     :func:`judge_parameter`.
     """
     name, of = box.names[k], box.units[k]
-    tail = spaced(of)
     low, high = physical(box, k, interval)
+    label, factor = people(of, max(abs(low), abs(high)))
+    tail = f" {unit_text(label)}".rstrip()
     pieces = profile.pieces(level) if profile is not None else (interval,)
-    said = [_span(*physical(box, k, p)) for p in pieces]
+    said = [" to ".join(interval_ends(a * factor, b * factor)) for a, b in (physical(box, k, p) for p in pieces)]
     span = f"{' or from '.join(said)}{tail}"
     other = f", as long as {' and '.join(leaning)} stay{'s' if len(leaning) == 1 else ''} in range" if leaning else ""
     missed = f"the model, which misses the data by {scale:.2g} times their errors" if scale > 1.0 else ""
@@ -152,16 +145,11 @@ def verdict_sentences(
     if verdict.noise_factor is not None:
         likeliest = float(profile.at[int(np.argmin(profile.rise))])
         best = physical(box, k, Interval(likeliest, likeliest))[0]
-        why += f" If its most likely value, {best:.2g}{tail}, is right, "
+        why += f" If its most likely value, {significant(best * factor, 2)}{tail}, is right, "
         why += f"{1 / verdict.noise_factor:.2g} times less noise would determine it."
     elif scale == 1.0 and not 0.0 < profile.at[int(np.argmin(profile.rise))] < 1.0:
         why += " The curve fits best at an end of the range, so the noise that would determine it is unknown."
     return text, why
-
-
-def _span(low: float, high: float) -> str:
-    digits = _apart(low, high)
-    return f"{low:.{digits}g} to {high:.{digits}g}"
 
 
 def _little(over: str, change: float, sigma: float, place: str, unit: str) -> str:

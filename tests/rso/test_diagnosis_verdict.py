@@ -260,7 +260,7 @@ def test_parameters_are_said_one_by_one_in_the_units_of_people():
     units = {"units": {"mu": "MPa", "D1": "1/MPa"}, "effects": [{"name": "friction", "label": "rubbing"}]}
     assert parameter_sentences(d, units) == [
         "mu moves from 14.16 kPa (90 % 13.92 to 14.39) to 13.28 kPa (90 % 12.99 to 13.55).",
-        "D1 moves from 22.6 /MPa (90 % 15 to 31) to 4.77 /MPa (90 % 1.3 to 10.6).",
+        "D1 moves from 22.6 MPa⁻¹ (90 % 15 to 31) to 4.77 MPa⁻¹ (90 % 1.3 to 10.6).",
     ]
     same = d | {"parameters": {"before": d["parameters"]["after"], "after": d["parameters"]["after"]}}
     assert parameter_sentences(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
@@ -581,7 +581,7 @@ def test_one_interval_where_sizes_go_through_neutral_or_hardly_any_has_the_other
 
 def test_the_other_sign_is_said_and_a_unit_is_no_number():
     c = {"effect": "D1", "size": 3.3, "interval": [2.0, 4.0], "unit": "1/MPa", "neutral": 1.0, "railed": False}
-    assert _named(c) == "D1 = 3.3 /MPa (90 % 2 to 4, absent at 1)"
+    assert _named(c) == "D1 = 3.3 MPa⁻¹ (90 % 2 to 4, absent at 1)"
     assert "(90 % 0.5 to 4, among them 1: it may be absent)" in _named({**c, "interval": [0.5, 4.0]})
     other = {"probability": 0.06, "low": 0.2, "high": 0.4}
     assert "(90 % 2 to 4, or 0.2 to 0.4: 6 %, absent at 1)" in _named({**c, "otherwise": other})

@@ -13,6 +13,7 @@ from scipy.stats import multivariate_normal, truncnorm
 from rso import inference, optimal_design
 from rso.contract import Response
 from rso.core.curves import metrics
+from rso.core.digits import significant
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation.emulator import Output, Sample, learn_emulator
@@ -308,7 +309,7 @@ def test_pieces_of_a_profile_are_said_one_by_one():
     np.testing.assert_allclose(found, [(-outer, -inner), (inner, outer)], atol=2e-3)
     whole = a.profile_interval
     assert (whole.low, whole.high) == (a.profile.pieces()[0].low, a.profile.pieces()[1].high)
-    said = " or from ".join(f"{low:.3f} to {high:.3f}" for low, high in found)
+    said = " or from ".join(f"{low:.3f} to {high:.3f}" for low, high in found).replace("-", "−")
     assert f"every value from {said} MPa agrees" in a.story
     # over the pieces it changes by no more than 1.645 σ, between them by 0.09/0.0125 = 7.2 σ
     assert "Over all these values of a the force" in a.reason
@@ -379,7 +380,10 @@ def test_with_the_noise_that_is_asked_for_the_value_is_determined():
         known = first.of("D1")
         f = known.verdict.noise_factor
         assert known.verdict.word != "determined"
-        assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times less noise" in known.reason
+        assert (
+            f"{significant(known.value, 2)} MPa⁻¹, is right" in known.reason
+            and f"{1 / f:.2g} times less noise" in known.reason
+        )
         for times, found in words.items():
             noisy = soft_ball.data(*first.fit.theta, 0.012 * f * times, np.random.default_rng(100 + seed))
             again = inference.determine(Misfit(soft_ball.model(), (noisy,)), seed=0, mcmc=False)
@@ -430,10 +434,10 @@ def test_digits_end_at_the_size_of_the_error(low, high, digits):
 @pytest.mark.parametrize(
     ("low", "high", "said"),
     [
-        (0.011949, 0.012043, "0.01195 to 0.01204"),
+        (0.011949, 0.012043, "0.011949 to 0.012043"),
         (0.011949, 0.012271, "0.01195 to 0.01227"),
         (59.9951, 60.0049, "59.995 to 60.005"),
-        (0.2, 0.34, "0.2 to 0.34"),
+        (0.2, 0.34, "0.200 to 0.340"),
     ],
 )
 def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from rso.core.digits import DASH, NBSP, known, significant
+from rso.core.symbols import in_letters
 from rso.discrepancy.parameters import called, known_alone, unproved
 from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
 from rso.report.canvas import short
@@ -125,9 +126,7 @@ def verdict(found: Found) -> Section:
 
 def _in_letters(found: Found, text: str) -> str:
     """A sentence with minus signs, and with the letters of the base parameters for their names."""
-    for name, _, _ in parameter_bands(found):
-        text = re.sub(rf"(?<![\w./]){re.escape(name)}(?![\w.]*\w)", symbol(name), text)
-    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", in_letters(text, [name for name, _, _ in parameter_bands(found)]))
 
 
 def _other(d: Mapping[str, Any]) -> str:
