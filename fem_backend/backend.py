@@ -498,6 +498,8 @@ class FiniteElements:
             end = admissible_depth.inadmissible(settings, knobs, deepest)
             limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
             drive = programmes.driven(case.programme, *limit)
+            if placement.meridian:
+                settings = contact_elements.for_force(settings, dataclasses.asdict(knobs), case.programme)
             model = modelling.model_for(settings, knobs, placement, mesh)
             result = _begun(controlled.checked_programme(settings, knobs, placement, model, drive), case.programme)
             if (lost := indentation.doubtful(result)) is None:
@@ -607,7 +609,8 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     if on_axis(settings) and pointed:
         return 6
     if programmes.controlled(programme):
-        return 6 if on_axis(settings) else 0
+        small = on_axis(settings) and contact_elements.for_force(settings, kept, programme).fine is not None
+        return 9 if small else 6 if on_axis(settings) else 0
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")

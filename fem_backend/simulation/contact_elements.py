@@ -11,7 +11,7 @@ l/6 and a₀/12.  All that is in steps of √2, so that like runs share a grid, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ import numpy as np
 from fem_backend import closed_forms
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
+from rso.contract import Programme
 
 PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
 PER_RADIUS = 10.0  # elements along the radius of a small contact, at unit fineness
@@ -69,13 +70,32 @@ def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))
 
 
-def shallow(settings: Settings, deepest: float) -> Settings:
-    """The settings with elements for the contact of a smooth indenter at its deepest travel (mm)."""
+def for_force(settings: Settings, values: Mapping[str, float | None], programme: Programme) -> Settings:
+    """The same of a programme that a force controls, down to where it leads by Hertz, at once and when all is relaxed.
+
+    Without adhesion, whose contact is wider, and with the moduli among the `values` of the knobs.
+    """
+    mu, D1 = values.get("mu"), values.get("D1")
+    if not math.isinf(settings.indenter.finest[1]) or not mu or not D1 or values.get("adhesion"):
+        return settings
+    R = settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
+    K = 2.0 / D1
+    E = closed_forms.plane_modulus(closed_forms.youngs_modulus(mu, K), closed_forms.poisson_ratio(mu, K))
+    left = max(1.0 - sum(values.get(name) or 0.0 for name in ("prony_g", "prony_g2", "prony_g3")), 0.01)
+    travel = max((s.to_mm or 0.0 for s in programme.segments if s.to_N is None), default=0.0)
+    force = max((s.to_N or 0.0 for s in programme.segments), default=0.0)
+    soon, late = (max(travel, (0.75 * force / (e * math.sqrt(R))) ** (2.0 / 3.0)) for e in (E, left * E))
+    return shallow(settings, soon, late)
+
+
+def shallow(settings: Settings, deepest: float, later: float = 0.0) -> Settings:
+    """The settings with elements for the contact of a smooth indenter at its deepest travel (mm); it may creep on to a
+    `later` one."""
     if not math.isinf(settings.indenter.finest[1]) or deepest <= 0.0:
         return settings
-    H = settings.specimen.mean_curvature(*settings.point)
-    a, unit = float(settings.indenter.contact_radius(np.array(deepest), H)), settings.indenter.length
-    h = a / PER_RADIUS
+    H, unit = settings.specimen.mean_curvature(*settings.point), settings.indenter.length
+    first, a = (float(settings.indenter.contact_radius(np.array(d), H)) for d in (deepest, max(deepest, later)))
+    h = first / PER_RADIUS
     if h >= float(settings.indenter.spacing(np.zeros(1))[0]):
         return settings
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(BESIDE * a / unit, math.ceil)))
