@@ -499,7 +499,9 @@ class FiniteElements:
             limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
             drive = programmes.driven(case.programme, *limit)
             if placement.meridian:
-                settings = contact_elements.for_force(settings, dataclasses.asdict(knobs), case.programme)
+                settings = contact_elements.for_force(
+                    settings, dataclasses.asdict(knobs), *programmes.goals(case.programme)
+                )
             model = modelling.model_for(settings, knobs, placement, mesh)
             result = _begun(controlled.checked_programme(settings, knobs, placement, model, drive), case.programme)
             if (lost := indentation.doubtful(result)) is None:
@@ -609,7 +611,10 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     if on_axis(settings) and pointed:
         return 6
     if programmes.controlled(programme):
-        small = on_axis(settings) and contact_elements.for_force(settings, kept, programme).fine is not None
+        small = (
+            on_axis(settings)
+            and contact_elements.for_force(settings, kept, *programmes.goals(programme)).fine is not None
+        )
         return 9 if small else 6 if on_axis(settings) else 0
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))

@@ -12,6 +12,13 @@ from rso.contract import Programme, Segment
 PULL_OFF = "; a pull-off has no segments: time_s and travel_mm, which may end below 0, above the specimen"
 
 
+def goals(programme: Programme) -> tuple[float, float]:
+    """The largest travel (mm) and force (N) that a programme goes to, 0 where none is given."""
+    travel = max((s.to_mm or 0.0 for s in programme.segments if s.to_N is None), default=0.0)
+    force = max((s.to_N or 0.0 for s in programme.segments), default=0.0)
+    return max(travel, *programme.travel_mm, 0.0), force
+
+
 def controlled(programme: Programme) -> bool:
     """Whether a programme is followed as legs, not as travel through waypoints."""
     return bool(programme.segments) or programme.forced

@@ -19,7 +19,6 @@ import numpy as np
 from fem_backend import closed_forms
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
-from rso.contract import Programme
 
 PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
 PER_RADIUS = 10.0  # elements along the radius of a small contact, at unit fineness
@@ -70,8 +69,8 @@ def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))
 
 
-def for_force(settings: Settings, values: Mapping[str, float | None], programme: Programme) -> Settings:
-    """The same of a programme that a force controls, down to where it leads by Hertz, at once and when all is relaxed.
+def for_force(settings: Settings, values: Mapping[str, float | None], travel: float, force: float) -> Settings:
+    """The same down to a travel (mm) and to where a force (N) leads by Hertz, at once and when all is relaxed.
 
     Without adhesion, whose contact is wider, and with the moduli among the `values` of the knobs.
     """
@@ -82,8 +81,6 @@ def for_force(settings: Settings, values: Mapping[str, float | None], programme:
     K = 2.0 / D1
     E = closed_forms.plane_modulus(closed_forms.youngs_modulus(mu, K), closed_forms.poisson_ratio(mu, K))
     left = max(1.0 - sum(values.get(name) or 0.0 for name in ("prony_g", "prony_g2", "prony_g3")), 0.01)
-    travel = max((s.to_mm or 0.0 for s in programme.segments if s.to_N is None), default=0.0)
-    force = max((s.to_N or 0.0 for s in programme.segments), default=0.0)
     soon, late = (max(travel, (0.75 * force / (e * math.sqrt(R))) ** (2.0 / 3.0)) for e in (E, left * E))
     return shallow(settings, soon, late)
 

@@ -46,7 +46,7 @@ def in_units(text: str) -> str:
 
 
 def in_letters(text: str, names: Iterable[str]) -> str:
-    """A sentence with the letters of these names, and units as they are printed: D1 is 3 1/MPa → D₁ is 3 MPa⁻¹."""
+    """A sentence with the letters of these names, and units as they are printed: b2 is 3 1/MPa → b₂ is 3 MPa⁻¹."""
     for name in names:
         text = re.sub(rf"(?<![\w./]){re.escape(name)}(?![\w.]*\w)", symbol(name), text)
     return in_units(text)
