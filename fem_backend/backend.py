@@ -602,33 +602,36 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
     rounded tip were too long.  6: no later meshes were made below many edges.  7 and 8: errors were stated too small
-    where contact just reaches a rounded edge.  9: elements below a ball did not follow a contact much smaller than it.
+    where contact just reaches a rounded edge.  9: elements did not follow a contact much smaller than a ball or a tip.
     """
     finest = np.isfinite(settings.indenter.finest[1])
-    pointed = finest and modelling.gathers(settings.indenter)
+    pointed = finest and contact_elements.gathers(settings.indenter)
     if on_axis(settings) and finest and not pointed:
         return 8
+    if on_axis(settings) and not kept.get("adhesion") and _small(settings, kept, programme):
+        return 9
     if on_axis(settings) and pointed:
         return 6
     if programmes.controlled(programme):
-        small = (
-            on_axis(settings)
-            and contact_elements.for_force(settings, kept, *programmes.goals(programme)).fine is not None
-        )
-        return 9 if small else 6 if on_axis(settings) else 0
+        return 6 if on_axis(settings) else 0
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
     other = settings.support.revised(settings.specimen)
     if kept.get("adhesion") and on_axis(settings):
         return 3
-    if on_axis(settings) and contact_elements.shallow(settings, max(programme.travel_mm)).fine is not None:
-        return 9
     if on_axis(settings) and max(programme.travel_mm, default=0.0) > experiment.watched_from(settings):
         return 6
     if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
+
+
+def _small(settings: Settings, kept: Mapping[str, float], programme: Programme) -> bool:
+    """Whether elements follow a contact that is small beside the indenter."""
+    if programmes.controlled(programme):
+        return contact_elements.for_force(settings, kept, *programmes.goals(programme)).fine is not None
+    return contact_elements.shallow(settings, max(programme.travel_mm)).fine is not None
 
 
 def _from_zero(programme: Programme) -> Programme:

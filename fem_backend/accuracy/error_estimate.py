@@ -129,7 +129,7 @@ def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict
     near &= travel <= np.maximum(AHEAD * travel[:, None], c.deep * settings.indenter.length)
     h0 = element_size(settings, True)
     a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
-    tip = np.isfinite(settings.indenter.finest[1]) and modelling.gathers(settings.indenter)
+    tip = np.isfinite(settings.indenter.finest[1]) and contact_elements.gathers(settings.indenter)
     compared, width = AT_TIPS if tip else (COMPARED, WIDTH)
     share = np.minimum(compared * (1.0 + (width * h0 / a) ** 2), 1.0)
     onto = settings.indenter.on_edge(a) / settings.fineness

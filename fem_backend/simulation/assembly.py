@@ -232,7 +232,7 @@ def build_model(
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
     at = mesh, settings.recipe, settings.point, planes
-    if settings.large_strain and gathers(settings.indenter) and isinstance(specimen, GradedInAdvance):
+    if settings.large_strain and contact_elements.gathers(settings.indenter) and isinstance(specimen, GradedInAdvance):
         quadratic = specimen.gathered(*at, settings.indenter.length)
     else:
         quadratic = specimen.quadratic(*at)
@@ -260,12 +260,6 @@ def of_tetrahedra(
     factor = factor or direct.solver(discrete.pattern, settings.solver)
     condenser = condensation.condenser(discrete.pattern, settings.solver)
     return AssembledModel(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
-
-
-def gathers(indenter: Indenter) -> bool:
-    """Whether contact grows from the axis of an indenter: the finest elements are wanted there, coarser ones beside."""
-    size = indenter.spacing(indenter.length * np.linspace(0.0, 2.0, 201))
-    return bool(size[0] < size[-1] and size[0] <= size.min())
 
 
 def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem_backend import closed_forms
+from fem_backend.indenters import Indenter
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
@@ -85,10 +86,18 @@ def for_force(settings: Settings, values: Mapping[str, float | None], travel: fl
     return shallow(settings, soon, late)
 
 
+def gathers(indenter: Indenter) -> bool:
+    """Whether contact grows from the axis of an indenter: the finest elements are wanted there, coarser ones beside."""
+    size = indenter.spacing(indenter.length * np.linspace(0.0, 2.0, 201))
+    return bool(size[0] < size[-1] and size[0] <= size.min())
+
+
 def shallow(settings: Settings, deepest: float, later: float = 0.0) -> Settings:
-    """The settings with elements for the contact of a smooth indenter at its deepest travel (mm); it may creep on to a
-    `later` one."""
-    if not math.isinf(settings.indenter.finest[1]) or deepest <= 0.0:
+    """The settings with elements for a contact at the deepest travel (mm), which may creep on to a `later` one.
+
+    Below what touches in a point first: other contacts are as wide as the indenter from the beginning.
+    """
+    if not (math.isinf(settings.indenter.finest[1]) or gathers(settings.indenter)) or deepest <= 0.0:
         return settings
     H, unit = settings.specimen.mean_curvature(*settings.point), settings.indenter.length
     first, a = (float(settings.indenter.contact_radius(np.array(d), H)) for d in (deepest, max(deepest, later)))

@@ -18,6 +18,7 @@ from fem_backend.remeshing import location
 from fem_backend.remeshing.section import DeformedMeridian, NoMesh, rezoned
 from fem_backend.remeshing.triangulation import quality
 from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import remeshed_from, watched_from
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver import history_steps, load_steps, newton
@@ -364,7 +365,7 @@ def _lengths(at: InitialState, edges: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def _wanted(at: InitialState, x: np.ndarray) -> np.ndarray:
     """Wanted edge length (k,) mm on the surface at places now (k, 2)."""
-    return at.settings.fineness * at.settings.indenter.spacing(np.maximum(x[:, 0], 0.0))
+    return at.settings.fineness * contact_elements.spacing(at.settings)(np.maximum(x[:, 0], 0.0))
 
 
 def renewed(at: InitialState, state: Evaluation, size: float = 1.0) -> tuple[InitialState, np.ndarray]:

@@ -15,7 +15,7 @@ from fem_backend.laws import Material, NeoHooke
 from fem_backend.materials import response
 from fem_backend.meshing import prestretched
 from fem_backend.remeshing import tetrahedra as rezoning
-from fem_backend.simulation import assembly, experiment, indentation
+from fem_backend.simulation import assembly, contact_elements, experiment, indentation
 from fem_backend.simulation.initial_state import initial_state
 from fem_backend.solver import load_steps
 from fem_backend.solver.load_steps import Instant
@@ -124,7 +124,7 @@ def test_only_indenters_that_dig_in_at_their_axis_gather_the_mesh():
     found = {}
     for shape, table in tables.items():
         read = experiment.read_settings({**slab, "indenter": {"shape": shape, **table}})
-        found[shape] = assembly.gathers(read.indenter)
+        found[shape] = contact_elements.gathers(read.indenter)
     assert found == {"sphere": True, "cone": True, "plate": False, "flat": False}
 
 
