@@ -24,7 +24,7 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
             determined = row.get("verdict") == "determined"
             yield _quantity(symbol(p["name"]), row, p.get("unit", ""), determined)
     for q in list(known.get("derived") or ())[:DERIVED]:
-        yield _quantity(q["letter"], q, q.get("unit", ""), q.get("known") is True)
+        yield from _follows(q)
     for v in found.get("predictions") or ():
         yield _prediction(v)
     if found.get("exit_code") == 4:
@@ -61,6 +61,17 @@ def condensed(found: Mapping[str, Any]) -> dict[str, Any]:
         "counts": found.get("counts"),
         "warnings": list(found.get("warnings") or ()),
     }
+
+
+def _follows(q: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
+    """A line of a quantity that follows from the parameters; none where it follows from what the study fixes."""
+    span, unit = q.get("interval"), q.get("unit", "")
+    if q.get("follows_from"):
+        return
+    if q.get("known") is True or not span or None in span:
+        yield _quantity(q["letter"], q, unit, q.get("known") is True)
+    else:
+        yield "open", f"{q['letter']} from {interval_in_unit(span, unit)} agrees with the data"
 
 
 def _quantity(name: str, row: Mapping[str, Any], unit: str, determined: bool) -> tuple[Mark, str]:
