@@ -45,7 +45,13 @@ def condensed(found: Mapping[str, Any]) -> dict[str, Any]:
         interval = row.get("interval")
         parameters[p["name"]] = {"value": value, "unit": p["unit"], "interval": interval, "verdict": verdict}
     derived = {
-        q["name"]: {"value": q["value"], "unit": q["unit"], "interval": q["interval"], "known": q.get("known") is True}
+        q["name"]: {
+            "value": q["value"],
+            "unit": q["unit"],
+            "interval": q["interval"],
+            "known": q.get("known") is True,
+            "follows_from": list(q.get("follows_from") or ()),
+        }
         for q in known.get("derived") or ()
     }
     keys = ("experiment", "verdict", "p_value")
