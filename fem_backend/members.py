@@ -121,6 +121,14 @@ class OpenSet(Generic[Member]):
         )
         return core_schema.no_info_before_validator_function(self._without_marks, union)
 
+    def _others_that_have(self, value: Mapping[str, Any]) -> tuple[str, list[str]] | None:
+        """The first key of a table without its tag that the default does not have, and the members that have it."""
+        of = {n: m.Table.model_fields for n, m in self.members.items()}
+        for key in (k for k in value if k not in of[self.default]):
+            if names := [n for n, fields in of.items() if key in fields]:
+                return key, names
+        return None
+
     def _without_marks(self, value: Any) -> Any:
         """The table without the backend's own marks; refuses what is no table or names no member."""
         if not isinstance(value, Mapping):
@@ -129,6 +137,13 @@ class OpenSet(Generic[Member]):
         tag = value.get(self.tag, self.default)
         if not isinstance(tag, str) or tag not in self.members:
             raise refused(f" is not modelled; {nearest_choices(str(tag), list(self.members))}", self.tag, tag)
+        if self.tag not in value and (others := self._others_that_have(value)):
+            key, names = others
+            raise refused(
+                f" is missing: {key} belongs to {', '.join(names)}; a table without {self.tag} is that of {tag!r}",
+                self.tag,
+                MISSING,
+            )
         known = {k: most for k, most in self.marks.items() if k in getattr(self.members[tag], "marks", self.marks)}
         return {k: v for k, v in value.items() if not is_revision_mark(k, v, known)}
 

@@ -38,6 +38,7 @@ from rso.inference import (
     minimise,
     with_usual,
 )
+from rso.inference.derived import is_known, rests_on
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED, Word, physical
@@ -202,6 +203,8 @@ def _derived(q: DerivedQuantity, box: Box, fixed: Mapping[str, float], d: Determ
 
     i = derived_interval(d, quantity)
     outside = i.high < q.ordinary[0] or i.low > q.ordinary[1]
+    fitted = dict(zip(box.names, box.from_unit(d.fit.x[None])[0].tolist(), strict=True))
+    stated = rests_on(q.of, fitted, fixed)
     return {
         "name": q.name,
         "letter": q.letter,
@@ -209,7 +212,8 @@ def _derived(q: DerivedQuantity, box: Box, fixed: Mapping[str, float], d: Determ
         "unit": q.unit,
         "value": i.value,
         "interval": [i.low, i.high],
-        "known": i.known,
+        "known": not stated and is_known(i, scale=q.unit != "1"),
+        "follows_from": stated,
         "ends_by": [list(i.low_by), list(i.high_by)],
         "unlikely": q.otherwise if outside else "",
     }

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rso import doe
-from rso.contract import Backend, Case
+from rso.contract import Backend, Case, DerivedQuantities, capability
 from rso.core import disk
 from rso.core.similarity import Group, group
 from rso.data import (
@@ -165,6 +165,25 @@ def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
     return np.clip(low, 0, 1), np.clip(high, 0, 1)
 
 
+class _Asked(dict[str, np.ndarray]):
+    """Values of 1 of whatever is asked, which remembers what was."""
+
+    def __missing__(self, name: str) -> np.ndarray:
+        return self.setdefault(name, np.ones(1))
+
+
+def _derived(study: Study, backend: Backend) -> dict[str, str]:
+    """Where a study names what is no parameter: of what the backend derives, from which parameters it follows."""
+    offered, found = capability(backend, DerivedQuantities), {}
+    if offered is not None and study.parameters.keys() - {p.name for p in backend.parameters}:
+        needed = [p.name for p in backend.parameters if p.default is None]
+        for q in offered.derived(study.backend.settings, needed):
+            values = _Asked()
+            q.of(values)
+            found[q.name] = f"{q.description} follows from {' and '.join(values)}"
+    return found
+
+
 def make_plan(
     study: Study,
     beside: Sequence[tuple[Mapping[str, float], Mapping[str, Any]]] = (),
@@ -181,7 +200,7 @@ def make_plan(
     needs_data(study)
     source = source_of(study)
     backend = backend_of(study, source) if backend is None else backend
-    resolved = resolve(study, backend.parameters)
+    resolved = resolve(study, backend.parameters, _derived(study, backend))
     clouds = measured_clouds(study)
     curves = {**measured_curves(study), **measured_profiles(study)}
     curves |= {n: cloud_curve(c, study.experiment(n).compared[-1]) for n, c in clouds.items()}

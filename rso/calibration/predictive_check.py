@@ -185,7 +185,8 @@ def prediction_warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[st
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
     return [
         f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: χ² = {v.test.chi2:.3g} "
-        f"for {v.points} readings. All known uncertainties are included"
+        f"for {v.points} readings. As a whole they lie {abs(v.test.level):.2g} standard deviations "
+        f"{'above' if v.test.level > 0 else 'below'} it. All known uncertainties are included"
         for v in found
         if v.test is not None and v.test.missed and v.experiment not in plan.validation
     ]
@@ -223,6 +224,7 @@ def _row(v: PredictiveCheck) -> dict[str, Any]:
         "chi2": None if v.test is None else v.test.chi2,
         "points": v.points,
         "p_value": None if v.test is None else v.test.p_value,
+        "level": None if v.test is None else v.test.level,
         "alone": None if v.test is None else v.test.alone,
         "channels": [
             {

@@ -18,19 +18,29 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
     """A mark and a line for each parameter, derived quantity and experiment that was not fitted, by results.json."""
     known = found.get("identification") or {}
     rows = {p["parameter"]: p for p in known.get("parameters") or ()}
+    agrees = "agrees with the data" if not _is_refuted(known.get("scale")) else "fits as well as any"
     for p in found.get("parameters") or ():
         row = rows.get(p["name"])
         if p.get("fixed") is None and row is not None:
             determined = row.get("verdict") == "determined"
-            yield _quantity(symbol(p["name"]), row, p.get("unit", ""), determined)
+            yield _quantity(symbol(p["name"]), row, p.get("unit", ""), determined, agrees)
     for q in list(known.get("derived") or ())[:DERIVED]:
-        yield _quantity(q["letter"], q, q.get("unit", ""), q.get("known") is True)
+        yield from _follows(q, agrees)
     for v in found.get("predictions") or ():
         yield _prediction(v)
     if found.get("exit_code") == 4:
         yield "bad", "a rerun of a candidate disagrees with its prediction"
     if found.get("exit_code") == 6:
         yield "bad", "no candidate meets every target and constraint"
+
+
+def _is_refuted(scale: float | None) -> bool:
+    """Whether the model misses the data widely: nothing agrees with them then."""
+    if scale is None or scale <= 1.0:
+        return False
+    from rso.inference.verdict import REFUTED  # what it imports takes longer than all else of `rso status`
+
+    return scale > REFUTED
 
 
 def condensed(found: Mapping[str, Any]) -> dict[str, Any]:
@@ -45,7 +55,13 @@ def condensed(found: Mapping[str, Any]) -> dict[str, Any]:
         interval = row.get("interval")
         parameters[p["name"]] = {"value": value, "unit": p["unit"], "interval": interval, "verdict": verdict}
     derived = {
-        q["name"]: {"value": q["value"], "unit": q["unit"], "interval": q["interval"], "known": q.get("known") is True}
+        q["name"]: {
+            "value": q["value"],
+            "unit": q["unit"],
+            "interval": q["interval"],
+            "known": q.get("known") is True,
+            "follows_from": list(q.get("follows_from") or ()),
+        }
         for q in known.get("derived") or ()
     }
     keys = ("experiment", "verdict", "p_value")
@@ -63,14 +79,25 @@ def condensed(found: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _quantity(name: str, row: Mapping[str, Any], unit: str, determined: bool) -> tuple[Mark, str]:
+def _follows(q: Mapping[str, Any], agrees: str) -> Iterator[tuple[Mark, str]]:
+    """A line of a quantity that follows from the parameters; none where it follows from what the study fixes."""
+    span, unit = q.get("interval"), q.get("unit", "")
+    if q.get("follows_from"):
+        return
+    if q.get("known") is True or not span or None in span:
+        yield _quantity(q["letter"], q, unit, q.get("known") is True, agrees)
+    else:
+        yield "open", f"{q['letter']} from {interval_in_unit(span, unit)} {agrees}"
+
+
+def _quantity(name: str, row: Mapping[str, Any], unit: str, determined: bool, agrees: str) -> tuple[Mark, str]:
     span = row.get("interval")
     if not span or None in span:
         return "open", f"{name} has no interval"
     if determined:
         return "good", f"{name} = {estimate_text(row['value'], span, unit)} ({interval_in_unit(span, unit)})"
     known = "weakly" if row.get("verdict") == "weakly" else "not"
-    return "open", f"{name} is {known} determined: {interval_in_unit(span, unit)} agrees with the data"
+    return "open", f"{name} is {known} determined: {interval_in_unit(span, unit)} {agrees}"
 
 
 def _prediction(v: Mapping[str, Any]) -> tuple[Mark, str]:

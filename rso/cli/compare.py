@@ -35,7 +35,10 @@ def compare(options: argparse.Namespace) -> int:
     print()
     for name, a, b in _rows(one, other):
         text = f"{symbol(name)}: A {_told(a)}; B {_told(b)}"
-        if a is None or b is None or not (a["interval"] and b["interval"]):
+        if a and b and a.get("verdict") == b.get("verdict") == "fixed":
+            same = a["value"] == b["value"]
+            output.marked_line("good" if same else "open", f"{text}: {'the same' if same else 'not the same'}")
+        elif a is None or b is None or not (a["interval"] and b["interval"]):
             output.marked_line("open", f"{text}: one of them has no interval")
         elif _apart(a, b):
             output.marked_line("bad", f"{text}: the intervals do not overlap")
@@ -91,7 +94,9 @@ def _hashes(found: Mapping[str, Any]) -> list[str]:
 
 
 def _rows(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-    every = [{**r["parameters"], **r["derived"]} for r in (one, other)]
+    # What follows from a fixed value is compared by that value.
+    derived = [{n: q for n, q in r["derived"].items() if not q.get("follows_from")} for r in (one, other)]
+    every = [{**r["parameters"], **d} for r, d in zip((one, other), derived, strict=True)]
     names = dict.fromkeys([*every[0], *every[1]])
     return [(n, every[0].get(n), every[1].get(n)) for n in names]
 

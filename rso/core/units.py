@@ -39,8 +39,8 @@ CHANNELS = MappingProxyType(  # of a response, whose values meet those of the co
 BARE_COLUMNS = ("repeat", "segment")
 LADDERS = {
     "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
-    "N": (("N", 1.0), ("mN", 1e3)),
-    "mm": (("mm", 1.0), ("µm", 1e3)),
+    "N": (("N", 1.0), ("mN", 1e3), ("µN", 1e6), ("nN", 1e9)),
+    "mm": (("mm", 1.0), ("µm", 1e3), ("nm", 1e6)),
 }
 COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS if name != "z"), *BARE_COLUMNS)
 UNITS = MappingProxyType(

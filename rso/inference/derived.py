@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +13,16 @@ from rso.core.distributions import chi2_ppf
 from rso.inference.identifiability import LEVEL, Determination
 from rso.inference.least_squares import fit_at
 from rso.inference.likelihood import Misfit
+from rso.inference.verdict import FACTOR
 
 Quantity = Callable[[np.ndarray], np.ndarray]  # of points (m, d) of the unit cube: (m,)
 STARTS = 3  # points of each end from which it is sought
 STEP = 1e-5  # of the unit cube, for the slopes of a quantity
 ON_BOUND = 1e-4  # of the unit cube
-KNOWN = 0.25  # of its value that an interval may reach to either side of its middle to state a value
+KNOWN = 0.25  # of its middle that the interval of a quantity without a scale may reach to either side to state a value
+
+SHIFT = 1e-3  # of a value, for how much a quantity moves with it
+AS_MUCH = 0.9  # of the change with a fitted parameter: with the curvature over the shift, that is as much
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +35,36 @@ class DerivedInterval:
     low_by: tuple[str, ...] = ()
     high_by: tuple[str, ...] = ()
 
-    @property
-    def known(self) -> bool:
-        """Whether the data show a value: the interval is within `KNOWN` of its middle, and no range makes an end."""
-        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        return not (self.low_by or self.high_by) and half <= KNOWN * abs(middle)
+
+def is_known(i: DerivedInterval, *, scale: bool) -> bool:
+    """Whether the data show a value: no range makes an end, and the interval is narrow.
+
+    A positive quantity with a `scale`, as a modulus, is judged as parameters are: its ends are within `FACTOR` of
+    their geometric mean.  Any other, as a ratio between bounds, is within `KNOWN` of its middle.
+    """
+    if i.low_by or i.high_by:
+        return False
+    if scale and i.low > 0.0:
+        return math.log(i.high / i.low) <= 2.0 * math.log(FACTOR)
+    return 0.5 * (i.high - i.low) <= KNOWN * abs(0.5 * (i.low + i.high))
+
+
+def rests_on(
+    of: Callable[[Mapping[str, np.ndarray]], np.ndarray], fitted: Mapping[str, float], fixed: Mapping[str, float]
+) -> list[str]:
+    """Fixed values on which a quantity rests as much as on any fitted parameter: it is no finding of the data then.
+
+    By its change for the same small share of each value: ν follows from μ D₁, and with D₁ fixed a sharp ν says no more
+    than that was stated; E follows from μ almost alone.
+    """
+    here = {**fixed, **fitted}
+
+    def change(name: str) -> float:
+        ends = [of({n: np.array([v * (1.0 + s * (n == name))]) for n, v in here.items()}) for s in (-SHIFT, SHIFT)]
+        return abs(float(np.ravel(ends[1])[0] - np.ravel(ends[0])[0]))
+
+    most = max(map(change, fitted), default=0.0)
+    return [n for n in fixed if change(n) > 0.0 and change(n) >= AS_MUCH * most]
 
 
 def derived_interval(d: Determination, quantity: Quantity, level: float = LEVEL) -> DerivedInterval:

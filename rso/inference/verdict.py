@@ -172,6 +172,6 @@ def _either_way(low: float, high: float) -> str:
 
 
 def size(value: float, unit: str) -> str:
-    """A small quantity with two digits: forces in mN, displacements in µm."""
-    scaled = {"N": ("mN", 1e3), "mm": ("µm", 1e3)}.get(unit, (unit, 1.0))
-    return f"{float(f'{value * scaled[1]:.2g}'):.6g} {scaled[0]}".rstrip()
+    """A quantity with two digits, in the unit that people use for one of its size."""
+    label, factor = people(unit, value)
+    return f"{float(f'{value * factor:.2g}'):.6g} {label}".rstrip()

@@ -27,6 +27,7 @@ from rso.inference import (
     CurvePlace,
     Data,
     Determination,
+    Interval,
     Misfit,
     Model,
     all_minima,
@@ -124,7 +125,9 @@ def run_next(
     joint = fits(plan, have)
     whole = joint[-1].determination
     weakest = axes.box.names.index(next(iter(values)) if values else known_worst(whole.known))
-    truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
+    truths = on_valley(
+        whole.misfit, whole.fit.x, weakest, _places(axes, whole.known[weakest].profile_interval, weakest, values)
+    )
     # What the model lacks it will lack in the next experiment too; `rso run` counts errors as wide.
     s = whole.wider
     rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
@@ -335,11 +338,17 @@ def _misfit(have: Sequence[Learnt], seed: int) -> tuple[Misfit, np.ndarray]:
     return dataclasses.replace(measured, data=whole), x
 
 
-def _places(axes: Axes, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:
-    """Places (t,) in the unit cube of the values that the parameter is asked for."""
+def _places(axes: Axes, allowed: Interval, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:
+    """Places (t,) in the unit cube of the values that the parameter is asked for.
+
+    Unless stated, over what the data allow of it, as far apart as `TRUTHS` of them are over its whole range: of other
+    values nothing is to be expected.
+    """
     given = values.get(axes.box.names[k])
     if given is None:
-        return (np.arange(TRUTHS) + 0.5) / TRUTHS
+        low, high = max(allowed.low, 0.0), min(allowed.high, 1.0)
+        n = max(math.ceil(TRUTHS * (high - low) - 1e-6), 1)
+        return low + (high - low) * (np.arange(n) + 0.5) / n
     theta = np.tile(axes.box.from_unit(np.full((1, axes.box.d), 0.5)), (len(given), 1))
     theta[:, k] = given
     return axes.box.to_unit(theta)[:, k]

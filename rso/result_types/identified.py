@@ -110,6 +110,7 @@ class DerivedBlock(ResultBlock):
     value: Number = holds("at the most likely parameters")
     interval: Interval = holds("90 % interval by its own profile likelihood")
     known: bool = holds("whether it is determined")
+    follows_from: Texts = holds("fixed values on which it rests as much as on what was fitted: it is no finding then")
     ends_by: tuple[Texts, Texts] = holds("what ends the interval where the data do not")
     unlikely: str = holds("a remark where the whole interval is out of the ordinary")
 

@@ -188,6 +188,7 @@ class PredictionBlock(ResultBlock):
     why: str | None = holds("why it is not known")
     chi2: Number = holds("χ² by the errors of readings and run and what the fit leaves open")
     points: int = holds("number of readings")
-    p_value: Number = holds("share of data sets in which a perfect model has a larger χ²")
+    p_value: Number = holds("share of data sets in which a perfect model is missed by more: by χ² or as a whole")
+    level: Number = holds("standard deviations by which the readings as a whole are larger than predicted")
     alone: Number = holds("the same without what the fit leaves open")
     channels: tuple[PredictedChannelBlock, ...] = holds("every compared channel")

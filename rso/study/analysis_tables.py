@@ -129,7 +129,7 @@ class NextTable(StudyFileTable):
     experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()
     """The experiments that are asked about."""
     truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple)]] = Field(default_factory=dict)
-    """A parameter and the values that it is asked for (default: five over the range of the one known worst)."""
+    """A parameter and values that it is asked for (default: up to five that the data allow, of the one known worst)."""
     runs: Runs | None = None
     """Size of the design of each experiment."""
     draws: Annotated[int, Field(ge=10, le=10_000)] = 60

@@ -180,10 +180,14 @@ def _check_once(
             f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
             f"data ({files})"
         )
+        both = ": its loading and unloading share contact and gain, so one of them alone is compared"
         if e.role == "validate" and other.role != "validate":
-            yield Problem(("experiments", n, "data"), f"{text}: what was used before validates nothing", e.files)
+            why = ": what was used before validates nothing"
         elif k < n and other.role != "validate" and _settings(raw, e) == _settings(raw, other):
-            yield Problem(("experiments", n, "data"), f"{text} of one test: a repeat counts once", e.files)
+            why = " of one test: a repeat counts once"
+        else:
+            continue
+        yield Problem(("experiments", n, "data"), text + (why if e.branch == other.branch else both), e.files)
 
 
 def _settings(raw: dict[str, Any], e: ExperimentTable) -> dict[str, Any]:

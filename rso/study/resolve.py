@@ -72,8 +72,12 @@ class Resolved:
         return None if box is None else space(box, [a.levels for a in self.axes], [a.labels for a in self.axes])
 
 
-def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
+def resolve(
+    study: Study, parameters: tuple[Parameter, ...], derived: Mapping[str, str] = MappingProxyType({})
+) -> Resolved:
     """Bounds in the units of `parameters` (the backend's, and the measurement chain's if they are open).
+
+    `derived` says of quantities that are no parameters from which they follow: "Poisson's ratio follows from mu, D1".
 
     StudyError for unknown parameters, wrong units, values outside hard bounds, low ≥ high, a log scale that
     starts at or below 0, and variants that leave the study's range; all at once.
@@ -85,7 +89,11 @@ def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
     for name, table in study.parameters.items():
         place: Place = ("parameters", name)
         if name not in known:
-            problems.append(Problem(place, f"the backend has no such parameter; {choices_text(name, known)}"))
+            if name in derived:
+                text = f"{derived[name]}: state these"
+            else:
+                text = f"the backend has no such parameter; {choices_text(name, known)}"
+            problems.append(Problem(place, text))
         elif table.value is not None:
             value = _number(table.value, known[name], (*place, "value"), problems)
             if value is not None:

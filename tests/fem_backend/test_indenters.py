@@ -433,6 +433,7 @@ def test_a_wrong_file_is_refused_with_file_row_and_value(tmp_path, text, said):
         ({"shape": "profile", "file": "none.csv"}, "indenter.file = 'none.csv': cannot be read"),
         ({"shape": "profile", "points": [[0, 0], [1, 2, 3]]}, r"indenter.points = .*: a list of \[r, z\]"),
         ({"shape": "flat", "radius": 2.0, "fillet": 0.1, "shaft": True}, "indenter.shaft = True: unknown"),
+        ({"radius": 2.0, "fillet": 0.1}, "indenter.shape is missing: fillet belongs to flat; .* that of 'sphere'"),
     ],
 )  # fmt: skip
 def test_wrong_settings_say_key_value_and_what_is_expected(table, said):

@@ -91,6 +91,17 @@ def test_what_is_open_is_called_as_in_the_report(verdict, words):
     assert words in line
 
 
+def test_nothing_agrees_with_data_that_the_model_misses():
+    """The terminal said of one and the same run that values agree with the data and that the model misses these."""
+    found = missed()
+    found["identification"]["scale"] = 1.4
+    open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
+    assert open_lines and all("agrees with the data" in t for t in open_lines)
+    found["identification"]["scale"] = 3.8
+    open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
+    assert open_lines and not any("agrees" in t for t in open_lines)
+
+
 @pytest.mark.parametrize(
     "value, span, text",
     [
@@ -272,3 +283,24 @@ def test_the_report_says_how_to_use_it():
     file = found["study"]["file"]
     assert {f"rso export {file} --cards", f"rso next {file}", found["provenance"]["command"]} <= rows
     assert use_section({**found, "stage": "design"}) == ()
+
+
+def test_what_is_fixed_is_compared_by_its_value_alone(tmp_path, capsys):
+    """Two values of D1 that were stated contradict nothing, nor do the Poisson's ratios that follow from them."""
+    for name, D1, nu in (("a", 2.0, 0.495), ("b", 0.3, 0.45)):
+        (tmp_path / name).mkdir()
+        derived = [
+            {"name": "E", "letter": "E", "unit": "MPa", "value": 0.03, "interval": [0.028, 0.032], "known": True},
+            {"name": "nu", "letter": "ν", "unit": "1", "value": nu, "interval": [nu, nu], "known": False,
+             "follows_from": ["D1"]},
+        ]  # fmt: skip
+        found = {
+            "parameters": [{"name": "D1", "unit": "1/MPa", "fixed": D1}],
+            "identification": {"parameters": [], "derived": derived},
+        }
+        (tmp_path / name / "results.json").write_text(json.dumps(found))
+    assert main(["compare", str(tmp_path / "a"), str(tmp_path / "b")]) == 0
+    lines = capsys.readouterr().out.split("What differs")[0].splitlines()
+    assert any("E: A" in v and "overlap" in v for v in lines)
+    assert any("D₁: A" in v and v.endswith("not the same") for v in lines)
+    assert not any("do not overlap" in v or "no interval" in v or "ν" in v or "nu" in v for v in lines)

@@ -888,6 +888,21 @@ def test_data_that_are_fitted_validate_nothing(tmp_path, what):
         assert word in problem
 
 
+@pytest.mark.parametrize("role", ["fit", "validate"])
+def test_both_branches_of_a_record_share_its_errors(tmp_path, role):
+    """They are no repeat of each other, and the unloading was not used before: what is said is why it is refused."""
+    rows = [(t, d, 0.01 * d**1.5) for t, d in enumerate([*np.linspace(0, 1, 20), *np.linspace(1, 0, 20)[1:]])]
+    text = "time_s,depth_mm,Fz_N\n" + "".join(f"{t},{d:.4f},{F:.6f}\n" for t, d, F in rows)
+    write(tmp_path, text, name="copy.csv")
+    back = f'[[experiments]]\nname = "back"\nrole = "{role}"\nbranch = "unloading"\ndata = "copy.csv"\n'
+    path = studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "copy.csv"\n{back}')
+    with pytest.raises(StudyError) as caught:
+        load_study(path)
+    (problem,) = (p for p in caught.value.problems if "the same data" in p)
+    assert "loading and unloading share contact and gain" in problem
+    assert "repeat" not in problem and "used before" not in problem
+
+
 @pytest.mark.parametrize("what", SAME)
 @pytest.mark.parametrize("role", ["fit", "select"])
 def test_the_same_readings_are_fitted_or_selected_on_once(tmp_path, what, role):

@@ -8,8 +8,10 @@ from test_identify import curve, linear
 
 from fem_backend.adapter.derived import derived
 from rso import inference
+from rso.doe import Box
 from rso.inference import Misfit
-from rso.inference.derived import derived_interval
+from rso.inference.derived import DerivedInterval, derived_interval, is_known, rests_on
+from rso.inference.verdict import judge_parameter
 
 A = np.random.default_rng(5).standard_normal((12, 3))
 x0 = np.array([0.5, 0.45, 0.55])
@@ -63,13 +65,13 @@ def test_along_a_valley_the_ends_are_those_of_a_grid():
     box = soft_ball.BOX
     known = d.of("D1").profile_interval
     low, high = box.from_unit(np.array([[0.5, known.low], [0.5, known.high]]))[:, 1]
-    assert high / low > 4 and i.high / i.low < 1.15 and i.known  # E is known although D1 is open
+    assert high / low > 4 and i.high / i.low < 1.15 and is_known(i, scale=True)  # E is known although D1 is open
 
 
 def test_an_end_that_a_range_makes_is_said():
     d = inference.determine(ball(0.02), seed=0, mcmc=False)
     i = derived_interval(d, lambda X: 2.0 / soft_ball.BOX.from_unit(X)[:, 1])
-    assert i.high == pytest.approx(2.0, rel=1e-6) and i.high_by == ("D1",) and not i.known
+    assert i.high == pytest.approx(2.0, rel=1e-6) and i.high_by == ("D1",) and not is_known(i, scale=True)
     assert derived_interval(d, youngs).low < derived_interval(d, youngs).high
 
 
@@ -89,6 +91,25 @@ def test_elastic_constants_agree_with_uniaxial_stress():
     assert found["mu_infinity"] == pytest.approx(0.5 * mu, rel=1e-12)
     C[:3, :3] = 2.0 / D1 - mu / 3.0 + mu * np.eye(3)  # μ halved at the same K
     assert found["E_infinity"] == pytest.approx(1.0 / np.linalg.inv(C[:3, :3])[0, 0], rel=1e-12)
+
+
+def test_what_rests_on_a_fixed_value_is_no_finding_of_the_data():
+    """With D₁ fixed, ν and K are as sharp as D₁ was stated, and E follows from the data's μ; with D₁ open all do."""
+    for D1 in (0.3, 3.0, 30.0):  # ν from 0.4995 to 0.45
+        rests = {q.name: rests_on(q.of, {"mu": 0.01}, {"D1": D1}) for q in derived(["mu", "D1"])}
+        assert rests == {"E": [], "nu": ["D1"], "K": ["D1"]}
+    assert all(rests_on(q.of, {"mu": 0.01, "D1": 3.0}, {}) == [] for q in derived(["mu", "D1"]))
+
+
+def test_a_modulus_and_its_multiple_have_one_verdict():
+    """E = 3 μ of an incompressible body is known where μ is: both are judged by the same factor."""
+    box = Box(("mu",), ("MPa",), (1e-4,), (1.0,), (True,))
+    for half in (1.1, 1.3, 1.5, 1.7, 1.8, 2.5):  # the ends over the middle
+        low, high = 0.01 / half, 0.01 * half
+        ends = box.to_unit(np.array([[low], [high]]))[:, 0]
+        verdict = judge_parameter(box, 0, inference.Interval(*ends.tolist(), False, False))
+        assert is_known(DerivedInterval(0.03, 3 * low, 3 * high), scale=True) == (verdict.word == "determined")
+    assert not is_known(DerivedInterval(0.33, 0.2, 0.5), scale=False)  # a Poisson ratio that may be anything
 
 
 def test_without_both_constants_nothing_is_derived():
@@ -152,3 +173,20 @@ def test_a_value_at_an_end_has_no_more_digits_than_that_end():
 
     nu = {"unit": "1", "value": 0.49995, "interval": [0.3425, 0.49996], "known": True}
     assert derived_span(nu) == "0.343 to 0.500" and derived_value(nu) == "0.500"
+
+
+def test_the_page_and_the_terminal_do_not_call_a_stated_value_known():
+    """With D₁ stated, ν is neither known nor open: it is as stated, and heads no page."""
+    from rso.cli.answer import verdict_lines
+    from rso.report.calibration.derived import derived_facts, derived_sentences
+    from rso.report.calibration.verdict import answers, plain_answer
+
+    E, nu = RESULTS["identification"]["derived"]
+    stated = {**nu, "value": 0.495, "interval": [0.4932, 0.4966], "ends_by": [[], []], "follows_from": ["D1"]}
+    found = {"identification": {"level": 0.9, "derived": [{**stated, "unlikely": ""}, {**E, "follows_from": []}]}}
+    said = [s.replace("\xa0", " ") for s in derived_sentences(found)]
+    assert said[0].startswith("The data fix the Young's modulus") and "The Poisson's ratio" not in said[0]
+    assert said[1:] == ["The Poisson's ratio ν = 0.4950 rests on D₁ as stated."]
+    assert plain_answer(found).startswith("The Young's modulus is ")
+    assert not any("ν" in f.value for f in answers(found)) and derived_facts(found)[0].mark == ""
+    assert not any("ν" in text for _, text in verdict_lines(found))

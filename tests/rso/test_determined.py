@@ -11,6 +11,7 @@ from rso.doe import Box, sobol_sequence
 from rso.inference import Data, Misfit, Model, Runs, determine, judge_parameter, posterior_grid
 from rso.inference.intervals import Interval
 from rso.inference.posterior_sampling import chain, sample_posterior
+from rso.inference.verdict import size
 
 AT = np.linspace(0.1, 1.0, 10)
 
@@ -175,3 +176,10 @@ def test_nothing_is_determined_while_surrogates_miss_their_tolerance(poor, word)
     d = doubted(determine(misfit, seed=0, mcmc=False), ConfirmedOptimum(None, (), 0.001, 1.0, True, poor=poor))
     assert [k.verdict.word for k in d.known] == [word] * 2
     assert all(("e:Fz@1" in k.reason) == bool(poor) for k in d.known)
+
+
+def test_sizes_are_in_the_unit_of_their_size():
+    """From a nanoindenter to a plate on soil: a force of kN was said as 7.8e+06 mN, one of nN as 4.1e-06 mN."""
+    said = [size(v, "N") for v in (7.8e3, 0.5, 4.1e-3, 4.1e-6, 4.1e-9)]
+    assert said == ["7800 N", "0.5 N", "4.1 mN", "4.1 µN", "4.1 nN"]
+    assert [size(v, "mm") for v in (12.0, 4.1e-3, 4.1e-6)] == ["12 mm", "4.1 µm", "4.1 nm"]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import indentation_backend
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import sample_studies as studies
 import soft_ball
 from sample_studies import Inline
+from scipy import stats
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 from test_ladder import STUDY, climbed, curve
@@ -157,6 +159,18 @@ def test_the_others_follow_the_data_along_the_valley(found):
     further, *_ = found
     misfit = further.joint[-1].determination.misfit
     assert np.ptp(misfit.chi2(further.truths)) < 1.0
+
+
+def test_nothing_is_asked_of_values_that_the_data_exclude(tmp_path):
+    """With D1 fixed the curve determines mu: what is expected is expected of this specimen, with no warning on it."""
+    path = study(tmp_path, "[next]\nruns = 8\ndraws = 10\n")
+    path.write_text(re.sub(r"(?m)^D1 = .*$", "D1 = { value = 10.0 }", path.read_text()))
+    plan = make_plan(load_study(path))
+    with RunStore(tmp_path / "results") as store:
+        further = run_next(plan, store, Inline())
+    known = further.joint[-1].determination.of("mu").profile_interval
+    assert known.high - known.low < 0.2  # of the range
+    assert np.all(further.rise < stats.chi2(1).ppf(0.9)) and design_warnings(further) == []
 
 
 def test_what_does_not_see_a_parameter_does_not_promise_it(found):

@@ -44,9 +44,30 @@ def test_errors_known_from_few_readings_refuse_no_more_often():
 def test_the_limit_is_where_the_p_value_is_the_false_alarm():
     for freedom, law in ((math.inf, stats.chi2(N)), (7.0, None)):
         top = chi2_limit(N, 0.95, freedom)
-        expected = law.ppf(0.95) if law else N * stats.f(N, 7).ppf(0.95)
+        each = math.sqrt(0.95)  # two tests, of χ² and of the level, are below it together in 5 %
+        expected = law.ppf(each) if law else N * stats.f(N, 7).ppf(each)
         assert top == pytest.approx(expected, rel=1e-9)
         y = np.zeros(N)
         y[0] = math.sqrt(top)
         test = predictive_test(y, np.zeros(N), np.eye(N), None, freedom)
         assert test.p_value == pytest.approx(0.05, rel=1e-3) == test.alone and test.chi2 == pytest.approx(top, rel=1e-6)
+
+
+def test_a_curve_that_is_too_high_as_a_whole_is_missed_among_any_number_of_readings():
+    """70 readings with white noise of 1 % and an unknown gain of 5 %: 30 % too high is 6 standard deviations.
+
+    Its χ² is larger by 36, which three times the scatter of χ²₇₀ is; where noise is overstated it vanished.
+    """
+    rng, f = np.random.default_rng(2), np.linspace(0.05, 1.0, 70) ** 1.5
+    C = 0.01**2 * np.eye(70) + 0.05**2 * np.outer(f, f)
+    for overstated in (1.0, 1.3):
+        for _ in range(20):
+            y = 1.3 * f + 0.01 / overstated * rng.standard_normal(70)
+            test = predictive_test(y, f, C, None, 30.0)
+            assert test.missed and test.level == pytest.approx(6.0, abs=0.3)
+    assert not predictive_test(0.95 * f + 0.01 * rng.standard_normal(70), f, C).missed
+
+
+def test_one_reading_is_tested_once():
+    test = predictive_test(np.array([3.0]), np.array([1.0]), np.eye(1))
+    assert test.p_value == pytest.approx(2 * stats.norm.sf(2.0)) and test.level == pytest.approx(2.0)

@@ -323,6 +323,23 @@ def test_resolve_answers_at_the_line(folder, old, new, key, words):
         assert word in match[0]
 
 
+def test_a_derived_quantity_is_told_from_what_it_follows(folder):
+    """Who states a Poisson's ratio learns what to state in its place, and a typing mistake the nearest names."""
+    text = GOOD.replace("friction = {", "nu = {", 1)
+    with pytest.raises(StudyError, match=r"parameters.nu: Poisson's ratio follows from mu and D1: state these"):
+        resolve(load_study(save(folder, text)), KNOWN, {"nu": "Poisson's ratio follows from mu and D1"})
+
+
+def test_the_backend_says_from_what_its_quantities_follow(tmp_path):
+    import rso
+
+    (tmp_path / "c.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{0.01 * k},{0.001 * k**1.5}\n" for k in range(30)))
+    parts = {"specimen": {"shape": "half_space"}, "indenter": {"shape": "sphere", "radius": 3.0}}
+    for name, parents in (("nu", "mu and D1"), ("K", "D1")):
+        with pytest.raises(StudyError, match=f"parameters.{name}: .* follows from {parents}: state these"):
+            rso.fit(tmp_path / "c.csv", **parts, parameters={name: 0.4}, folder=tmp_path / name)
+
+
 def test_log_scale_needs_a_positive_start(folder):
     text = GOOD.replace("D1 = { low = 1,", 'D1 = { scale = "log", low = 0,')
     zero = Parameter("D1", "compressibility", "1/MPa", 0.0, 1e4)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rso.core.digits import estimate
+from rso.core.symbols import symbol
 from rso.report.layout.digits import Unit, between, clean, percent, shown
 from rso.report.layout.document import Fact, Table, column, table, words
 from rso.report.reading import Results, number, pair
@@ -17,6 +18,11 @@ def derived_rows(results: Results) -> list[Mapping[str, Any]]:
     """Entries of identification.derived that have an interval."""
     found = results.get("identification") or {}
     return [q for q in found.get("derived") or () if pair(q.get("interval"))]
+
+
+def open_rows(results: Results) -> list[Mapping[str, Any]]:
+    """Those of the first page that the data leave open; what a study fixes is not among them."""
+    return [q for q in derived_rows(results)[:TILES] if q.get("known") is not True and not q.get("follows_from")]
 
 
 def derived_facts(results: Results) -> list[Fact]:
@@ -40,9 +46,13 @@ def derived_sentences(results: Results) -> list[str]:
     said += [
         f"They leave the {clean(q['description'])} {clean(q['letter'])} between "
         f"{derived_span(q).replace(' to ', ' and ')}."
-        for q in rows[:TILES]
-        if q.get("known") is not True
+        for q in open_rows(results)
     ]
+    for q in rows[:TILES]:
+        if q.get("follows_from"):
+            said.append(
+                f"The {clean(q['description'])} {clean(q['letter'])} = {derived_value(q)} rests on {_stated(q)}."
+            )
     return [*said, *(f"Look again: {clean(q['unlikely'])}." for q in rows if q.get("unlikely"))]
 
 
@@ -64,9 +74,15 @@ def derived_table(results: Results) -> Table | None:
 
 
 def _fact(results: Results, q: Mapping[str, Any]) -> Fact:
+    if q.get("follows_from"):
+        return Fact(clean(q["letter"]), derived_value(q), f"{clean(q['description'])}; rests on {_stated(q)}")
     note = f"{clean(q['description'])}; {_level(results).strip(', ') or 'interval'}: {derived_span(q)}"
     value = derived_value(q) if q.get("known") is True else derived_span(q)
     return Fact(clean(q["letter"]), value, note, "good" if q.get("known") is True else "warn")
+
+
+def _stated(q: Mapping[str, Any]) -> str:
+    return f"{' and '.join(symbol(clean(n)) for n in q['follows_from'])} as stated"
 
 
 def _unit(q: Mapping[str, Any]) -> Unit:

@@ -43,13 +43,26 @@ def prediction_sentence(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     n = v.get("points")
     chi2 = f"χ² = {significant(number(v.get('chi2')), 3)} for {n} reading{'s' if n != 1 else ''}, {_p(v)},"
     errors = "the errors of measurement and computation and what the fit leaves open of the prediction"
-    return f"{text}. {chi2} counts {errors}, {_shares(v)}."
+    return f"{text}. {chi2} counts {errors}, {_shares(v)}.{_level(v)}"
 
 
 def missed(v: Mapping[str, Any]) -> str:
     """Why the most likely values do not have it."""
     chi2 = significant(number(v.get("chi2")), 3)
-    return f"by the most likely values χ² = {chi2} for {v.get('points')} readings, {_p(v)}"
+    z = number(v.get("level"))
+    whole = f", as a whole {_away(z)}" if z is not None and abs(z) >= SEEN else ""
+    return f"by the most likely values χ² = {chi2} for {v.get('points')} readings{whole}, {_p(v)}"
+
+
+def _level(v: Mapping[str, Any]) -> str:
+    """Where the readings lie as a whole, if that is off by more than hardly."""
+    z = number(v.get("level"))
+    far = z is not None and abs(z) >= SEEN and (v.get("points") or 0) > 1
+    return f" As a whole the readings lie {_away(z)} the prediction." if z is not None and far else ""
+
+
+def _away(z: float) -> str:
+    return f"{significant(abs(z), 2)} standard deviations {'above' if z > 0 else 'below'}"
 
 
 def missed_channel(e: Mapping[str, Any], v: Mapping[str, Any]) -> bool:

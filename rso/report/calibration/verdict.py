@@ -10,12 +10,12 @@ from rso.core.digits import estimate, known
 from rso.inference.verdict import REFUTED
 from rso.report.calibration.deformed import deformed_blocks, moved_sentence
 from rso.report.calibration.derived import (
-    TILES,
     derived_facts,
     derived_rows,
     derived_sentences,
     derived_span,
     derived_value,
+    open_rows,
 )
 from rso.report.calibration.gap import gap_fact, gap_sentences
 from rso.report.calibration.identification import allowed, identified, spans
@@ -90,7 +90,7 @@ def answers(results: Results) -> tuple[Fact, ...]:
     fixed = [
         f"{clean(q['letter'])} = {derived_value(q)} ({derived_span(q)})" for q in derived if q.get("known") is True
     ]
-    loose = [f"{clean(q['letter'])} ({derived_span(q)})" for q in derived[:TILES] if q.get("known") is not True]
+    loose = [f"{clean(q['letter'])} ({derived_span(q)})" for q in open_rows(results)]
     for p, d in rows:
         x, span = likely(results, p), spans(results, p, d["interval"])
         if d.get("determined") is True and x is not None:

@@ -18,7 +18,6 @@ from rso.report.reading import listed, number, pair
 Found = Mapping[str, Any]
 BASE, REST = "none", "unexplained"  # parts of the names of hypotheses: no effect, a gap of no known cause
 WHEN = "before", "if_nothing_else", "after"  # bands of parameters
-FORCE, LENGTH = Unit("mN", 1e3), Unit("µm", 1e3)
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _BRANCH = {"loading": 0, "unloading": 1, "held": 2}
 
@@ -223,7 +222,7 @@ def panels(found: Found) -> list[Panel]:
         )
         profile = kinds.get(key[0]) == "profile"
         force = key[1].startswith("F")
-        unit = FORCE if force else LENGTH
+        unit = shown("N" if force else "mm", max(float(np.maximum(np.abs(v.base), v.sd).max()) for v in records))
         rows.append(((place, -size), Panel(clean(key[0]), clean(key[1]), profile, unit, records, regions, key[2])))
     return [v for _, v in sorted(rows, key=lambda v: v[0])]
 

@@ -10,7 +10,7 @@ from rso.discrepancy.parameters import called
 from rso.discrepancy.wording import in_one_curve, percents
 from rso.report.discrepancy.figures import drawn_curves
 from rso.report.discrepancy.reading import Found, chance, chosen, core
-from rso.report.layout.digits import Unit, aligned, clean, percent, quantity, symbol
+from rso.report.layout.digits import aligned, clean, largest, percent, quantity, shown, symbol
 from rso.report.layout.document import Block, Picture, Section, Table, Text, column, table, words
 from rso.report.reading import listed, number, pair
 
@@ -74,7 +74,8 @@ def _curves(found: Found, curves: list[Mapping[str, Any]], s: Mapping[str, Any])
     steps = [("before", "before"), ("refit_only", "re-fitted")] + [("with_cause", "with cause")] * cause
     for key, text in steps:
         columns.append(column(f"G {text}", aligned([number(c.get(key)) for c in curves], 3)))
-    units = [Unit("µm", 1e3) if c.get("unit") == "mm" else Unit("mN", 1e3) for c in curves]
+    rms = [largest([number(v) for v in c.get("rms") or ()]) for c in curves]
+    units = [shown("mm" if c.get("unit") == "mm" else "N", size) for c, size in zip(curves, rms, strict=True)]
     for k, (_, text) in enumerate(steps):
         values = [number((list(c.get("rms") or ()) + [None] * 3)[k]) for c in curves]
         scaled = [None if v is None else v * u.factor for v, u in zip(values, units, strict=True)]
