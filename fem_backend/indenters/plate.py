@@ -71,7 +71,16 @@ class Plate(OfRevolution):
         return {"shape": self.name, "contact": self.contact_kind}
 
     def on(self, specimen: Any) -> Plate:
-        """The plate, its length a third of the smallest of the specimen; ValueError where it can hold nothing."""
+        """The plate, its length a third of the smallest of the specimen.
+
+        ValueError where it can hold nothing, and on a body without an end.
+        """
+        if getattr(specimen, "alike", False):
+            raise ValueError(
+                f'indenter.shape = "plate": it lies on all of a specimen.shape = "{specimen.name}", which has no end '
+                'to the sides, so its force has none. Take specimen.shape = "cylinder" or "block", or a wall around it '
+                '(support.kind = "well")'
+            )
         if self.contact_kind == "bonded" and specimen.mean_curvature(0.0, 0.0) != 0.0:
             raise ValueError(
                 f'indenter.contact = "bonded": a plate is glued to a flat top, that of specimen.shape = '

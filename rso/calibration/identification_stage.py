@@ -18,6 +18,7 @@ from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
 from rso.contract import DerivedQuantities, DerivedQuantity, capability
 from rso.core.curves import metrics
+from rso.core.digits import significant
 from rso.core.units import spaced
 from rso.doe import Box
 from rso.emulation.emulator import Emulator
@@ -287,7 +288,7 @@ def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
     hidden = _hides_much(d, settled)
     if settled.verified and settled.chi2_bare is not None and covered(d.p_value, settled.p_bare):
         text = (
-            f"χ² = {d.fit.chi2:.3g} for {d.degrees} degrees of freedom with the error of the surrogates, "
+            f"χ² = {significant(d.fit.chi2, 3)} for {d.degrees} degrees of freedom with the error of the surrogates, "
             f"{settled.chi2_bare:.3g} of the rerun without it. Whether the model fits is undecided."
         )
         d = replace(d, p_value=None, story=text)

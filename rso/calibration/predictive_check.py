@@ -23,6 +23,7 @@ from rso.calibration.search_stage import Chosen
 from rso.calibration.stages import Run, Runner
 from rso.contract import Response
 from rso.core.curves import Metrics, metrics
+from rso.core.digits import significant
 from rso.doe import Box
 from rso.evaluation import Done, why
 from rso.inference import SURFACE, Determination
@@ -184,8 +185,8 @@ def held_out_experiments(plan: Plan) -> list[str]:
 def prediction_warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
     return [
-        f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: χ² = {v.test.chi2:.3g} "
-        f"for {v.points} readings. As a whole they lie {abs(v.test.level):.2g} standard deviations "
+        f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: "
+        f"χ² = {significant(v.test.chi2, 3)} for {v.points} readings. As a whole they lie {abs(v.test.level):.2g} standard deviations "
         f"{'above' if v.test.level > 0 else 'below'} it. All known uncertainties are included"
         for v in found
         if v.test is not None and v.test.missed and v.experiment not in plan.validation

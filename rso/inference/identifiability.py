@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rso.core.digits import significant
 from rso.core.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.inference import sloppy_directions as along
@@ -268,7 +269,7 @@ def lenient(misfit: Misfit, chi2: float, ν: int, p: float | None) -> str:
     """A remark where χ² is far less than the errors would leave, else nothing: it names those that are too large."""
     if p is None or p <= 1.0 - LENIENT:
         return ""
-    said = f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than "
+    said = f"χ² = {significant(chi2, 3)} for {ν} degrees of freedom: the readings scatter far less than "
     worst = max((shares(d.as_stated) for d in misfit.data), key=lambda s: math.hypot(*s.values()))
     of_model = {name: size for name, size in worst.items() if name in OF_THE_MODEL}
     if math.hypot(*of_model.values()) > worst["measurement"]:
@@ -372,7 +373,7 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
         return f"All points count equally ({misfit.weighting} errors); their size is taken from what is left over."
     if ν <= 0:
         return "There are no more points than parameters: whether the model fits cannot be said."
-    text, by_rest = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom", _by_what_is_left(misfit)
+    text, by_rest = f"χ² = {significant(fit.chi2, 3)} for {ν} degrees of freedom", _by_what_is_left(misfit)
     if by_rest:
         return f"{by_rest} {_together(misfit, fit)}".strip()
     together = _together(misfit, fit)

@@ -15,6 +15,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.predictive_check import Channel, PredictiveCheck
 from rso.calibration.readings import curve_label
 from rso.calibration.results import data_hashes
+from rso.core.digits import significant
 from rso.inference.error_model import shares
 from rso.inference.predictive_test import chi2_limit
 from rso.inference.verdict import physical
@@ -81,7 +82,8 @@ def ladder_warnings(plan: Plan, found: LadderFit) -> list[str]:
     t = j.goodness.checks[0]
     if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
         said.append(
-            f"the fitted curves leave χ² = {t.chi2:.3g}, a perfect model {t.expected:.3g} on average. The stated "
+            f"the fitted curves leave χ² = {significant(t.chi2, 3)}, a perfect model "
+            f"{significant(t.expected, 3)} on average. The stated "
             "errors are larger than the curves show, so the ladder may stop too early"
         )
     for check in found.validation.get(climb.chosen, ()):
@@ -90,8 +92,8 @@ def ladder_warnings(plan: Plan, found: LadderFit) -> list[str]:
         for row in _validated(plan, check):
             if row["verdict"] is not None and not row["verdict"]["passes"]:
                 said.append(
-                    f"validation: {j.level.label} misses {row['curve']} (χ² = {row['chi2']:.3g} for {row['points']} "
-                    f"readings, NRMSE {100 * row['nrmse']:.3g} %), which it was not fitted to. With "
+                    f"validation: {j.level.label} misses {row['curve']} (χ² = {significant(row['chi2'], 3)} "
+                    f"for {row['points']} readings, NRMSE {100 * row['nrmse']:.3g} %), which it was not fitted to. With "
                     "count_validation in [ladder] that curve counts in the decision"
                 )
     failing = {s.name for s in climb.steps if s.verdict == "fails"}

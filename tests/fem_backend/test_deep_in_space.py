@@ -118,12 +118,12 @@ def test_a_gathered_ball_keeps_surface_rim_and_planes(semi_axes):
 
 def test_only_indenters_that_dig_in_at_their_axis_gather_the_mesh():
     """A flat end is sharpest at its edge, a plate nowhere."""
-    slab = {"specimen": {"shape": "slab", "thickness": 6.0}, "support": {"kind": "bonded"}}
+    puck = {"specimen": {"shape": "cylinder", "radius": 9.0, "height": 6.0}, "support": {"kind": "bonded"}}
     tables = {"sphere": {"radius": 3.0}, "cone": {"half_angle": 60.0, "tip_radius": 0.2}, "plate": {}}
     tables |= {"flat": {"radius": 2.0, "fillet": 0.2}}
     found = {}
     for shape, table in tables.items():
-        read = experiment.read_settings({**slab, "indenter": {"shape": shape, **table}})
+        read = experiment.read_settings({**puck, "indenter": {"shape": shape, **table}})
         found[shape] = contact_elements.gathers(read.indenter)
     assert found == {"sphere": True, "cone": True, "plate": False, "flat": False}
 
