@@ -644,7 +644,9 @@ def report(options: argparse.Namespace, command: str) -> int:
                 output.complain(f"{path.name}: its page is in English only; left as it is")
                 continue
             more = {} if draw is render_pareto else {"language": options.language, "untranslated": missing}
-            files = draw(found, folder, html=True, pdf=True, **more)
+            wanted = study.report  # who wants no page of a run asks for both here
+            html, pdf = wanted.html or not wanted.pdf, wanted.pdf or not wanted.html
+            files = draw(found, folder, html=html, pdf=pdf, **more)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
             output.complain(
                 f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "

@@ -93,8 +93,8 @@ def ladder_warnings(plan: Plan, found: LadderFit) -> list[str]:
             if row["verdict"] is not None and not row["verdict"]["passes"]:
                 said.append(
                     f"validation: {j.level.label} misses {row['curve']} (χ² = {significant(row['chi2'], 3)} "
-                    f"for {row['points']} readings, NRMSE {100 * row['nrmse']:.3g} %), which it was not fitted to. With "
-                    "count_validation in [ladder] that curve counts in the decision"
+                    f"for {row['points']} readings, NRMSE {100 * row['nrmse']:.3g} %), which it was not fitted to. "
+                    "With count_validation in [ladder] that curve counts in the decision"
                 )
     failing = {s.name for s in climb.steps if s.verdict == "fails"}
     told = ((v, g) for v in climb.judged if v.level.name in failing and (g := v.if_remembering) and g.passes)

@@ -647,3 +647,11 @@ def test_a_command_that_computes_nothing_waits_for_no_surfaces_and_no_optimisers
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
     assert "not started" in done.stdout
+
+
+def test_report_writes_the_kinds_of_pages_that_the_study_asks_for(tmp_path, capsys):
+    studies.run(tmp_path, **{**studies.QUICK, "report": "html = true\npdf = false"})
+    assert main(["report", str(tmp_path / "study.toml")]) == 0
+    names = {Path(line).name for line in capsys.readouterr().out.splitlines()}
+    assert "report.html" in names and "report.pdf" not in names
+    assert not (tmp_path / "results" / "report.pdf").exists()
