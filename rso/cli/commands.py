@@ -323,7 +323,11 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     print()
     failed = [f"failed simulation, its neighbours stand for it: {line}" for line in found["failed_runs"]]
     for line in [*found["words"], *failed]:
-        print(textwrap.fill(in_letters(line, found["units"]), min(shutil.get_terminal_size().columns, 100)))
+        print(
+            textwrap.fill(
+                in_letters(line, [*found["units"], *found["fixed"]]), min(shutil.get_terminal_size().columns, 100)
+            )
+        )
     print()
     for file in files:
         output.say(file)

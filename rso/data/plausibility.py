@@ -225,7 +225,7 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
         raise ValueError(
             f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
             "in all. Subtract the reading before contact (zero = … in [columns] of the study)"
-            + ("; where it is pulled in by adhesion, keep the approach in the record: it shows that" * (start < 0.0))
+            + ("; where the body pulls the indenter in, keep the approach in the record: it shows that" * (start < 0.0))
         )
     return start
 

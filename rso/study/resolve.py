@@ -77,7 +77,7 @@ def resolve(
 ) -> Resolved:
     """Bounds in the units of `parameters` (the backend's, and the measurement chain's if they are open).
 
-    `derived` says of quantities that are no parameters from which they follow: "Poisson's ratio follows from mu, D1".
+    `derived` says of quantities that are no parameters from which they follow: "b follows from a, c".
 
     StudyError for unknown parameters, wrong units, values outside hard bounds, low ≥ high, a log scale that
     starts at or below 0, and variants that leave the study's range; all at once.

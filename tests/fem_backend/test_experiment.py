@@ -33,7 +33,7 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
     [
         ({"colour": "red"}, ["'colour'", "specimen", "indenter", "support", "material", "point", "mesh", "solver"]),
         ({"specimen": {"shape": "cube"}}, ["specimen.shape", "'cube'", "ellipsoid"]),
-        ({"specimen": {"size": 3}}, ["specimen.size", "3", "shape", "semi_axes"]),
+        ({"specimen": {"size": 3}}, ["specimen.shape is missing", "size belongs to block", "'ellipsoid'"]),
         ({"specimen": "ellipsoid"}, ["specimen", "'ellipsoid'", "table"]),
         ({"specimen": {"semi_axes": [60, 35]}}, ["specimen.semi_axes", "3 finite"]),
         ({"specimen": {"semi_axes": [60, 35, 0]}}, ["specimen.semi_axes", "mm", "positive"]),

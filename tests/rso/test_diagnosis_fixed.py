@@ -203,7 +203,7 @@ def test_what_is_fixed_is_said_and_has_no_interval(of):
     held = {k: toy.TRUTH[k] for k in (("mu", "D1") if of == "both" else (of,))}
     assert found["fixed"] == held and not held.keys() & found["diagnosis"]["parameters"]["after"].keys()
     (said,) = (w for w in found["words"] if w.startswith("Fixed by the study"))
-    told = {"mu": f"mu = {1e3 * toy.TRUTH['mu']:.4g} kPa", "D1": f"D1 = {toy.TRUTH['D1']:.4g} /MPa"}
+    told = {"mu": f"mu = {1e3 * toy.TRUTH['mu']:.4g} kPa", "D1": f"D1 = {toy.TRUTH['D1']:.4g} MPa⁻¹"}
     assert all(told[k] in said for k in held)
     assert not any(f"{k} moves" in w for k in held for w in found["words"])
 
@@ -300,7 +300,7 @@ def test_a_range_is_a_wall_for_evidence_and_draws(low, high, truth):
 def test_a_parameter_at_the_end_of_its_range_is_said(median, pressed):
     now = {"D1": {"low": median, "median": median, "high": median}}
     said = _pressed({"parameters": {"after": now}}, {"ranges": {"D1": [15.0, 150.0]}, "units": {"D1": "1/MPa"}})
-    assert len(said) == pressed and all("15 to 150 /MPa" in w for w in said)
+    assert len(said) == pressed and all("15 to 150 MPa⁻¹" in w for w in said)
     assert _pressed({"parameters": {"after": now}}, {}) == []
 
 

@@ -280,7 +280,7 @@ def test_a_study_with_a_fixed_parameter_is_diagnosed_and_says_so(tmp_path):
     found = strict(path)
     assert found["fixed"] == {"D1": 60.0} and list(found["diagnosis"]["parameters"]["after"]) == ["mu"]
     assert found["diagnosis"]["causes"][0]["effect"] == "soften"
-    said = "Fixed by the study, not fitted: D1 = 60 /MPa."
+    said = "Fixed by the study, not fitted: D₁ = 60 MPa⁻¹."
     (page,) = tmp_path.rglob("diagnosis.html")
     assert said in done.stdout and said in page.read_text(encoding="utf-8")
 

@@ -630,7 +630,7 @@ def test_profiles_of_another_sign_or_unit_are_remarked_upon(tmp_path, what):
 BY_HAND = {  # depth, force, words
     "compression negative": ([0, 1, 2, 4], [0, -0.04, -0.11, -0.32], "'Fz' falls from 0 to -0.32 N"),
     "upside down": ([4, 2, 1, 0], [0, 0.04, 0.11, 0.32], "'depth' falls from 4 to 0 mm"),
-    "pulled in": ([0, 1, 2, 4], [-4, -3.9, -3, 1], "pulled in by adhesion, keep the approach"),
+    "pulled in": ([0, 1, 2, 4], [-4, -3.9, -3, 1], "the body pulls the indenter in, keep the approach"),
     "untared": ([0, 1, 2, 4], [5, 5.04, 5.11, 5.32], "'Fz' is 5 N where the indenter begins to press"),
 }
 

@@ -126,7 +126,8 @@ def verdict(found: Found) -> Section:
 
 def _in_letters(found: Found, text: str) -> str:
     """A sentence with minus signs, and with the letters of the base parameters for their names."""
-    return re.sub(r"(?<![\w.])-(?=\d)", "−", in_letters(text, [name for name, _, _ in parameter_bands(found)]))
+    names = [*(name for name, _, _ in parameter_bands(found)), *(found.get("fixed") or {})]
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", in_letters(text, names))
 
 
 def _other(d: Mapping[str, Any]) -> str:
