@@ -268,12 +268,13 @@ class FiniteElements:
             plain["derivatives"] = False
         if programme.time_s and programme.time_s[0] != 0.0:  # one test has one key, whenever it began
             programme = _from_zero(programme)
-        if revision := mended(settings, kept, programme):
-            plain["specimen"]["mended"] = revision
+        given = programme
         if not by_force and not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             asked = sorted(v for v in {*programme.asked_mm, *(float(v) for v in held)} if v > 0.0)
             programme = Programme.ramp(tuple(asked or [max(programme.travel_mm)]), 1.0)
+        if revision := mended(settings, kept, given, programme):
+            plain["specimen"]["mended"] = revision
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def refused(self, values: Mapping[str, float], case: Case) -> str | None:
@@ -593,8 +594,8 @@ def _of_revolution(settings: Settings, knobs: Knobs) -> bool:
         return False  # the run itself will say why
 
 
-def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) -> int:
-    """The last change since the first answers that counts here, 0 where none does.
+def mended(settings: Settings, kept: Mapping[str, float], programme: Programme, run: Programme) -> int:
+    """The last change since the first answers that counts here, 0 where none does; `run` is the canonical programme.
 
     1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
     bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.  3: on a
@@ -608,7 +609,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     pointed = finest and contact_elements.gathers(settings.indenter)
     if on_axis(settings) and finest and not pointed:
         return 8
-    if on_axis(settings) and not kept.get("adhesion") and _small(settings, kept, programme):
+    if on_axis(settings) and not kept.get("adhesion") and _small(settings, kept, run):
         return 9
     if on_axis(settings) and pointed:
         return 6

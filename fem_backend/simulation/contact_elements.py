@@ -35,23 +35,25 @@ class Unresolved(ValueError):
     """An attraction whose annulus no grid of a bearable size resolves."""
 
 
-def stiff(knobs: Knobs) -> float:
-    """E* (MPa) of the body under a rigid indenter."""
-    K = 2.0 / knobs.D1
-    E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
+def stiff(mu: float, D1: float) -> float:
+    """E* (MPa) of a body of mu (MPa) and D1 (1/MPa) under a rigid indenter."""
+    E, nu = closed_forms.youngs_modulus(mu, 2.0 / D1), closed_forms.poisson_ratio(mu, 2.0 / D1)
     return closed_forms.plane_modulus(E, nu)
 
 
 def zone(knobs: Knobs) -> float:
     """Width l (mm) of the annulus where the attraction acts."""
-    return closed_forms.cohesive_zone(knobs.adhesion, stiff(knobs), knobs.adhesion / knobs.adhesion_range)
+    return closed_forms.cohesive_zone(knobs.adhesion, stiff(knobs.mu, knobs.D1), knobs.adhesion / knobs.adhesion_range)
 
 
 def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
     """The settings with elements that resolve contact and attraction down to the `deepest` travel (mm); Unresolved."""
     if not knobs.adhesion:
         return shallow(settings, deepest)
-    R, E = settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point)), stiff(knobs)
+    R, E = (
+        settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point)),
+        stiff(knobs.mu, knobs.D1),
+    )
     l, a0 = zone(knobs), (4.5 * math.pi * knobs.adhesion * R**2 / E) ** (1.0 / 3.0)
     unit = settings.indenter.length
     h = min(l / PER_ZONE, a0 / PER_CONTACT)
@@ -79,8 +81,7 @@ def for_force(settings: Settings, values: Mapping[str, float | None], travel: fl
     if not math.isinf(settings.indenter.finest[1]) or not mu or not D1 or values.get("adhesion"):
         return settings
     R = settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
-    K = 2.0 / D1
-    E = closed_forms.plane_modulus(closed_forms.youngs_modulus(mu, K), closed_forms.poisson_ratio(mu, K))
+    E = stiff(mu, D1)
     left = max(1.0 - sum(values.get(name) or 0.0 for name in ("prony_g", "prony_g2", "prony_g3")), 0.01)
     soon, late = (max(travel, (0.75 * force / (e * math.sqrt(R))) ** (2.0 / 3.0)) for e in (E, left * E))
     return shallow(settings, soon, late)

@@ -187,8 +187,8 @@ def prediction_warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[st
     return [
         f"{v.experiment} (role select, not fitted) is not predicted by the most likely values: "
         f"χ² = {significant(v.test.chi2, 3)} for {v.points} readings. "
-        f"As a whole they lie {abs(v.test.level):.2g} standard deviations "
-        f"{'above' if v.test.level > 0 else 'below'} it. All known uncertainties are included"
+        f"As a whole the readings lie {abs(v.test.level):.2g} standard deviations "
+        f"{'above' if v.test.level > 0 else 'below'} the prediction. All known uncertainties are included"
         for v in found
         if v.test is not None and v.test.missed and v.experiment not in plan.validation
     ]

@@ -174,7 +174,7 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
         time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
         count = f"{each:.0f} simulation{'s' * (round(each) != 1)}"
         lines.append(f"    a cause that it names is simulated again: about {count}, {time}, twice at most")
-    # to name them takes longer than all else here, which is for who asks for a diagnosis
+    # naming them takes longer than all else here: only who asks for a diagnosis waits
     tests = (
         discrepancy.planned_tests(asked.base, asked.plan, asked.effects) if "diagnose" in study.model_fields_set else {}
     )

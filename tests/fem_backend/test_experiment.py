@@ -191,6 +191,8 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({}, {**ROUND, "indenter": FLAT}, Programme.ramp((0.1,)), True),
         ({}, {**ROUND, "indenter": {"shape": "sphere"}}, Programme.ramp((0.1,)), True),
         ({}, {**ROUND, "indenter": {"shape": "sphere"}}, Programme.ramp((2.0,)), False),
+        # an elastic run ends where it is asked last, so that decides how small its contact is
+        ({}, {**ROUND, "indenter": {"shape": "sphere"}}, Programme((0.0, 1.0), (0.0, 2.0), (0.1,)), True),
         ({}, {"indenter": {**CONE, "tip_radius": 2.0}}, Programme.ramp((0.1,)), False),
         ({}, ROUND, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), True),
         ({}, {}, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), False),
