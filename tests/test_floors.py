@@ -146,7 +146,7 @@ LAYERS = {
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
         "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
-        "deformed_body finished_runs held_out joined_runs sensitivity_stage",
+        "deformed_body finished_runs held_out joined_runs sensitivity_stage uncertain_inputs",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
         "identification_stage results search_results",
@@ -275,6 +275,7 @@ LAYERS = {
         "posterior_sampling sloppy_directions verdict",
         "identifiability",
         "derived fitted_errors predictive_test usual_errors",
+        "input_effects",
         "__init__",
     ),
     "rso.model_selection": (
@@ -335,8 +336,8 @@ LAYERS = {
         "__init__",
     ),
     "rso.report.calibration": (
-        "cloud_maps errors",
-        "background closed_forms deformed derived displacements drawn_runs gap gauss_newton hold_panels",
+        "cloud_maps derived errors",
+        "background closed_forms deformed displacements drawn_runs gap gauss_newton hold_panels inputs",
         "identification influence maps range_extension turning use",
         "predictive_check responses",
         "predictions",
@@ -385,7 +386,7 @@ LAYERS = {
         "columns_table deck_table errors noise_table objectives_table search_table",
         "analysis_tables laboratory_nominal specimens_table toml_text",
         "schema",
-        "keys loader resolve sources",
+        "dimensions keys loader resolve sources",
         "cases specimens",
         "holds laboratory_folder",
         "creep new_study",

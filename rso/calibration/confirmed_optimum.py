@@ -10,7 +10,15 @@ from scipy.linalg import block_diag
 
 from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
-from rso.calibration.readings import as_data, cloud_data, cloud_place, curve_place, measured, of_emulator
+from rso.calibration.readings import (
+    as_data,
+    cloud_data,
+    cloud_place,
+    curve_place,
+    measured,
+    of_emulator,
+    with_input_errors,
+)
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, outputs_sample, tolerance_misses
 from rso.core.distributions import chi2_ppf
@@ -108,6 +116,13 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     each = [data, [d.without(EMULATOR) for d in data]]
     misfit, bare = (with_autocorrelation(replace(plain, data=tuple(v)), first.x) for v in each)
     return ConfirmedFit(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
+
+
+def most_likely_values(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> dict[str, float]:
+    """Values of the most likely point by an emulator, fixed ones included."""
+    now = evidence(plan, emulator, found)
+    best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
+    return plan.values(_wide(plan, best.x[None])[0])
 
 
 def confirm_optimum(
@@ -299,8 +314,8 @@ def fitted_readings(plan: Plan) -> list[tuple[CurvePlace, Data]]:
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         place = curve_place(name, curve, keep, deepest)
         found.append((place, as_data(label, name, curve, keep)))
-    clouds = [n for n in plan.clouds if n in plan.case_of]
-    return [*found, *((cloud_place(plan, n), cloud_data(plan, n)) for n in clouds)]
+    found += [(cloud_place(plan, n), cloud_data(plan, n)) for n in plan.clouds if n in plan.case_of]
+    return [(place, with_input_errors(plan, place, data)) for place, data in found]
 
 
 def searched_ranges(plan: Plan) -> Box:

@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum, covered, evidence
+from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum, covered, evidence, stated_ranges
 from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
 from rso.calibration.search_stage import SearchResult, curve_metrics, done_curves
 from rso.calibration.stages import Run, Runner
+from rso.calibration.stated_settings import exact_dimensions
 from rso.calibration.unstated_errors import unstated
 from rso.contract import DerivedQuantities, DerivedQuantity, capability
 from rso.core.curves import metrics
 from rso.core.digits import significant
+from rso.core.symbols import symbol
 from rso.core.units import spaced
 from rso.doe import Box
 from rso.emulation.emulator import Emulator
@@ -42,6 +44,8 @@ from rso.inference import (
 from rso.inference.derived import is_known, rests_on
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
+from rso.inference.input_effects import BudgetEntry, uncertainty_budget
+from rso.inference.intervals import ON_BOUND
 from rso.inference.verdict import REFUTED, Word, physical
 from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
@@ -111,8 +115,10 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
-            "derived": derived_quantities(plan, d, is_trusted(d, settled)),
+            "derived": derived_quantities(plan, d, is_trusted(d, settled) and not _asks_too_much(plan, d)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
+            "inputs": [_input_row(plan, d, e) for e in uncertainty_budget(d, plan.effects)],
+            "exact_inputs": exact_dimensions(plan),
             "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
             if d.draws is None
@@ -132,6 +138,26 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             ],
         },
         "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
+    }
+
+
+def _input_row(plan: Plan, d: Determination, entry: BudgetEntry) -> dict[str, Any]:
+    one, box, derived = entry.effect, d.misfit.model.box, capability(plan.backend, DerivedQuantities)
+    here = {**plan.resolved.fixed, **dict(zip(box.names, map(float, d.fit.theta), strict=True))}
+    there = {**here, **{n: here[n] * (1.0 + moved) for n, moved in entry.moves.items()}}
+    found = [] if derived is None else derived.derived(plan.study.backend.settings, list(here))
+    values = {
+        q.name: [float(np.ravel(q.of({n: np.array([v]) for n, v in p.items()}))[0]) for p in (here, there)]
+        for q in found
+    }
+    return {
+        "input": one.knob,
+        "experiment": one.experiment,
+        "description": one.description,
+        "unit": one.unit,
+        "uncertainty": one.uncertainty,
+        "moves": {**entry.moves, **{n: b / a - 1.0 for n, (a, b) in values.items() if a}},
+        "share": entry.share,
     }
 
 
@@ -236,7 +262,7 @@ def identification(
         settled = confirm_optimum(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
         done = identify(plan, settled.emulator, found, bench.evaluator.store)
-        done = replace(done, determination=doubted(done.determination, settled))
+        done = replace(done, determination=implausible(plan, doubted(done.determination, settled)))
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
     d = done.determination
@@ -272,6 +298,39 @@ def identification(
         values = next(f.result.candidates[best[1]].values for f in found if f.plan.name == best[0])
         warnings += _far(d, f"{best[0]} {best[1] + 1}", values)
     return of_identification(plan, done, settled), settled.runs, warnings, d
+
+
+def implausible(plan: Plan, d: Determination) -> Determination:
+    """The same, no parameter called determined where :func:`_asks_too_much` of the material."""
+    why = _asks_too_much(plan, d)
+    said = (doubt(k, "weakly", why, by="") if k.verdict.word == "determined" else k for k in d.known)
+    return replace(d, known=tuple(said)) if why else d
+
+
+def _asks_too_much(plan: Plan, d: Determination) -> str:
+    """Why a fit is not believed that asks for more than was stated and for an unlikely material; else nothing.
+
+    That is where the whole interval of a parameter lies outside of the range that the study states, or the best fit at
+    an end of what was searched, and that of a derived quantity outside of what is ordinary.  Either alone is a finding;
+    both together are a sign that a stated dimension is wrong, or that the model lacks something.
+    """
+    stated, box = stated_ranges(plan), d.misfit.model.box
+    ends = [k.profile_interval.open and not ON_BOUND < x < 1 - ON_BOUND for k, x in zip(d.known, d.fit.x, strict=True)]
+    beyond = [box.names[k] for k, known in enumerate(d.known) if ends[k] or _is_beyond(stated, box, k, known)]
+    odd = [q["unlikely"] for q in derived_quantities(plan, d) if q["unlikely"]]
+    if not beyond or not odd:
+        return ""
+    names = " and ".join(symbol(n) for n in beyond)
+    return " ".join(
+        [f"The best fit has {names} beyond the stated range or at its end.", *(f"{q[:1].upper()}{q[1:]}." for q in odd)]
+    )
+
+
+def _is_beyond(stated: Box, box: Box, k: int, known: Known) -> bool:
+    """Whether the whole interval of parameter k lies outside of the range that the study states."""
+    low, high = physical(box, k, known.profile_interval)
+    slack = 1e-9 * max(abs(stated.low[k]), abs(stated.high[k]))
+    return bool(high < stated.low[k] - slack or low > stated.high[k] + slack)
 
 
 def _hides_much(d: Determination, settled: ConfirmedOptimum) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration import (
+    confirmed_optimum,
     deformed_body,
     formula_comparison,
     held_out,
@@ -28,6 +29,7 @@ from rso.calibration import (
     search_stage,
     sensitivity_stage,
     stages,
+    uncertain_inputs,
 )
 from rso.calibration.exit_codes import EXIT_FAILED_RUNS, exit_code_of
 from rso.calibration.gauss_newton import descent_results, iteration
@@ -90,8 +92,12 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
         found["warnings"].append(str(error))
         notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
-    design = descent_results.design_of(plan, there)
     found["runs"] = results.run_rows(plan, there.runs)
+    if there.best.confirmed:
+        bench, before = _with_inputs(bench, there.likeliest, notes, say), len(there.runs)
+        plan, there = bench.plan, iteration.with_uncertain_inputs(bench, there)
+        found["runs"] += results.run_rows(plan, there.runs[before:])
+    design = descent_results.design_of(plan, there)
     notes.write("search", **descent_results.descent_design(plan, there), **descent_results.of_gauss_newton(plan, there))
     say("identification: what the curves determine")
     one = (plan.searches[0].name, 0, found["searches"][0]["candidates"][0]["values"])
@@ -101,6 +107,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
         if not there.best.confirmed:
             raise ValueError(f"Gauss–Newton stopped without a confirmed answer: {there.best.why}")
         known, settled = iteration.identify_from_derivatives(plan, there)
+        known = dataclasses.replace(known, determination=identification_stage.implausible(plan, known.determination))
         parts = identification_stage.of_identification(plan, known, settled)
         found["runs"] += results.run_rows(plan, settled.runs)
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -191,6 +198,9 @@ def _identify(
     """What the curves determine; what is known then."""
     say("identification: what the curves determine")
     emulator = searches[-1].result.emulator
+    bench = _with_inputs(
+        bench, lambda: confirmed_optimum.most_likely_values(bench.plan, emulator, searches), notes, say
+    )
     later = search_stage.validation_tasks(bench.plan, search_stage.chosen_candidates(searches, chosen))
     identified, extra, doubts, determination = identification_stage.identification(
         bench, emulator, searches, chosen, later
@@ -199,6 +209,20 @@ def _identify(
     notes.found["warnings"] += [*_outside(identified.get("identification"), notes.found["parameters"]), *doubts]
     notes.write("verify", **identified)
     return determination
+
+
+def _with_inputs(bench: Runner, likeliest: Callable[[], Mapping[str, float]], notes: _Notes, say: Say) -> Runner:
+    """The same, after simulations that say what the uncertain inputs of the study make of its curves."""
+    if not bench.plan.resolved.inputs:
+        return bench
+    say("uncertainty: simulations with the stated inputs one standard uncertainty off")
+    try:
+        bench, runs, lost = uncertain_inputs.learn_effects(bench, likeliest())
+    except (ValueError, np.linalg.LinAlgError) as error:
+        runs, lost = (), [f"uncertainty: the stated inputs count as exact: {error}"]
+    notes.found["runs"] += results.run_rows(bench.plan, runs)
+    notes.found["warnings"] += lost
+    return bench
 
 
 def _validate(

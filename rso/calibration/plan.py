@@ -30,6 +30,7 @@ from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
 from rso.inference import SURFACE
+from rso.inference.input_effects import InputEffect
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -80,7 +81,8 @@ class Plan:
     `cases` are the different simulations behind the experiments that are fitted, `case_of` maps an experiment to
     one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones while
     loading, also profiles, which are never fitted, and those of creep at a held force, experiments of their own
-    (`creeps`).  `clouds` are point clouds, of which `curves` has one component.
+    (`creeps`).  `clouds` are point clouds, of which `curves` has one component.  `effects` are those of uncertain
+    inputs on all curves, once they were simulated.
     `found` are the holds of the records, or why one is of no use, and
     `holds` those that the model follows, which are compared too.
     """
@@ -104,6 +106,7 @@ class Plan:
     holds: Mapping[str, Hold] = dataclasses.field(default_factory=dict)
     creeps: Creeps = dataclasses.field(default_factory=Creeps)
     clouds: Mapping[str, SurfaceCloud] = dataclasses.field(default_factory=dict)
+    effects: tuple[InputEffect, ...] = ()
 
     def of_hold(self, name: str, inline: bool = False) -> list[str]:
         """What there is to say of the hold of an experiment, in lines or `inline`; nothing where there is none."""

@@ -12,6 +12,7 @@ from rso.core.curves import CREEP, error_between_points, first_loading, hold_row
 from rso.data import MeasuredCurve, cloud_curve, combine
 from rso.emulation.emulator import Emulator, Output
 from rso.inference import SURFACE, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
+from rso.inference.input_effects import with_effects
 from rso.study.cases import cloud_channels
 from rso.study.creep import loading_experiment
 
@@ -70,13 +71,20 @@ def curve_place(name: str, curve: MeasuredCurve, keep: np.ndarray, deepest: floa
 def curve_data(plan: Plan, place: CurvePlace) -> Data:
     """A measured curve with what repeats and the experimenter say about its errors."""
     if place.marks is not None:
-        return cloud_data(plan, place.experiment)
+        return with_input_errors(plan, place, cloud_data(plan, place.experiment))
     curve = measured(plan, place.experiment, place.channel)
     keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
     test = loading_experiment(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
-    return as_data(label, test, curve, keep)  # one contact and one gain of loading and creep
+    return with_input_errors(
+        plan, place, as_data(label, test, curve, keep)
+    )  # one contact and one gain of loading and creep
+
+
+def with_input_errors(plan: Plan, place: CurvePlace, data: Data) -> Data:
+    """Readings with what uncertain inputs of the study make of them, once those were simulated."""
+    return with_effects(data, place, plan.case_of[place.experiment], plan.effects)
 
 
 def cloud_place(plan: Plan, name: str) -> CurvePlace:

@@ -241,7 +241,8 @@ def _output(o: Output) -> dict[str, Any]:
 
 def _runs(plan: Plan, run: Run) -> list[dict[str, Any]]:
     rows = []
-    for k, outcome in enumerate(run.outcomes):
+    cases = range(len(run.outcomes)) if run.cases is None else run.cases
+    for k, outcome in zip(cases, run.outcomes, strict=True):
         outputs = {}
         if isinstance(outcome, Done):
             mine = [o for o in (*plan.outputs, *plan.extras) if plan.case_of[o.experiment] == k]

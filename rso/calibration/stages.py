@@ -76,11 +76,12 @@ def _worst_state(outcomes: Sequence[Outcome]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A point that was run, why, and how its cases ended."""
+    """A point that was run, why, and how its `cases` ended: those of the plan, by number, or all of them (None)."""
 
     purpose: str
     values: Mapping[str, float]
     outcomes: tuple[Outcome, ...]
+    cases: tuple[int, ...] | None = None
 
     @property
     def done(self) -> bool:

@@ -15,9 +15,12 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
+from rso.core.symbols import unit_text
+from rso.core.units import people
 from rso.doe import read_condition
 from rso.evaluation.joint import ROUTE
 from rso.study.cases import MISREAD, case_for, travels
+from rso.study.dimensions import dimension_errors
 from rso.study.schema import Study
 
 COARSE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
@@ -37,6 +40,26 @@ def of_study(plan: Plan) -> list[str]:
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
     groups = {"settings as stated": stated, "settings by the backend, by default or for its own use": unstated}
     return [line for words, found in groups.items() for line in _list(f"  {words}: ", map(_pair, found.items()))]
+
+
+def said_of_inputs(plan: Plan) -> list[str]:
+    """How well stated dimensions are known, and which of them count as exact; nothing of a backend that names none."""
+    lines = []
+    for i in plan.resolved.inputs:
+        label, factor = people(i.parameter.unit, i.uncertainty)
+        whose = f" in {i.experiment!r}" if i.experiment else ""
+        size = f"±{i.uncertainty * factor:.3g} {unit_text(label)}".strip()
+        lines.append(f"  {i.parameter.name}: {size}{whose}, {i.parameter.description}")
+    if exact := exact_dimensions(plan):
+        lines.append(f"  taken as exact, as [uncertainty] does not state them: {', '.join(exact)}")
+    return lines
+
+
+def exact_dimensions(plan: Plan) -> list[str]:
+    """Errors of stated dimensions that an identification leaves out: nobody said how well these are known."""
+    given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
+    named = {i.parameter.name for i in plan.resolved.inputs} | set(given)
+    return [n for n in dimension_errors(plan.backend, plan.study.backend.settings, given) if n not in named]
 
 
 def extraordinary(plan: Plan) -> list[str]:

@@ -26,6 +26,9 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
             yield _quantity(symbol(p["name"]), row, p.get("unit", ""), determined, agrees)
     for q in list(known.get("derived") or ())[:DERIVED]:
         yield from _follows(q, agrees)
+    for q in known.get("derived") or ():
+        if q.get("unlikely"):
+            yield "open", f"look again: {q['unlikely']}"
     for v in found.get("predictions") or ():
         yield _prediction(v)
     if found.get("exit_code") == 4:

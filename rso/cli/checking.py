@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rso import discrepancy
-from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings
+from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings, uncertain_inputs
 from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
@@ -201,6 +201,7 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
         "identification": 0 if exact else cases * confirmed_optimum.ROUNDS,
+        "uncertainty": uncertain_inputs.count(plan),
         "validation": candidates * len(plan.validation) + len(held_out_experiments(plan)),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]
@@ -217,6 +218,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "differences": points * reduced if differences else 0,
         "proof": cases * plan.group.saved if differences else 0,
         "ends of intervals": cases * ENDS * 2 * plan.box.d,
+        "uncertainty": uncertain_inputs.count(plan),
         "validation": len(plan.validation) + len(held_out_experiments(plan)),
     }
     begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"
@@ -242,6 +244,7 @@ def _things(plan: Plan) -> list[str]:
         )
     ]
     lines += [f"  {words}" for words in plan.of_relaxation()]
+    lines += stated_settings.said_of_inputs(plan)
     lines += _refused(plan)
     lines += stated_settings.of_study(plan)
     for e in plan.study.experiments:

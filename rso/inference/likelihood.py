@@ -33,7 +33,8 @@ class Data:
     do not show: what a test is usually off by.  `itself` says that its size was taken from these very readings, not
     from what repeats differ by; `sized` from how many degrees of freedom of what the best fit leaves.
     `since` (n,) s is the time in a hold, 0 on the way there; None without a hold.  `parts` (n, n) of the covariance are
-    those of the model that it is compared with, by name (:mod:`.error_model`).
+    those of the model that it is compared with, by name (:mod:`.error_model`).  `inputs` names those of the `shared`
+    parts that come from what a study states of specimen and indenter.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Data:
     sized: float | None = None
     since: np.ndarray | None = None
     parts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
@@ -71,6 +73,20 @@ class Data:
         """The same curve with another independent error (n, n), noted under the name of its `part`."""
         parts = {**self.parts, part: self.parts.get(part, 0.0) + covariance} if part else self.parts
         return replace(self, covariance=self.covariance + covariance, parts=parts)
+
+    def with_input(self, name: str, s: np.ndarray) -> Data:
+        """The same curve with an uncertain input that moves its readings by s (n,), the same for all curves."""
+        data = self.plus(np.outer(s, s))
+        return replace(data, shared={**self.shared, name: s}, inputs=(*self.inputs, name))
+
+    @property
+    def inputs_exact(self) -> Data:
+        """The same curve with its inputs taken as exact."""
+        off = [np.outer(self.shared[n], self.shared[n]) for n in self.inputs]
+        left = {n: s for n, s in self.shared.items() if n not in self.inputs}
+        return replace(
+            self, covariance=self.covariance - sum(off, np.zeros_like(self.covariance)), shared=left, inputs=()
+        )
 
     def without(self, *names: str) -> Data:
         """The same curve without these parts of the errors, as far as it has them."""

@@ -37,8 +37,6 @@ def with_usual(d: Determination, seed: int) -> Determination:
 
 def _moved(d: Determination) -> dict[str, np.ndarray]:
     """By how much (d, q) each usual error moves the most likely values in the unit cube."""
-    J = d.misfit.white(d.misfit.model.jacobian(d.fit.x).T).T
-    inverse = np.linalg.pinv(J, rcond=1e-9)
     columns: dict[str, np.ndarray] = {}
     start = 0
     for v in d.misfit.data:
@@ -47,7 +45,13 @@ def _moved(d: Determination) -> dict[str, np.ndarray]:
             full[start : start + len(v.value)] = U
             columns[name] = columns[name] + full if name in columns and U.shape[1] == 1 else full
         start += len(v.value)
-    return {name: inverse @ d.misfit.white(U.T).T for name, U in columns.items()}
+    return {name: moved_by(d, U) for name, U in columns.items()}
+
+
+def moved_by(d: Determination, U: np.ndarray) -> np.ndarray:
+    """By how much (d, q) errors U (n, q) of the readings move the most likely values in the unit cube."""
+    J = d.misfit.white(d.misfit.model.jacobian(d.fit.x).T).T
+    return np.asarray(np.linalg.pinv(J, rcond=1e-9) @ d.misfit.white(U.T).T)
 
 
 def elsewhere(a: Interval, b: Interval) -> bool:

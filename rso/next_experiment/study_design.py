@@ -16,6 +16,8 @@ from scipy.linalg import block_diag
 
 from rso.calibration.plan import Plan
 from rso.calibration.readings import of_emulator
+from rso.calibration.stages import Runner
+from rso.calibration.uncertain_inputs import learn_effects
 from rso.contract import Response
 from rso.core.similarity import Group
 from rso.core.units import value_in_unit
@@ -123,6 +125,10 @@ def run_next(
     have = autocorrelated(have, plan.seed)
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
+    if plan.resolved.inputs:
+        have = _with_inputs(plan, axes, points, evaluator, joint[-1].determination, say)
+        learnt = [*have, *(v for v in learnt if not v.item.done)]
+        joint = fits(plan, have)
     whole = joint[-1].determination
     weakest = axes.box.names.index(next(iter(values)) if values else known_worst(whole.known))
     truths = on_valley(
@@ -141,6 +147,24 @@ def run_next(
         for k, x in enumerate(truths)
     ]
     return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, whole.scale, tuple(each))
+
+
+def _with_inputs(
+    plan: Plan,
+    axes: Axes,
+    points: Sequence[Mapping[str, float]],
+    evaluator: Evaluator,
+    d: Determination,
+    say: Callable[[str], None],
+) -> list[Learnt]:
+    """What has been done, learnt again with what uncertain inputs make of it at the most likely point."""
+    say("uncertainty: simulations with the stated inputs one standard uncertainty off")
+    values = {**plan.resolved.fixed, **dict(zip(axes.box.names, map(float, d.fit.theta), strict=True))}
+    bench, _, lost = learn_effects(Runner(plan, evaluator), values)
+    for text in lost:
+        say(f"warning: {text}")
+    again = [learn_item(bench.plan, axes, item, points, evaluator) for item in done(bench.plan)]
+    return autocorrelated([v for v in again if not isinstance(v, str)], plan.seed)
 
 
 def with_scaled_errors(e: PossibleExperiment, scale: float) -> PossibleExperiment:

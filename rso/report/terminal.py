@@ -19,6 +19,7 @@ def summary(found: Mapping[str, Any]) -> list[str]:
     likely = (found.get("identification") or {}).get("values") or {}
     if likely:
         lines.append(f"  most likely by the whole curves: {_values(likely, units)}")
+    lines += _budget(found.get("identification") or {})
     if best:
         named = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
         candidate = next(c for name, c in named if (name, c["name"]) == (best["search"], best["candidate"]))
@@ -55,6 +56,25 @@ def summary(found: Mapping[str, Any]) -> list[str]:
         lines.append(f"  similarity {found['design']['similarity']['story']}")
     for warning in found["warnings"]:
         lines.append(f"  warning: {lettered(found, warning)}")
+    return lines
+
+
+WORTH_A_LINE = 0.1  # of the variance of a parameter: what contributes less is in the table of the report
+
+
+def _budget(data: Mapping[str, Any]) -> list[str]:
+    """Which stated dimensions make much of the variance of each parameter."""
+    lines = []
+    for p in data.get("parameters") or ():
+        rows = [(r["share"].get(p["parameter"]) or 0.0, r) for r in data.get("inputs") or ()]
+        each = [
+            f"{100 * share:.2g} % from {r['input']}{f' of {of}' if (of := r['experiment']) else ''} "
+            f"(±{quantity(r['uncertainty'], '' if r['unit'] == '1' else r['unit'], 3)})"
+            for share, r in sorted(rows, key=lambda row: -row[0])
+            if share >= WORTH_A_LINE
+        ]
+        if each:
+            lines.append(f"  of the variance of {symbol(p['parameter'])}: {', '.join(each)}")
     return lines
 
 

@@ -123,6 +123,18 @@ class DirectionBlock(ResultBlock):
     story: str = holds("the same in words")
 
 
+class InputBlock(ResultBlock):
+    """An uncertain input that the study states: the uncertainty budget of the parameters."""
+
+    input: str = holds("its name")
+    experiment: str = holds("the experiment whose own it is; empty for all")
+    description: str = holds("what it is")
+    unit: str = holds("its unit")
+    uncertainty: Number = holds("its standard uncertainty, in that unit")
+    moves: ByName = holds("parameter or derived quantity → relative change if the input is that much more than stated")
+    share: ByName = holds("parameter → share of its variance")
+
+
 class GainBlock(ResultBlock):
     """A test that could come next; the best comes first, of nearly equal ones the cheapest."""
 
@@ -193,6 +205,8 @@ class IdentificationBlock(ResultBlock):
     parameters: tuple[IdentifiedBlock, ...] = holds("what is known of each parameter")
     derived: tuple[DerivedBlock, ...] = holds("quantities derived from them")
     directions: tuple[DirectionBlock, ...] = holds("stiff and sloppy directions, stiffest first")
+    inputs: tuple[InputBlock, ...] = holds("uncertain inputs of the study, and what they move")
+    exact_inputs: Texts = holds("errors of stated dimensions that count as none: nobody said how well these are known")
     gains: tuple[GainBlock, ...] = holds("tests that could come next")
     mcmc: DrawsBlock | None = holds("draws of the posterior")
     weightings: tuple[WeightingBlock, ...] = holds("best fits by weighting")

@@ -12,7 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
+from rso.contract import (
+    Backend,
+    Case,
+    ContactModulus,
+    PlausibleRanges,
+    Programme,
+    Sketches,
+    by_contents,
+    capability,
+    digest,
+    plain,
+)
 from rso.core.units import CHANNELS, COLUMNS, UNITS, same, value_in_unit
 from rso.data import (
     POINTS,
@@ -26,6 +37,7 @@ from rso.data import (
     surface_cloud,
     without_spikes,
 )
+from rso.study.dimensions import dimension_errors
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.line_numbers import LineElsewhere, Place
 from rso.study.resolve import Resolved
@@ -376,6 +388,7 @@ def refuse_what_is_not_modelled(
         text = 'profiles are not fitted: at least one force curve needs role = "fit"'
         problems.append(Problem(("experiments",), text))
     problems += _refuse_search(study, backend)
+    problems += _refuse_inputs(study, backend, resolved)
     opened = [a.name for a in resolved.axes]
     for p in backend.parameters:
         if p.default is None and p.name not in opened and p.name not in resolved.fixed:
@@ -438,6 +451,25 @@ def _of_a_table(study: Study, place: Place, message: str) -> Place:
     named = re.match(r"\w+((?:\.\w+)+)", message)
     deep = (*place, *named[1][1:].split(".")) if named else place
     return deep if isinstance(study.lines.get(deep), LineElsewhere) else place
+
+
+def _refuse_inputs(study: Study, backend: Backend, resolved: Resolved) -> list[Problem]:
+    """Uncertain inputs that an experiment has, but not with its settings."""
+    ranges = capability(backend, PlausibleRanges)
+    given = [*(a.name for a in resolved.axes), *resolved.fixed]
+    problems: list[Problem] = []
+    if ranges is None:
+        return problems
+    for i in resolved.inputs:
+        settings = study.settings_of(i.experiment) if i.experiment else study.backend.settings
+        if ranges.plausible(settings, given).get(i.parameter.name, ()) is None:
+            n = [e.name for e in study.experiments].index(i.experiment) if i.experiment else 0
+            own = i.experiment and i.parameter.name in study.experiments[n].uncertainty
+            place: Place = ("experiments", n, "uncertainty") if own else ("uncertainty",)
+            choices = dimension_errors(backend, settings, given)
+            text = f"these settings have no {i.parameter.description}; {choices_text(i.parameter.name, choices)}"
+            problems.append(Problem((*place, i.parameter.name), text))
+    return list(dict.fromkeys(problems))
 
 
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:

@@ -82,6 +82,9 @@ def _tables(shape: Shape, known: Shape) -> Iterator[tuple[str, str, Shape]]:
                 heading = {"many": f"[[{name}]]", "named": f"[{name}] name = {{…}}"}.get(how, f"[{name}]")
                 yield name, heading, known[kind]
                 yield from within(known[kind], name)
+            elif not kind and not inside and value.get("type") == "object":  # of values by name
+                each = {"description": value["description"], "properties": {"NAME": value["additionalProperties"]}}
+                yield name, f"[{name}]", each
 
     yield from within(shape, "")
 

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import USE
 from rso.core.inline_toml import inline
-from rso.core.units import COLUMN_NAMES, in_base
+from rso.core.units import COLUMN_NAMES, in_base, people
 from rso.data import (
     CONTACT,
     HeaderError,
@@ -34,6 +34,7 @@ from rso.data import (
 )
 from rso.data.files.lines import file_text
 from rso.study.columns_table import ColumnsTable
+from rso.study.dimensions import dimension_errors
 from rso.study.errors import choices_text
 from rso.study.laboratory_folder import may_be_a_place, place_in_name
 from rso.study.settings_files import paths_seen_from
@@ -80,7 +81,7 @@ def study_text(
     """
     experiments, settings, parameters = _beginning(file, backend, test, fitted, validated)
     folder = file.absolute().parent
-    lines = _head(folder, f"Indentation: {experiments[0].name}", settings, parameters, test.columns)
+    lines = _head(backend, folder, f"Indentation: {experiments[0].name}", settings, parameters, test.columns)
     for e in experiments:
         data = [_beside(f, folder) for f in e.files]
         lines += [*_lines(e, e.name, _keys(e), data[0] if len(data) == 1 else data), ""]
@@ -102,7 +103,7 @@ def specimens_texts(file: Path, table: Path, backend: Backend, test: NewTest, fi
     own = list(dict.fromkeys(k for each in keys for k in each if k not in common))
     shape = settings[SPECIMEN].value if SPECIMEN in settings else {}
     sizes = {k: v for k, v in shape.items() if isinstance(v, int | float) and not isinstance(v, bool)}
-    lines = _head(folder, "Indentation of several specimens", settings, parameters, test.columns)
+    lines = _head(backend, folder, "Indentation of several specimens", settings, parameters, test.columns)
     lines.insert(1, f"specimens = {inline(table.name)}  {GUESS} a row for each: write its own sizes there\n")
     guessed = any(e.measurement.guessed for e in experiments)
     first = replace(experiments[0], measurement=replace(experiments[0].measurement, guessed=guessed))
@@ -138,6 +139,7 @@ def _beginning(
 
 
 def _head(
+    backend: Backend,
     folder: Path,
     title: str,
     settings: Mapping[str, Line],
@@ -160,6 +162,7 @@ def _head(
         "[parameters]",
         *(_line(k, line) for k, line in parameters.items()),
         "",
+        *_uncertainty(backend, settings, parameters),
     ]
     if columns:
         lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in columns.items()), ""]
@@ -212,6 +215,23 @@ def _point(test: NewTest, role: str, files: Sequence[str]) -> tuple[tuple[float,
     if role == "fit" and where is not None and test.point not in (None, where):
         raise ValueError(f"{files[0]}: pressed at ({where[0]:g}, {where[1]:g}) mm by its name, elsewhere by --point")
     return where or test.point, where is not None
+
+
+def _uncertainty(backend: Backend, settings: Mapping[str, Line], parameters: Mapping[str, Line]) -> list[str]:
+    """[uncertainty] as a comment: nobody but its owner knows how well a dimension is known."""
+    found = dimension_errors(backend, {k: line.value for k, line in settings.items()}, list(parameters))
+    if not found:
+        return []
+    units = {p.name: p.unit for p in backend.parameters}
+    each = {name: people(units[name], u) for name, (_, u) in found.items()}
+    return [
+        "# [uncertainty]  # standard uncertainties of stated dimensions; without them intervals take these as exact",
+        *(
+            f'# {name} = "{u * each[name][1]:.2g} {each[name][0]}"  {GUESS} {words}, with care'
+            for name, (words, u) in found.items()
+        ),
+        "",
+    ]
 
 
 def _header(file: str) -> str:

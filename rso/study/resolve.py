@@ -48,14 +48,30 @@ class Search:
 
 
 @dataclass(frozen=True)
+class UncertainInput:
+    """A stated input: its knob, the standard uncertainty in the knob's unit, and of which experiment, "" for all."""
+
+    parameter: Parameter
+    uncertainty: float
+    experiment: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the error that it makes."""
+        return f"{self.experiment}: {self.parameter.name}" if self.experiment else self.parameter.name
+
+
+@dataclass(frozen=True)
 class Resolved:
-    """A study whose numbers have units: `axes` to be identified, `fixed` values; `variants`, `start` of the search."""
+    """A study whose numbers have units: `axes` to be identified, `fixed` values; `variants`, `start` of the search;
+    `inputs` are stated and uncertain."""
 
     study: Study
     axes: tuple[Axis, ...]
     fixed: Mapping[str, float]
     variants: tuple[Search, ...]
     start: Mapping[str, float]
+    inputs: tuple[UncertainInput, ...] = ()
 
     @property
     def box(self) -> Box | None:
@@ -113,9 +129,55 @@ def resolve(
                 narrowed[name] = _narrowed(axes[name], low, high, (*place, name), problems) or axes[name]
         variants.append(Search(variant.name, variant.targets or study.search.targets, tuple(narrowed.values())))
     start = _start(study, axes, problems)
+    inputs = _inputs(study, known, problems)
     if problems:
         raise study_error(study.file, study.lines, problems)
-    return Resolved(study, tuple(axes.values()), MappingProxyType(fixed), tuple(variants), MappingProxyType(start))
+    return Resolved(
+        study, tuple(axes.values()), MappingProxyType(fixed), tuple(variants), MappingProxyType(start), inputs
+    )
+
+
+def _inputs(study: Study, known: Mapping[str, Parameter], problems: list[Problem]) -> tuple[UncertainInput, ...]:
+    """What [uncertainty] and experiments state of inputs, in their units; an experiment's own replaces the study's."""
+    found = []
+    own = {(name, e.name) for e in study.experiments for name in e.uncertainty}
+    tables: list[tuple[Place, Mapping[str, Any], str]] = [(("uncertainty",), study.uncertainty, "")]
+    tables += [(("experiments", n, "uncertainty"), e.uncertainty, e.name) for n, e in enumerate(study.experiments)]
+    for place, table, experiment in tables:
+        for name, written in table.items():
+            one = _input(study, known, name, written, (*place, name), problems)
+            if one is None:
+                continue
+            others = [e.name for e in study.experiments if (name, e.name) not in own]
+            each = [experiment] if experiment else [""] if len(others) == len(study.experiments) else others
+            found += [UncertainInput(known[name], one, e) for e in each]
+    return tuple(found)
+
+
+def _input(
+    study: Study, known: Mapping[str, Parameter], name: str, written: Any, place: Place, problems: list[Problem]
+) -> float | None:
+    """One standard uncertainty in the unit of its knob; None after noting a problem."""
+    p = known.get(name)
+    table = study.parameters.get(name)
+    offered = [n for n, q in known.items() if q.default is not None and not (q.choices or q.whole)]
+    if table is not None and table.value is None:
+        text = "is a parameter that is fitted: its range in [parameters] says how well it is known"
+        problems.append(Problem(place, text, written))
+        return None
+    if p is None or name not in offered:
+        problems.append(Problem(place, f"no input that the study states; {choices_text(name, offered)}", written))
+        return None
+    try:
+        u = value_in_unit(written, p.unit)
+    except ValueError as error:
+        problems.append(Problem(place, str(error), written))
+        return None
+    if not 0.0 < u <= p.high - p.low:
+        text = f"a standard uncertainty above 0 is expected, up to {p.high - p.low:g} {p.unit} ({p.description})"
+        problems.append(Problem(place, text, written))
+        return None
+    return u
 
 
 def _start(study: Study, axes: Mapping[str, Axis], problems: list[Problem]) -> dict[str, float]:

@@ -198,6 +198,8 @@ class ExperimentTable(StudyFileTable):
     preload: Force | None = None
     """Where its travel was set to 0 at a small force, that force, as "10 mN". Contact is found before it, by the shape
     of Fz, or in its approach; Fz may have been set to 0 there, too."""
+    uncertainty: dict[str, Bound] = Field(default_factory=dict)
+    """Standard uncertainties of its own specimen or indenter, in place of those in [uncertainty]."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(visible_line)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
@@ -396,6 +398,9 @@ class Study(StudyFileTable):
     backends: dict[str, NamedBackendTable] = Field(default_factory=dict)
     """Further backends by name, each for the experiments that name it; parameters of one name are one parameter."""
     parameters: dict[str, ParameterTable]
+    uncertainty: dict[str, Bound] = Field(default_factory=dict)
+    """Standard uncertainties of what the study states, which all its tests share, as delta_thickness = "0.1 mm" of the
+    thickness of a slab. Intervals of parameters include them, to first order; without them dimensions are exact."""
     experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)] = ()
     objectives: ObjectivesTable | None = None
     specimens: Annotated[tuple[SpecimenTable, ...], BeforeValidator(list_to_tuple)] = ()

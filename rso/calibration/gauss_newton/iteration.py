@@ -57,6 +57,11 @@ class GaussNewtonRun:
     outcomes: tuple[Outcome, ...]
     eyes: _Eyes
 
+    def likeliest(self) -> dict[str, float]:
+        """Values of the best run, fixed ones included; there is one."""
+        assert self.best.best is not None
+        return self.eyes.values(self.best.best.x)
+
 
 @dataclass(eq=False)
 class _Eyes:
@@ -200,6 +205,37 @@ def run_gauss_newton(
         best.data,
         eyes.outcomes[best.best.x.tobytes()],
         eyes,
+    )
+
+
+def with_uncertain_inputs(bench: Runner, found: GaussNewtonRun) -> GaussNewtonRun:
+    """The descent gone on with from its best run, under errors that hold what uncertain inputs make of the curves.
+
+    The same where the plan knows of no such effect.
+    """
+    plan, first = bench.plan, found.best.best
+    if not plan.effects or first is None:
+        return found
+    eyes = replace(found.eyes, bench=bench, curves=tuple(d for _, d in fitted_readings(plan)))
+    table = plan.study.search
+    (last,) = on_runs(
+        eyes.frame,
+        eyes.look,
+        eyes.data,
+        first.x[None],
+        tolerance=plan.study.verify.tolerance,
+        most=table.max_runs,
+        seed=plan.seed,
+    )
+    assert last.best is not None  # it starts from a run that has an answer
+    return replace(
+        found,
+        descents=(*found.descents, last),
+        best=last,
+        runs=tuple(eyes.runs),
+        data=last.data,
+        outcomes=eyes.outcomes[last.best.x.tobytes()],
+        eyes=eyes,
     )
 
 

@@ -14,7 +14,7 @@ def drawn_runs(results: Results, state: str, x: ParameterView, y: ParameterView 
     chosen = [
         r["values"]
         for r in listed(results, "runs")
-        if r.get("state") == state and r.get("purpose") not in ("candidate", "validate")
+        if r.get("state") == state and r.get("purpose") not in ("candidate", "validate", "input")
     ]
     y = y or x
     pairs = [(v[x.name], v[y.name]) for v in chosen if known(v.get(x.name)) and known(v.get(y.name))]

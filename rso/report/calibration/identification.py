@@ -14,6 +14,7 @@ from rso.inference.intervals import pieces
 from rso.report.calibration.cloud_maps import cloud_blocks
 from rso.report.calibration.derived import derived_table
 from rso.report.calibration.errors import error_blocks
+from rso.report.calibration.inputs import input_blocks
 from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
 from rso.report.layout.digits import aligned, between, channel_text, clean, percent, sentence, shortest
 from rso.report.layout.document import Block, Cell, Mark, Picture, Section, Table, Text, column, missing, table, words
@@ -38,6 +39,7 @@ def identification_section(results: Results) -> Section:
     blocks.append(_intervals(results, data, rows))
     if (quantities := derived_table(results)) is not None:
         blocks.append(quantities)
+    blocks += input_blocks(results)
     for p, d in rows:
         if d.get("reason"):
             blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))

@@ -63,7 +63,9 @@ def _runs_sentence(results: Results) -> str:
     x, y = views.get(grid["x"]["parameter"]), views.get((grid.get("y") or {}).get("parameter") or "")
     shown_as = {"done": "done (dots)", "failed": "failed (crosses)", "crashed": "crashed (triangles)"}
     drawn = {state: len(drawn_runs(results, state, x, y)) if x else 0 for state in shown_as}
-    every = [r.get("state") for r in listed(results, "runs") if r.get("purpose") not in ("candidate", "validate")]
+    every = [
+        r.get("state") for r in listed(results, "runs") if r.get("purpose") not in ("candidate", "validate", "input")
+    ]
     parts = [f"{n} {shown_as[state]}" for state, n in drawn.items() if n]
     outside = {state: every.count(state) - n for state, n in drawn.items() if every.count(state) > n}
     text = f"Runs: {', '.join(parts)}." if parts else ""

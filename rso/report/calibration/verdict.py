@@ -105,6 +105,7 @@ def answers(results: Results) -> tuple[Fact, ...]:
         found.append(Fact("Known", "; ".join(fixed), "", "good"))
     if loose:
         found.append(Fact("Not known", "; ".join(loose), "", "warn"))
+    found += [Fact("Look again", clean(q["unlikely"]), "", "warn") for q in derived if q.get("unlikely")]
     for f in prediction_fact(results):
         mark: Mark = "good" if f.mark == "good" else "bad" if f.value.startswith("not ") else "warn"
         found.append(Fact("Prediction", f"{f.value}: {f.note}", "", mark))

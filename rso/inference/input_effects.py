@@ -1,0 +1,97 @@
+"""What the stated inputs of a study (a thickness, a radius) may be off by, as an error that all its curves share.
+
+    u_i(y) = ½ [f(x_i + u_i) − f(x_i − u_i)]
+
+u_i is the standard uncertainty of input i and y a simulated curve at the most likely parameters.  Readings of every
+curve are off by the same multiple of it, which is one more part of their covariance.
+Source: JCGM 100:2008 (GUM), 5.1.3, note 2, and 5.2.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.contract import Response
+from rso.inference.identifiability import Determination
+from rso.inference.likelihood import Data
+from rso.inference.models import CurvePlace, resample
+from rso.inference.usual_errors import moved_by
+
+
+@dataclass(frozen=True, eq=False)
+class InputEffect:
+    """Responses by case with a stated input as it is, and one standard uncertainty above and below it.
+
+    The `knob` that is the error of an input has the `uncertainty` in its `unit`; it is that of one `experiment`, or of
+    all where that is empty.  A case that is missing in one of `above` and `below` had no answer there.
+    """
+
+    knob: str
+    experiment: str
+    description: str
+    unit: str
+    uncertainty: float
+    stated: Mapping[int, Response]
+    above: Mapping[int, Response]
+    below: Mapping[int, Response]
+
+    @property
+    def name(self) -> str:
+        """Name of the error that it makes."""
+        return f"{self.experiment}: {self.knob}" if self.experiment else self.knob
+
+    def shift(self, place: CurvePlace, case: int) -> np.ndarray:
+        """By how much one standard uncertainty moves the curve of a case at its readings (n,), in their unit."""
+        if self.experiment not in ("", place.experiment):
+            return np.zeros(len(place.depth))
+        sides = [(side[case], sign) for side, sign in ((self.above, 1.0), (self.below, -1.0)) if case in side]
+        middle = resample(self.stated[case], place, "")
+        each = [sign * (resample(response, place, "") - middle) for response, sign in sides]
+        return np.asarray(np.mean(each, axis=0))
+
+
+@dataclass(frozen=True)
+class BudgetEntry:
+    """One stated input: by how much each parameter is another, relative, where the input is one standard uncertainty
+    more than stated, and its share of the variance of that parameter."""
+
+    effect: InputEffect
+    moves: dict[str, float]
+    share: dict[str, float]
+
+
+def with_effects(data: Data, place: CurvePlace, case: int, effects: Sequence[InputEffect]) -> Data:
+    """A measured curve with what stated inputs make uncertain of the simulated one."""
+    for e in effects:
+        data = data.with_input(e.name, e.shift(place, case))
+    return data
+
+
+def uncertainty_budget(d: Determination, effects: Sequence[InputEffect]) -> tuple[BudgetEntry, ...]:
+    """What each stated input contributes to each parameter; empty where the weighting knows no errors.
+
+        Δθ = −(Jᵀ C⁻¹ J)⁻¹ Jᵀ C⁻¹ s
+
+    s (n,) is what one standard uncertainty moves all readings by.  Source: JCGM 102:2011, 6.2.1.3 with 9.2.
+    """
+    misfit, box = d.misfit, d.misfit.model.box
+    if misfit.weighting != "noise" or not effects:
+        return ()
+    theta = box.from_unit(d.fit.x[None])[0]
+    total = np.diag(np.linalg.pinv(d.fit.fisher, rcond=1e-9))
+    found = []
+    for e in effects:
+        s = np.concatenate([v.shared.get(e.name, np.zeros(len(v.value))) for v in misfit.data])
+        step = -moved_by(d, s[:, None])[:, 0]
+        moved = box.from_unit(np.clip(d.fit.x + step, 0.0, 1.0)[None])[0]
+        found.append(
+            BudgetEntry(
+                e,
+                {n: float(m / t - 1.0) if t else float("nan") for n, m, t in zip(box.names, moved, theta, strict=True)},
+                {n: float(min(v**2 / t, 1.0)) for n, v, t in zip(box.names, step, total, strict=True)},
+            )
+        )
+    return tuple(found)

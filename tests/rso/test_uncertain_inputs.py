@@ -1,0 +1,146 @@
+"""[uncertainty]: what a study states may be off, and the intervals of its parameters say so.
+
+The backend is the closed form of tests/rso/indentation_backend.py, so that an oracle has its derivatives by hand.
+"""
+
+import indentation_backend
+import numpy as np
+import pytest
+import sample_studies as studies
+
+from rso.core.distributions import normal_ppf
+from rso.study.errors import StudyError
+
+R, U = 3.0, 0.09  # mm: the radius of the sphere, which nobody measures better than to 3 %
+ONE = 'mu = { low = "6 kPa", high = "20 kPa", scale = "log" }\nD1 = { value = 60 }'
+NOISE = 2e-3  # N, so much that no reading shows by its shape what the radius was
+TOP = studies.SECTIONS["[experiments]"].replace("0.02 mN", "2 mN")
+TWO = (
+    TOP + '\n[[experiments]]\nname = "thin"\nrole = "fit"\ndata = "thin.csv"\nsettings = { thickness = 6 }\n'
+    'noise = { Fz = "2 mN", contact = "0 mm", gain = 0, correlation = "0 mm" }'
+)
+DIRECT = {
+    "backend": 'use = "sloped_backend:BACKEND"',
+    "search": 'method = "gauss_newton"',
+    **dict.fromkeys(("doe", "surrogate", "sensitivity")),
+}
+
+
+def identified(folder, **changes):
+    return studies.run(folder, **{**studies.QUICK, "parameters": ONE, "[experiments]": TOP, **changes})[
+        "identification"
+    ]
+
+
+def curve(radius, thickness=studies.THICKNESS, mu=studies.MU):
+    """The forces of the truth at the readings, by the closed form itself."""
+    h = np.linspace(0, 2.0, 21)[1:]
+    return indentation_backend.force(mu, studies.D1, h, thickness, radius)
+
+
+def slope(thickness=studies.THICKNESS):
+    """The derivative of the forces by ln mu."""
+    high, low = (curve(R, thickness, studies.MU * f) for f in (1.001, 0.999))
+    return (high - low) / np.log(1.001 / 0.999)
+
+
+def shift(thickness=studies.THICKNESS):
+    return 0.5 * (curve(R + U, thickness) - curve(R - U, thickness))
+
+
+def deviation(J, errors, noise=NOISE):
+    """Standard deviation of ln mu by generalised least squares with slopes J (n,)."""
+    C = noise**2 * np.eye(len(J)) + sum((np.outer(s, s) for s in errors), np.zeros((len(J),) * 2))
+    return 1.0 / np.sqrt(J @ np.linalg.solve(C, J))
+
+
+def half_width(found):
+    low, high = found["parameters"][0]["interval"]
+    return 0.5 * np.log(high / low)
+
+
+@pytest.mark.parametrize("changes", [{}, DIRECT], ids=["surfaces", "gauss_newton"])
+def test_an_interval_holds_what_a_stated_radius_may_be_off_by(tmp_path, changes):
+    found = identified(tmp_path, uncertainty=f'radius = "{1e3 * U:g} um"', **changes)
+    expected = normal_ppf(0.95) * deviation(slope(), [shift()])
+    assert half_width(found) == pytest.approx(expected, rel=0.03)  # numerical errors of the backend count too
+    (row,) = found["inputs"]
+    assert (row["input"], row["unit"], row["uncertainty"]) == ("radius", "mm", pytest.approx(U))
+    J, s = slope(), shift()
+    C = NOISE**2 * np.eye(20) + np.outer(s, s)
+    moved = J @ np.linalg.solve(C, s) / (J @ np.linalg.solve(C, J))
+    assert row["moves"]["mu"] == pytest.approx(np.expm1(-moved), rel=0.02)
+    assert row["share"]["mu"] == pytest.approx((moved / deviation(J, [s])) ** 2, rel=0.02)
+
+
+def test_what_a_radius_moves_is_what_another_radius_would_give(tmp_path):
+    """A sphere that is larger than stated has been taken for a stiffer gel."""
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    found = identified(tmp_path / "a", uncertainty=f"radius = {U}")
+    other = identified(tmp_path / "b", parameters=f"{ONE}\nradius = {{ value = {R + U} }}")
+    moved = other["values"]["mu"] / found["values"]["mu"] - 1.0
+    assert moved < -0.01
+    assert found["inputs"][0]["moves"]["mu"] == pytest.approx(moved, rel=0.1)  # other weights, and u² is 0.1 of u
+
+
+def test_without_the_table_dimensions_are_exact(tmp_path):
+    found = identified(tmp_path)
+    assert found["inputs"] == []
+    assert half_width(found) == pytest.approx(normal_ppf(0.95) * deviation(slope(), []), rel=0.05)
+    assert half_width(found) < 0.8 * normal_ppf(0.95) * deviation(slope(), [shift()])
+
+
+def test_an_error_that_two_tests_share_does_not_average_out_and_one_of_each_does(tmp_path):
+    thin = studies.measured(thickness=6.0)
+    shared, own = tmp_path / "shared", tmp_path / "own"
+    for folder in (shared, own):
+        folder.mkdir()
+        (folder / "thin.csv").write_text(thin)
+    a = identified(shared, **{"[experiments]": TWO}, uncertainty=f"radius = {U}")
+    both = TWO.replace('role = "fit"', f'role = "fit"\nuncertainty = {{ radius = {U} }}')
+    b = identified(own, **{"[experiments]": both})
+    J, zero = np.concatenate([slope(), slope(6.0)]), np.zeros(20)
+    together = [np.concatenate([shift(), shift(6.0)])]
+    apart = [np.concatenate([shift(), zero]), np.concatenate([zero, shift(6.0)])]
+    z = normal_ppf(0.95)
+    assert half_width(a) == pytest.approx(z * deviation(J, together), rel=0.05)
+    assert half_width(b) == pytest.approx(z * deviation(J, apart), rel=0.05)
+    assert half_width(a) > 1.15 * half_width(b)
+    assert [r["experiment"] for r in a["inputs"]] == [""] and [r["experiment"] for r in b["inputs"]] == ["top", "thin"]
+
+
+def test_a_side_beyond_the_bounds_is_left_out(tmp_path):
+    """The radius of this backend is at least 0.5 mm: one standard uncertainty below is not modelled."""
+    found = identified(tmp_path, uncertainty="radius = 2.7")
+    upwards = curve(R + 2.7) - curve(R)
+    assert half_width(found) == pytest.approx(normal_ppf(0.95) * deviation(slope(), [upwards]), rel=0.05)
+
+
+def test_an_input_without_an_answer_counts_as_exact_and_that_is_said(tmp_path, monkeypatch):
+    answer = indentation_backend.Layer.__call__
+
+    def no(self, values, case):
+        if values.get("radius", R) != R:
+            raise indentation_backend.SimulationFailed("inversion", "another radius")
+        return answer(self, values, case)
+
+    monkeypatch.setattr(indentation_backend.Layer, "__call__", no)
+    results = studies.run(tmp_path, **studies.QUICK, parameters=ONE, uncertainty=f"radius = {U}")
+    assert results["identification"]["inputs"] == []
+    (said,) = [w for w in results["warnings"] if w.startswith("uncertainty:")]
+    assert "radius counts as exact" in said and "another radius" in said
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('radius = "0 mm"', ("uncertainty.radius", "'0 mm'", "above 0 is expected, up to 19.5 mm")),
+        ('radius = "3 N"', ("uncertainty.radius", "'3 N'", "mm")),
+        ("mu = 0.001", ("uncertainty.mu = 0.001", "is a parameter that is fitted")),
+        ("radios = 0.1", ("uncertainty.radios", "did you mean 'radius'? choose from D1, radius")),
+    ],
+)
+def test_what_cannot_be_is_refused_by_its_key(tmp_path, table, words):
+    with pytest.raises(StudyError) as error:
+        identified(tmp_path, uncertainty=table)
+    assert "study.toml:" in str(error.value) and all(w in str(error.value) for w in words)
