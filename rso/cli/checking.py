@@ -224,6 +224,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
     begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"
     more = f" and {table.starts - 1} more start(s)" if table.starts > 1 else ""
     whose = "differences between runs" if differences else "the backend's derivatives"
+    whose += "" if "derivatives" in table.model_fields_set else ", differences where it has none"
     return parts, [f"  search: Gauss–Newton on simulations with {whose}, from {begin}{more}; no design, no surrogates"]
 
 

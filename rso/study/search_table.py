@@ -93,7 +93,7 @@ class SearchTable(StudyFileTable):
     max_runs: Annotated[int, Field(ge=2, le=1000)] = 20
     """Points for each start."""
     derivatives: Literal["backend", "differences"] = "backend"
-    """Those of the backend, or differences between more runs."""
+    """Those of the backend, or differences between more runs; unless stated, these where the backend has none."""
     targets: Annotated[tuple[TargetTable, ...], BeforeValidator(list_to_tuple)] = ()
     """Values to meet; without, up to three points of each fitted curve."""
     constraints: Annotated[tuple[ConstraintTable, ...], BeforeValidator(list_to_tuple)] = ()

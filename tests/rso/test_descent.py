@@ -148,9 +148,13 @@ def test_one_and_three_parameters(tmp_path):
 
 def test_without_derivatives_it_says_what_to_do_or_takes_differences(tmp_path):
     with pytest.raises(StudyError, match=r"search\.method.*no derivatives of Fz of 'top' by mu.*search\.derivatives"):
-        direct(tmp_path / "a", 'slopes = "none"')
+        direct(tmp_path / "a", 'slopes = "none"', 'derivatives = "backend"')
+    silent = direct(tmp_path / "c", 'slopes = "none"')
+    assert any("gives no derivatives by mu, D1 here: they are differences" in w for w in silent["warnings"])
     found = direct(tmp_path / "b", 'slopes = "none"', 'derivatives = "differences"')
     true_within(found)
+    assert silent["identification"]["values"] == found["identification"]["values"]
+    assert not any("derivatives" in w for w in found["warnings"])
     purposes = [r["purpose"] for r in found["runs"]]
     # Similarity leaves one parameter: one difference a point, and one run to prove it.
     assert purposes.count("difference") == purposes.count("iterate") == len(points(found)) <= 5
@@ -263,7 +267,7 @@ def test_check_and_the_end_of_a_run_describe_it(tmp_path, capsys):
     )
     assert main(["check", str(file), "--trust"]) == 0
     said = capsys.readouterr().out
-    assert "Gauss–Newton on simulations with the backend's derivatives, from mu = 0.009 and 1 more start" in said
+    assert "Gauss–Newton on simulations with the backend's derivatives, differences where it has none, from mu = 0.009 and 1 more start" in said
     assert "30 at most (18 iterates, 12 ends of intervals)" in said and "design:" not in said
     assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out

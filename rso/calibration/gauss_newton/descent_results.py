@@ -91,6 +91,11 @@ def descent_warnings(plan: Plan, found: GaussNewtonRun, known: Identified | None
         said.append(f"the best point lies at an end of the range of {', '.join(ends)}: widen it, or try more starts")
     if "not applied" in found.similarity:
         said.append(f"similarity {found.similarity}")
+    lacking = found.eyes.differenced or ()
+    if lacking and plan.study.search.derivatives == "backend":
+        said.append(
+            f"the backend gives no derivatives by {', '.join(lacking)} here: they are differences between more runs"
+        )
     rivals = [d for d in found.descents if d.confirmed and d is not found.best and _apart(d, found.best)]
     if rivals:
         said.append(f"{len(rivals)} of {len(found.descents)} starts led to another minimum; see the descents")
