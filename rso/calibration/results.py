@@ -19,7 +19,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.readings import measured, profile_positions
 from rso.calibration.search_stage import SearchResult, Validation, baselines, mean_over_design
 from rso.calibration.stages import Design, FittedSurrogates, Run
-from rso.calibration.stated_settings import extraordinary, uncalibrated_experiments, unresolved_experiments
+from rso.calibration.stated_settings import extraordinary, replaced, uncalibrated_experiments, unresolved_experiments
 from rso.contract import plain
 from rso.core import disk
 from rso.data import MeasuredCurve, sheet_of
@@ -61,6 +61,7 @@ def begun_results(plan: Plan, command: str, started: str, jobs: int) -> dict[str
         "baseline": {e: dataclasses.asdict(m) for e, m in baselines(plan).items()},
         "warnings": [
             *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
+            *(f"experiment {e.name!r}: {lost}" for e in study.experiments for lost in replaced(study, e.name)),
             *extraordinary(plan),
             *uncalibrated_experiments(plan),
             *unresolved_experiments(plan),

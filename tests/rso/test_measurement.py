@@ -642,7 +642,7 @@ def test_tables_by_hand_have_sign_order_and_tare(tmp_path, what, fine):
     depth, force, words = BY_HAND[what]
     at = np.linspace(0, 3, 3 * fine + 1)
     rows = curve(np.interp(at, range(4), depth), np.interp(at, range(4), force))
-    with pytest.raises(ValueError, match=r"repeat '1': column") as caught:
+    with pytest.raises(ValueError, match=r"data\.csv: column") as caught:
         read_measurement(write(tmp_path, rows))
     assert words in str(caught.value)
 

@@ -112,8 +112,8 @@ class _Eyes:
         return [x + DIFFERENCE * (1.0 if x[k] <= 0.5 else -1.0) * np.eye(len(x))[k] for k in columns]
 
     def _without_derivatives(self, outcomes: tuple[Outcome, ...]) -> tuple[str, ...]:
-        """Parameters by which the runs have no derivatives, which differences then give; StudyError where the study says
-        that it wants the backend's own."""
+        """Parameters by which the runs have no derivatives, which differences then give; StudyError where the study
+        says that it wants the backend's own."""
         plan, box = self.bench.plan, self.frame.box
         answers = [(p, _response(outcomes[plan.case_of[p.experiment]])) for p in self.places]
         lack = {n: p for n in box.names for p, r in answers if set(p.channels) - set(r.gradients.get(n, {}))}

@@ -208,7 +208,7 @@ def read_measurement(
         kinds[0],
         tuple(repeats),
         notes,
-        tuple(doubts),
+        tuple(d.removeprefix(f"repeat {repeats[0].label}: ") if len(repeats) == 1 else d for d in doubts),
         unread,
         tuple(paths[1:]),
         _off(onsets),
@@ -224,13 +224,16 @@ def read_measurement(
 
 @contextmanager
 def _reckoned(table: _Table) -> Iterator[None]:
-    """Says in every ValueError what was computed from the columns of the file."""
+    """Says in every ValueError what was computed from the columns of the file, and no repeat of a file that has one."""
     try:
         yield
     except ValueError as error:
-        if not table.reckoned:
+        text = str(error)
+        for label in table.rows if len(table.rows) == 1 else ():
+            text = text.replace(f"repeat {label!r}: ", "", 1)
+        if not table.reckoned and text == str(error):
             raise
-        raise ValueError(f"{error} ({'; '.join(table.reckoned)})") from error
+        raise ValueError(f"{text} ({'; '.join(table.reckoned)})" if table.reckoned else text) from error
 
 
 def _left(table: _Table, r: Repeat) -> list[str]:
