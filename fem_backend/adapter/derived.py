@@ -20,12 +20,14 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
         ν = (3 − c)/(6 + c),   E = 2μ(1 + ν) = 18μ/(6 + c),   c = μ D₁,   K = 2/D₁
         μ∞ = (1 − Σ gᵢ) μ,     E∞ = 18μ∞/(6 + μ∞ D₁)
 
-    The moduli μ, E are the instantaneous ones; K does not relax.  None without μ and D₁ among the parameters `given`.
+    The moduli μ, E are the instantaneous ones; K does not relax.  With pore flow D₁ is that of the drained body, whose
+    ν may be anything.  None without μ and D₁ among the parameters `given`.
     """
     if not {"mu", "D1"} <= set(given):
         return ()
     shares = [name for name in SHARES if name in given]
-    when = "instantaneous " if shares else ""
+    drained = "permeability" in given
+    when = "instantaneous " if shares else "drained " if drained else ""
 
     def long_term(v: Values) -> np.ndarray:
         return np.asarray(v["mu"] * (1.0 - sum(v[name] for name in shares)))
@@ -38,11 +40,11 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
             f"{when}Poisson's ratio",
             "1",
             lambda v: (3.0 - v["mu"] * v["D1"]) / (6.0 + v["mu"] * v["D1"]),
-            SOFT,
+            (0.0, 0.5) if drained else SOFT,
             "a Poisson's ratio below 0.3 is unlikely for a gel, an elastomer or soft tissue. Check the contact "
             "point, the radius and the thickness first",
         ),
-        DerivedQuantity("K", "K", "bulk modulus", "MPa", lambda v: 2.0 / v["D1"]),
+        DerivedQuantity("K", "K", f"{'drained ' * drained}bulk modulus", "MPa", lambda v: 2.0 / v["D1"]),
     ]
     if shares:
         found += [

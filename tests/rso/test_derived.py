@@ -129,6 +129,17 @@ RESULTS = {
 }  # fmt: skip
 
 
+def test_a_drained_body_may_have_any_poisson_ratio():
+    """A gel whose water has left has 0.1 to 0.3; one that keeps it has not."""
+    wet, drained = ({q.name: q for q in derived(names)} for names in (["mu", "D1"], ["mu", "D1", "permeability"]))
+    assert wet["nu"].ordinary[0] == 0.3 and drained["nu"].ordinary == (0.0, 0.5)
+    assert {drained[n].description for n in ("E", "nu", "K")} == {
+        "drained Young's modulus",
+        "drained Poisson's ratio",
+        "drained bulk modulus",
+    }
+
+
 def test_the_page_says_what_is_fixed_what_is_open_and_what_is_unlikely():
     from rso.report.calibration.derived import derived_facts, derived_sentences, derived_table
 
