@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import beta
 
-from rso.discrepancy.diagnosis import LEVEL
+from rso.discrepancy.diagnosis import CREDIBLE_LEVEL
 from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
@@ -162,7 +162,7 @@ def covered(
         h = evidence.best(own, y, loose=loose)
         post = posterior(h, h.white(y), DRAWS, rng)
         v = value_of(own[0], post.at[:, d], post.modulus, evidence.bench.modulus)
-        low, high = np.quantile(v, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        low, high = np.quantile(v, [(1 - CREDIBLE_LEVEL) / 2, (1 + CREDIBLE_LEVEL) / 2])
         s = np.float64(scored.cases.size(i, d))
         true = float(value_of(truth, s, scored.cases.modulus[i], evidence.bench.modulus))
         hit.append(bool(low <= true <= high))

@@ -38,7 +38,8 @@ from rso.inference import (
     with_model_errors,
 )
 from rso.inference.error_model import EMULATOR
-from rso.inference.identifiability import LEVEL, UNLIKELY
+from rso.inference.identifiability import UNLIKELY
+from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.verdict import REFUTED
 from rso.study.resolve import resolve
 
@@ -241,7 +242,7 @@ def _unsure(
             off = np.concatenate([band(_wide(plan, x[None])[0]) for band in bands])
             if float(np.sum(now.misfit.white(off) ** 2)) > SURE * least:
                 ends.append((f"the end of an interval, {_named(box, x)}", x))
-    limit = d.fit.chi2 + least * chi2_ppf(LEVEL, 1)
+    limit = d.fit.chi2 + least * chi2_ppf(CREDIBLE_LEVEL, 1)
     X = sobol_sequence(box.d, SCAN, plan.seed)
     X = X[(now.misfit.chi2(X) > limit) & (now.misfit.beyond(X).sum(axis=1) == 0.0)]
     hopeful = _hopeful(plan, emulator, now, X)

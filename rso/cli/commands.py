@@ -609,7 +609,7 @@ def first_steps(options: argparse.Namespace, command: str) -> int:
 
 def report(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.results import SCHEMA, data_hashes
-    from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
+    from rso.discrepancy.diagnosis_results import DIAGNOSIS_SCHEMA as TOLD
     from rso.model_selection import ladder_results
     from rso.next_experiment import design_results
     from rso.objectives import results as pareto_results

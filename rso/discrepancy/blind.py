@@ -22,7 +22,8 @@ from rso.study.laboratory_folder import file_line, files_of, study_of_folder, un
 from rso.study.laboratory_nominal import FILE, read_nominal
 from rso.study.loader import load_study
 
-SHARED = 2.0  # mm, of plans of the usual depth: one that ends this much earlier than another shares its library
+# mm, of plans of the usual depth: one that ends this much earlier than another shares its library
+SHARED_LIBRARY_DEPTH_MM = 2.0
 
 
 def cases_of(folder: Path) -> list[Path]:
@@ -128,7 +129,7 @@ def _deepest(asked: Sequence[Asked]) -> dict[str, float]:
 def _as_deep(plan: TestPlan, deepest: Mapping[str, float]) -> TestPlan:
     """The plan with places as deep as in the deepest case, so that one library serves all, where that is not far."""
     far = {digest(p.settings): deepest[digest(p.settings)] for p in plan.places}
-    reach = SHARED * plan.scale
+    reach = SHARED_LIBRARY_DEPTH_MM * plan.scale
     places = [replace(p, deepest=v) if (v := far[digest(p.settings)]) <= p.deepest + reach else p for p in plan.places]
     return replace(plan, places=tuple(places))
 

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from rso.core.distributions import chi2_ppf
-from rso.inference.identifiability import LEVEL, Determination
+from rso.inference.identifiability import Determination
+from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.least_squares import fit_at
 from rso.inference.likelihood import Misfit
 from rso.inference.verdict import FACTOR
@@ -67,7 +68,7 @@ def rests_on(
     return [n for n in fixed if change(n) > 0.0 and change(n) >= AS_MUCH * most]
 
 
-def derived_interval(d: Determination, quantity: Quantity, level: float = LEVEL) -> DerivedInterval:
+def derived_interval(d: Determination, quantity: Quantity, level: float = CREDIBLE_LEVEL) -> DerivedInterval:
     """Profile-likelihood interval of a function q(θ) of the parameters, from what determines these.
 
         [min q(θ), max q(θ)]   over all θ of the ranges with χ²(θ) − χ²_min ≤ quantile of χ²₁

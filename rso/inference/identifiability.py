@@ -15,6 +15,7 @@ from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
 from rso.inference.error_model import OF_THE_MODEL, shares
 from rso.inference.intervals import (
+    CREDIBLE_LEVEL,
     Interval,
     ProfileInterval,
     laplace,
@@ -28,7 +29,6 @@ from rso.inference.posterior_sampling import Draws, agree, sample_posterior
 from rso.inference.sloppy_directions import Direction, per_log
 from rso.inference.verdict import REFUTED, WORDS, Verdict, Word, judge_parameter, quieter, size, verdict_sentences
 
-LEVEL = 0.9
 OTHERS = 5  # points beside the best fit from which profiles start
 BEST = 8  # finished runs from which descents start
 BESIDE = 0.1  # of the width of an interval: a run that far outside of it refutes it, a nearer one widens it
@@ -131,7 +131,7 @@ def determine(
     seed: int,
     near: np.ndarray | None = None,
     mcmc: bool = True,
-    level: float = LEVEL,
+    level: float = CREDIBLE_LEVEL,
     runs: Runs | None = None,
     stated: Box | None = None,
 ) -> Determination:
@@ -339,7 +339,9 @@ def doubt(known: Known, word: Word, why: str, by: str = "by surrogates, ") -> Kn
     return replace(known, verdict=Verdict(word, 0, None), story=story, reason=why)
 
 
-def runs_outside_interval(p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
+def runs_outside_interval(
+    p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = CREDIBLE_LEVEL
+) -> list[int]:
     """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
     of all pieces of its interval by more than `BESIDE` of its width."""
     found, limit = p.pieces(level), chi2_ppf(level, 1)

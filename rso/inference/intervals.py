@@ -13,6 +13,7 @@ from rso.doe import sobol_sequence
 from rso.inference.least_squares import Fit, levenberg_marquardt
 from rso.inference.likelihood import Misfit
 
+CREDIBLE_LEVEL = 0.9  # probability within an interval, unless another level is asked for
 DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
 COARSE, FINE = 33, 17  # points of a profile over the whole box, and over ±4 standard deviations
 ALONE = 257  # points of the profile of an only parameter, which cost no descent
@@ -79,7 +80,7 @@ def _truncated(x: np.ndarray, fisher: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return sd, V, normal_cdf(low / sd), normal_cdf(high / sd)
 
 
-def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
+def laplace(fit: Fit, level: float = CREDIBLE_LEVEL, seed: int = 0) -> list[Interval]:
     """Central intervals of the Gaussian approximation (Laplace 1774) with a flat prior inside the box.
 
     x ± z √(F⁻¹)ᵢᵢ where all of them lie well inside; else quantiles of the Gaussian restricted to the box.
@@ -91,7 +92,7 @@ def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
     return quantiles(gaussian_draws(fit.x, fit.fisher, seed), level)
 
 
-def quantiles(X: np.ndarray, level: float = 0.9) -> list[Interval]:
+def quantiles(X: np.ndarray, level: float = CREDIBLE_LEVEL) -> list[Interval]:
     """Central intervals (d,) of draws X (n, d)."""
     tail = 0.5 * (1 - level)
     ends = np.quantile(X, [tail, 1 - tail], axis=0)
@@ -115,7 +116,7 @@ class ProfileInterval:
     sigma: np.ndarray
     point: np.ndarray
 
-    def interval(self, level: float = 0.9) -> Interval:
+    def interval(self, level: float = CREDIBLE_LEVEL) -> Interval:
         """From the first to the last of all values with rise <= the quantile of χ² with one degree of freedom.
 
         There may be values between that the data exclude: :meth:`pieces`.
@@ -124,7 +125,7 @@ class ProfileInterval:
         found = self.pieces(level)
         return Interval(found[0].low, found[-1].high, found[0].at_low, found[-1].at_high)
 
-    def pieces(self, level: float = 0.9) -> tuple[Interval, ...]:
+    def pieces(self, level: float = CREDIBLE_LEVEL) -> tuple[Interval, ...]:
         """The same values as intervals in order, apart where the rise exceeds the quantile by more than `GAP`.
 
         √rise is linear between grid points; where no value is inside, the best one alone.
@@ -153,7 +154,7 @@ class ProfileInterval:
             point=np.append(self.point, self.point[near])[order],
         )
 
-    def leaning(self, level: float = 0.9) -> tuple[int, ...]:
+    def leaning(self, level: float = CREDIBLE_LEVEL) -> tuple[int, ...]:
         """Other parameters on a bound of the box just beyond an end of this interval: that bound makes the end."""
         i = self.interval(level)
         rows = [] if i.at_low else [int(np.flatnonzero(self.at < i.low)[-1])]
@@ -163,7 +164,7 @@ class ProfileInterval:
         return tuple(int(j) for j in np.flatnonzero(on))
 
 
-def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[float, float], ...]:
+def pieces(at: np.ndarray, rise: np.ndarray, level: float = CREDIBLE_LEVEL) -> tuple[tuple[float, float], ...]:
     """(low, high) of all values `at` (g,), in order, where the `rise` (g,) of χ² is within its quantile."""
     limit, root, n = math.sqrt(chi2_ppf(level, 1)), np.sqrt(np.maximum(rise, 0.0)), len(at)
 
@@ -179,7 +180,7 @@ def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[
     return tuple(found) or ((best, best),)
 
 
-def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
+def stretches(rise: np.ndarray, level: float = CREDIBLE_LEVEL) -> list[tuple[int, int]]:
     """First and last index of each run of values (g,) within the quantile of χ² with one degree of freedom.
 
     Runs with nothing between them above that quantile + `GAP` are one: descents end short of the least misfit by less.

@@ -10,6 +10,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data, force_curves, places_from_contact
 from rso.contract import Case, Programme
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.units import value_in_unit
 from rso.data import StatedNoise
 from rso.inference import CurvePlace, Data
@@ -17,8 +18,6 @@ from rso.study.analysis_tables import NextExperiment
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
 from rso.study.creep import creep_case
 from rso.study.errors import Problem, choices_text, study_error
-
-FORCES = ("Fx", "Fy", "Fz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +135,7 @@ def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[P
         backend.check(item.case)
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         yield Problem((*place, "settings"), str(error))
-    forces = [c for c in backend.channels if c in FORCES]
+    forces = [c for c in backend.channels if c in FORCE_CHANNELS]
     for b in item.blocks:
         if block_channel(b) not in ("uz", *forces):
             text = (

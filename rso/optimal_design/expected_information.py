@@ -18,7 +18,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from rso.core.distributions import normal_cdf, normal_pdf, normal_ppf
 from rso.doe import Box, sobol_sequence
-from rso.inference.intervals import profile_likelihood, standard_deviations
+from rso.inference.intervals import CREDIBLE_LEVEL, profile_likelihood, standard_deviations
 from rso.inference.least_squares import fit_at, levenberg_marquardt
 from rso.inference.likelihood import SMALLEST, Data, Misfit, Model
 from rso.inference.sloppy_directions import UNIFORM, expected_sd, per_log
@@ -27,7 +27,6 @@ ALONG, ACROSS = 256, 64  # points of a posterior along the weakest parameter, an
 SCALES = 6  # widths, from that of the sharpest set to the whole box, on which points along it are close enough
 EDGE = 0.01  # of the box: nearer to its end no central interval can hold a truth
 WIDER = 2.5  # than the Gaussian across: data made up lie beside the truth
-LEVEL = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +186,7 @@ def _posterior(
     sd = np.sqrt(variance.mean(axis=0)) / per_log(box, x)
     order = np.argsort(X[:, weakest], kind="stable")
     below = np.cumsum(w[order], axis=0)[np.searchsorted(X[order, weakest], x[weakest]).clip(0, len(X) - 1)]
-    tail = 0.5 * (1 - LEVEL)
+    tail = 0.5 * (1 - CREDIBLE_LEVEL)
     inside = EDGE < x[weakest] < 1 - EDGE
     covered = float(np.mean((below > tail) & (below < 1 - tail))) if inside else None
     return {n: float(s) for n, s in zip(box.names, sd, strict=True)}, covered

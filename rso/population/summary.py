@@ -17,6 +17,7 @@ from rso.core.distributions import chi2_cdf
 from rso.core.plain_results import plainly, write_results, written_cell
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
+from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.random_effects import (
     RandomEffects,
     SpecimenLikelihood,
@@ -29,7 +30,6 @@ from rso.inference.random_effects import (
 SCHEMA = 1
 FILE = "specimens.json"
 FOLDER = "specimens"  # below that of the results
-LEVEL = 0.9  # of the intervals of every specimen
 EXIT_DONE, EXIT_STOPPED = 0, 3
 TOO_ALIKE = 0.05  # probability of a Q as small: errors of the specimens are not their own
 FEW = 5  # specimens of which the scatter is hardly known
@@ -79,7 +79,7 @@ def population_summary(
                 "seed": study.study.seed,
                 "units": study.study.units,
             },
-            "level": LEVEL,
+            "level": CREDIBLE_LEVEL,
             "specimens": rows,
             "population": population,
             "words": [p["words"] for p in population],
@@ -239,9 +239,9 @@ def _population(
             likelihoods[row["name"]] = made
     marked = _mark(name, likelihoods, rows)
     every = list(likelihoods.values())
-    effects = random_effects(every, LEVEL) if any(s.closed for s in every) else None
+    effects = random_effects(every, CREDIBLE_LEVEL) if any(s.closed for s in every) else None
     without = [s for n, s in likelihoods.items() if n not in marked]
-    again = random_effects(without, LEVEL) if marked and any(s.closed for s in without) else None
+    again = random_effects(without, CREDIBLE_LEVEL) if marked and any(s.closed for s in without) else None
     block = {
         "parameter": name,
         "unit": unit,
@@ -271,7 +271,7 @@ def _likelihood(block: Found, log: bool) -> SpecimenLikelihood | None:
         at, low, high = np.log(at), math.log(low), math.log(high)
     order = np.argsort(at)
     bounds = "lower" in block["bounds"], "upper" in block["bounds"]
-    return likelihood_of_profile(at[order], rise[order], (low, high), bounds, LEVEL)
+    return likelihood_of_profile(at[order], rise[order], (low, high), bounds, CREDIBLE_LEVEL)
 
 
 def _mark(name: str, likelihoods: Mapping[str, SpecimenLikelihood], rows: Sequence[dict[str, Any]]) -> list[str]:

@@ -646,7 +646,7 @@ def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
         abs(
             mixture_log_evidence(h, h.white(y)[None])[0]
             + logsumexp(added.gained)
-            - np.log(marginal_ranges.SIZES)
+            - np.log(marginal_ranges.N_UNSEEN_SIZE_DRAWS)
             - want
         )
         < 1.0
@@ -715,7 +715,7 @@ def test_what_is_seen_without_ever_being_clear_has_rivals_too(monkeypatch):
     library = tables(NAMES, False)
     y = library.plan.values()
     evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
-    monkeypatch.setattr(room, "CLEAR", 1.0)
+    monkeypatch.setattr(room, "MIN_POWER_FOR_CONFUSION", 1.0)
     seen = [d for d in room.detectable(evidence, y, 0) if d.limit is not None]
     assert len(seen) > 2
     assert all(d.recognised > 0.1 for d in seen)

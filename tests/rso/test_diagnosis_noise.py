@@ -365,7 +365,7 @@ def test_a_model_may_be_rough_by_a_thousandth_from_bin_to_bin():
 def records(s, tau, seeds, n=2000, white=3e-3):
     """Deviations of dense records from polynomials: white noise and slow noise of time constant tau (readings)."""
     x = np.sqrt(np.linspace(0.4, 4.0, n))
-    P = np.polynomial.legendre.legvander(2.0 * (x - x.min()) / np.ptp(x) - 1.0, sensor.DEGREE)
+    P = np.polynomial.legendre.legvander(2.0 * (x - x.min()) / np.ptp(x) - 1.0, sensor.FILTER_TREND_DEGREE)
     for seed in seeds:
         rng, a = np.random.default_rng(seed), np.exp(-1.0 / tau)
         slow = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], rng.standard_normal(n + 2000))[2000:]

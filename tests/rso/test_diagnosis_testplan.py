@@ -12,7 +12,7 @@ from rso.discrepancy import make_test_plan
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.library.simulations import passes, passes_of
-from rso.discrepancy.library.test_plan import BINS, STEP
+from rso.discrepancy.library.test_plan import BINS, PLAN_DEPTH_STEP_MM
 
 NOTHING = Noise()
 
@@ -101,8 +101,8 @@ def test_the_deepest_travel_is_rounded_so_that_data_sets_share_a_library():
     for peak in (3.98, 4.0, 4.04):
         plan = make_test_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng(), peak=peak))])
         deepest.append(plan.places[0].deepest)
-        assert plan.places[0].deepest % STEP == 0
-        assert plan.places[0].deepest > peak - 0.25 * STEP
+        assert plan.places[0].deepest % PLAN_DEPTH_STEP_MM == 0
+        assert plan.places[0].deepest > peak - 0.25 * PLAN_DEPTH_STEP_MM
     assert len(set(deepest)) == 1
 
 

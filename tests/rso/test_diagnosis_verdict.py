@@ -9,7 +9,7 @@ import pytest
 from rso.data import Noise, Repeat
 from rso.discrepancy import build_library, diagnose, diagnosis_data, make_test_plan
 from rso.discrepancy.diagnosis import _beyond, _sides, most_left
-from rso.discrepancy.evidence.attribution import SHARES, Comparison, Evidence, critical, set_up
+from rso.discrepancy.evidence.attribution import SCATTER_SIZE_SHARES, Comparison, Evidence, critical, set_up
 from rso.discrepancy.evidence.cross_validation import HeldOut, held_out_evidence, predicts
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
@@ -163,7 +163,7 @@ def test_the_size_of_what_scatters_is_read_from_the_data(scatter):
     y = plan.values()
     bench = set_up(library, y)
     size, low, high = Evidence(bench, library.effects).scatter(gain, y, 0.9)
-    assert low < size < high and low >= 0.9 * SHARES[0] * gain.size.high
+    assert low < size < high and low >= 0.9 * SCATTER_SIZE_SHARES[0] * gain.size.high
     taken = bench.levels["Fz"].gain  # what repeats show is noise already; the effect is what comes on top
     assert low**2 < scatter**2 and high**2 + taken**2 > scatter**2
 

@@ -23,6 +23,7 @@ from typing import Literal
 
 import numpy as np
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.units import is_counted
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP, cycle_rows, segments
@@ -56,7 +57,6 @@ from rso.data.files.columns import (
 from rso.data.files.commented_header import head_of
 from rso.data.files.lines import file_text, numbered_lines
 from rso.data.files.rows import rows_by_label
-from rso.data.files.tables import FORCES
 from rso.data.files.tables_beside import table_beside
 from rso.data.files.whitespace_tables import parted, width_of
 from rso.data.files.workbook import BEGINS, block_of, sheet_of
@@ -325,7 +325,7 @@ def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset
     if _sought(table, r):
         if not in_air:
             return _from_first(table, r)
-        names = ("depth", *(n for n in FORCES if n in r.channels))
+        names = ("depth", *(n for n in FORCE_CHANNELS if n in r.channels))
     if not names:
         return r, None, []
     try:
@@ -662,7 +662,7 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
 def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     """Force curve or surface profile, by the columns present."""
     names = [n for n in table.columns if not n.endswith("_sigma")]
-    forces = [n for n in names if n in FORCES]
+    forces = [n for n in names if n in FORCE_CHANNELS]
     surface = [n for n in names if n in DISPLACEMENTS]
     found = f"; found are {', '.join(names)}"
     if "depth" not in names:

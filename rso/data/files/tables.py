@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.units import BARE_COLUMNS
 from rso.data.files.columns import Head, Row, cells_of, fail, is_number
 from rso.data.files.machine_lines import MISSING, filled_cells, parted_from_readings
@@ -16,7 +17,6 @@ from rso.data.files.rows import rows_by_label
 HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its own
 START = 0.1  # of it: where all blocks begin
 FEWEST = 4  # readings of such a block
-FORCES = ("Fx", "Fy", "Fz")
 LOST = 0.05  # of the rows: where more lack a value the table is refused
 PLACES = ("depth", "x", "y")
 SHOWN = 6  # blocks that a message lists
@@ -122,7 +122,7 @@ def labels_of(
     if own:
         _apart(path, table, headers, depth, own)
         return np.array(own), []
-    if columns.keys().isdisjoint(FORCES):
+    if columns.keys().isdisjoint(FORCE_CHANNELS):
         places = np.stack([v for name, v in columns.items() if name in PLACES], axis=1)
         twice = len(np.unique(places, axis=0)) < len(places)
         return ((table + 1).astype(str) if twice else one), []

@@ -40,9 +40,10 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Test
 
-SHARES = np.geomspace(0.02, 1.5, 25)  # of the largest plausible size of what scatters, from which its size is read
-SURVIVORS = 5
-NULLS = 400
+# of the largest plausible size of what scatters, from which its size is read
+SCATTER_SIZE_SHARES = np.geomspace(0.02, 1.5, 25)
+N_SURVIVING_EFFECTS = 5  # effects that go on to what costs more: pairs, held-out curves, next tests
+N_NULL_DATA_SETS = 400  # simulated without a gap: four are beyond a false alarm of 1 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,12 +213,14 @@ class Evidence:
         From the evidence of y (n,) at shares of its largest plausible size, all alike likely before.
         """
         tiles, logs = self.bench.of((effect,)), []
-        for share in SHARES:
+        for share in SCATTER_SIZE_SHARES:
             white = whitening(self.bench.covariance((effect,), share))
             logs.append(mixture_log_evidence(ready(tiles, white, self.bench.modulus), white(y)[None])[0])
         weight = np.exp(np.array(logs) - logsumexp(logs))
         below = np.cumsum(weight) - 0.5 * weight  # in the middle of each share's part
-        low, middle, high = np.exp(np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SHARES)))
+        low, middle, high = np.exp(
+            np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SCATTER_SIZE_SHARES))
+        )
         return middle * effect.size.high, low * effect.size.high, high * effect.size.high
 
     def of_tests(self, effect: Effect, y: np.ndarray, sd: float) -> tuple[np.ndarray, np.ndarray]:
@@ -309,7 +312,7 @@ def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors
     return float(np.log(priors.of(kind) / max(n, 1)))
 
 
-def survivors(contest: Comparison, count: int = SURVIVORS) -> list[Effect]:
+def survivors(contest: Comparison, count: int = N_SURVIVING_EFFECTS) -> list[Effect]:
     """Causes whose best hypothesis has the most evidence, alone or with something unexplained, in their best form."""
     best: dict[str, tuple[float, Effect]] = {}
     for h, z, p in zip(contest.hypotheses, contest.log_evidence, contest.log_prior, strict=True):

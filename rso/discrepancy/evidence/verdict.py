@@ -14,7 +14,7 @@ from rso.discrepancy.evidence.residual_test import ResidualScore
 from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
 from rso.discrepancy.library.effects import Effect
 
-BEATEN = 2  # causes not named whose fits are kept
+N_BEATEN_CAUSES = 2  # causes not named whose fits are kept
 
 
 @dataclass(frozen=True)
@@ -125,4 +125,4 @@ def beaten(contest: Comparison, named: Sequence[str]) -> list[Hypothesis]:
             if h.effects[0].source not in taken:
                 found.append(h)
                 taken.add(h.effects[0].source)
-    return found[:BEATEN]
+    return found[:N_BEATEN_CAUSES]

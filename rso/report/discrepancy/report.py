@@ -10,7 +10,15 @@ from typing import Any, Unpack
 from rso.core.digits import DASH, NBSP, known, significant
 from rso.core.symbols import in_letters
 from rso.discrepancy.parameters import called, known_alone, unproved
-from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
+from rso.discrepancy.wording import (
+    MENTIONED_NO_GAP_PROBABILITY,
+    UNDECIDED,
+    in_one_curve,
+    may_be_absent,
+    nothing,
+    shaped,
+    undecided,
+)
 from rso.report.canvas import short
 from rso.report.discrepancy.background import background
 from rso.report.discrepancy.figures import draw, leading
@@ -110,7 +118,7 @@ def verdict(found: Found) -> Section:
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
-    if nothing(found) > DOUBT:
+    if nothing(found) > MENTIONED_NO_GAP_PROBABILITY:
         text = text.replace("misses", "may miss")
     lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
     lead += "".join(f" {_in_letters(found, v)}" for v in unproved(core(found))) if verdict_of(found) == "no_gap" else ""
@@ -151,7 +159,7 @@ def _not_settled(found: Found) -> str:
     if total < FEW:
         text += f" Given a gap, these hold {chance(total)} of the probability; the rest is spread over what is less "
         text += "likely."
-    if nothing(found) > DOUBT:
+    if nothing(found) > MENTIONED_NO_GAP_PROBABILITY:
         text += f" That there is no gap at all has {chance(nothing(found))}."
     return text
 
@@ -173,11 +181,11 @@ def _facts(found: Found) -> list[Fact]:
             "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
         ),
     ]
-    if nothing(found) > DOUBT:
+    if nothing(found) > MENTIONED_NO_GAP_PROBABILITY:
         facts.insert(1, Fact("No gap at all", chance(nothing(found)), "of the probability"))
     causes = list(d.get("causes") or ())
     if causes:
-        c, given = causes[0], ", given a gap" if nothing(found) > DOUBT else ""
+        c, given = causes[0], ", given a gap" if nothing(found) > MENTIONED_NO_GAP_PROBABILITY else ""
         note = f"probability {chance(c.get('probability'))}{given}"
         note += "; may be absent" if pair(c.get("interval")) and may_be_absent(c) else ""
         facts.append(Fact("Leading cause", short(clean(called(found, str(c.get("effect")))), 26), note))
