@@ -375,7 +375,7 @@ def _usual(study: Study, e: ExperimentTable) -> str:
     sizes = {
         "gain": f"gain {100 * once.gain:.2g} %",
         "contact": f"contact {once.contact:.2g} mm",
-        "correlation": f"{100 * usual_errors.CORRELATED:g} % of the largest force along the depth",
+        "correlation": f"{100 * usual_errors.USUAL_CORRELATED_ERROR_SHARE:g} % of the largest force along the depth",
     }
     each = ", ".join(sizes[n] for n in noise.unstated)
     less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""

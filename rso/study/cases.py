@@ -15,7 +15,7 @@ import numpy as np
 from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
 from rso.core.units import CHANNELS, COLUMNS, UNITS, same, value_in_unit
 from rso.data import (
-    POINTS,
+    N_CLOUD_POINTS,
     Hold,
     MeasuredCurve,
     Measurement,
@@ -67,7 +67,7 @@ def measured_clouds(study: Study) -> dict[str, SurfaceCloud]:
     clouds, problems = {}, []
     for n, e in enumerate(study.experiments):
         if e.kind == "surface":
-            points = POINTS if e.points is None else e.points
+            points = N_CLOUD_POINTS if e.points is None else e.points
             try:
                 clouds[e.name] = surface_cloud(study.measurement(e.name), study.noise_of(e.name), e.compared, points)
             except ValueError as error:

@@ -9,18 +9,18 @@ from pydantic import AfterValidator, create_model, model_validator
 
 from rso.contract import finite
 from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, unit_or_count_factor
-from rso.data import CONTACT, Column
+from rso.data import ZERO_AT_CONTACT, Column
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Compliance, Stiffness, expected, formed
 
 
 def _zeros(value: Any) -> Any:
-    """A finite number, a list of them as a tuple, or CONTACT."""
-    if value == CONTACT:
+    """A finite number, a list of them as a tuple, or ZERO_AT_CONTACT."""
+    if value == ZERO_AT_CONTACT:
         return value
     several = list(value) if isinstance(value, list | tuple) else [value]
     if not several or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
-        raise ValueError(f"expected a number, a list with one for each file of an experiment, or {CONTACT!r}")
+        raise ValueError(f"expected a number, a list with one for each file of an experiment, or {ZERO_AT_CONTACT!r}")
     if not all(map(finite, several)):
         raise ValueError("must be finite")
     return tuple(map(float, several)) if isinstance(value, list | tuple) else float(value)
@@ -80,7 +80,7 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
         return None
     if table.flip and name not in COLUMNS:
         raise ValueError(f"flip turns the sign of a measured value; {name} has none")
-    if table.zero == CONTACT and name not in ("depth", "Fz"):
+    if table.zero == ZERO_AT_CONTACT and name not in ("depth", "Fz"):
         raise ValueError(f"the contact that a record shows is the zero of depth and Fz; {name} has none")
     if table.zero and name not in COLUMNS:
         raise ValueError(f"zero is subtracted from a measured value; {name} is none")

@@ -21,7 +21,7 @@ from rso.core.default_backend import USE
 from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES, in_base
 from rso.data import (
-    CONTACT,
+    ZERO_AT_CONTACT,
     HeaderError,
     Measurement,
     Noise,
@@ -257,7 +257,7 @@ def _words(name: str, column: Mapping[str, Any]) -> list[str]:
     less, told = column.get("minus"), ("stiffness", "compliance")
     said = [name] * bool(name) + [column[k] for k in ("header", "unit") if k in column]
     said += [word for k in told if k in column for word in (k, column[k])]
-    said += ["flip"] * ("flip" in column) + ["contact"] * (column.get("zero") == CONTACT)
+    said += ["flip"] * ("flip" in column) + ["contact"] * (column.get("zero") == ZERO_AT_CONTACT)
     return said if less is None else [*said, "minus", *_words("", less)]
 
 

@@ -12,7 +12,7 @@ from rso.discrepancy import make_test_plan
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.settings import SETTINGS
 from rso.discrepancy.library.simulations import passes, passes_of
-from rso.discrepancy.library.test_plan import BINS, PLAN_DEPTH_STEP_MM
+from rso.discrepancy.library.test_plan import N_HOLD_BINS, PLAN_DEPTH_STEP_MM
 
 NOTHING = Noise()
 
@@ -30,7 +30,7 @@ def test_bins_keep_the_means_of_every_branch():
     (test,), (r,) = plan.tests, repeats
     for k, branch in enumerate(("loading", "unloading")):
         mine, own = test.branch == k, r.segment == branch
-        assert mine.sum() == BINS and test.count[mine].sum() == own.sum()
+        assert mine.sum() == N_HOLD_BINS and test.count[mine].sum() == own.sum()
         for c in ("Fx", "Fy", "Fz"):
             total = np.sum(test.count[mine] * test.values[c][mine])
             np.testing.assert_allclose(total, r.channels[c][own].sum(), rtol=1e-12)

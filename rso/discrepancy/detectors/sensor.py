@@ -9,12 +9,12 @@ import numpy as np
 
 from rso.core.distributions import chi2_ppf
 from rso.data import Repeat, step_of
-from rso.discrepancy.library.test_plan import BINS, Experiment
+from rso.discrepancy.library.test_plan import N_HOLD_BINS, Experiment
 
 # readings of a record that tells by itself how it was filtered
 MIN_READINGS_FOR_FILTER, FILTER_TREND_DEGREE, MIN_FILTERED_CORRELATION = 200, 10, 0.5
 # means of readings that tell slow noise; chance that white noise alone tells as much
-N_SLOW_NOISE_BLOCKS, SLOW_NOISE_CHANCE = 3 * BINS, 1e-3
+N_SLOW_NOISE_BLOCKS, SLOW_NOISE_CHANCE = 3 * N_HOLD_BINS, 1e-3
 
 
 def hidden_noise(experiments: Sequence[Experiment], channel: str, scatter: float) -> tuple[float, float]:
@@ -33,7 +33,7 @@ def hidden_noise(experiments: Sequence[Experiment], channel: str, scatter: float
             continue
         s, v = np.sqrt(r.depth[at]), r.channels[channel][at]
         Δu, q = float(np.ptp(r.depth[at])) / len(v), _step(r, channel)
-        w = float(r.depth.max()) / BINS
+        w = float(r.depth.max()) / N_HOLD_BINS
         if q:
             own = math.sqrt(max(scatter**2 - q**2 / 12.0, 0.0))  # of the readings before they were counted
             length = q * len(v) * Δu / max(float(np.ptp(v)), q)

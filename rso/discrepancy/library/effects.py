@@ -16,7 +16,7 @@ import numpy as np
 
 from rso.contract import Backend, NominalValues, Parameter, PlausibleRanges, Scope, Variants, capability, parameters_of
 from rso.core.similarity import stress_exponent
-from rso.data import CROSS, LATERAL, Chain
+from rso.data import CROSS_KNOBS, LATERAL_KNOBS, Chain
 
 _SMALLEST_SIZE_RATIO = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
 _LOGARITHMIC_RANGE_RATIO = 4.0  # ends of a range further apart than this are spaced logarithmically
@@ -271,8 +271,8 @@ def _beyond(value: float, usual: tuple[float, float]) -> float:
 
 def measured_effects(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:
     """The effects without those of a channel that was not measured: they are none of this plan."""
-    lost = {knob for channel, knob in CROSS.items() if channel not in channels}
-    lost.update(LATERAL if lost == set(CROSS.values()) else ())
+    lost = {knob for channel, knob in CROSS_KNOBS.items() if channel not in channels}
+    lost.update(LATERAL_KNOBS if lost == set(CROSS_KNOBS.values()) else ())
     return tuple(e for e in effects if e.family == "model" or e.size.name not in lost)
 
 

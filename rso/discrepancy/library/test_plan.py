@@ -18,7 +18,7 @@ from rso.contract.responses import FORCE_CHANNELS
 from rso.core.power_law import LEADING
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
 from rso.data.force_holds import HeldForce
-from rso.data.holds import BINS, at_peak, edges, stop_time
+from rso.data.holds import N_HOLD_BINS, at_peak, edges, stop_time
 
 N_APPROACH_BINS = 3  # bins of the way before contact
 LOADING_BRANCH, UNLOADING_BRANCH, HELD_BRANCH = range(3)  # branches of a test
@@ -416,9 +416,9 @@ def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
 def _binned(
     r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, came: float, power: float
 ) -> tuple[Any, ...]:
-    """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most BINS, even in depth,
-    while the indenter presses, N_APPROACH_BINS before it does so, and even in the logarithm of time since it `came` to
-    rest (s).
+    """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most N_HOLD_BINS, even in
+    depth, while the indenter presses, N_APPROACH_BINS before it does so, and even in the logarithm of time since it
+    `came` to rest (s).
     """
     at = np.nonzero(r.segment == ("loading", "unloading", "hold")[branch])[0]
     if branch == HELD_BRANCH:
@@ -429,7 +429,7 @@ def _binned(
         u = np.maximum.accumulate(r.depth[way]) if len(at) else r.depth[way]
         air, way = way[: np.sum(u < 0.0)], way[np.sum(u < 0.0) :]
         u = u[len(air) :]
-        ends = np.linspace(0.0, u[-1], BINS + 1)[1:-1] if len(way) > BINS else u
+        ends = np.linspace(0.0, u[-1], N_HOLD_BINS + 1)[1:-1] if len(way) > N_HOLD_BINS else u
         groups = [
             *np.array_split(air, min(N_APPROACH_BINS, len(air)) or 1),
             *np.split(way, np.searchsorted(u, ends, side="left")),
