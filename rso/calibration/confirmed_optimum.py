@@ -38,9 +38,9 @@ from rso.inference import (
     with_model_errors,
 )
 from rso.inference.error_model import EMULATOR
-from rso.inference.identifiability import UNLIKELY
+from rso.inference.identifiability import REFUTED_FIT_CHANCE
 from rso.inference.intervals import CREDIBLE_LEVEL
-from rso.inference.verdict import REFUTED
+from rso.inference.verdict import REFUTED_ERROR_RATIO
 from rso.study.resolve import resolve
 
 ROUNDS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
@@ -175,7 +175,7 @@ def _most_likely(
         ν = now.misfit.n - len(best.x)
         p, p_bare = (chi2_p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
         last = ConfirmedOptimum(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
-        hidden = covered(p, p_bare) and bare > REFUTED**2 * ν
+        hidden = covered(p, p_bare) and bare > REFUTED_ERROR_RATIO**2 * ν
         if (verified and not hidden) or k == ROUNDS - 1:
             break
         emulator = learn_more(bench, emulator, [outputs_sample(plan, values, outcomes)])
@@ -186,7 +186,7 @@ def _most_likely(
 
 def covered(p: float | None, p_bare: float | None) -> bool:
     """Whether a model agrees with the data only because of what the surrogates may be off by."""
-    return (p is None or p >= UNLIKELY) and p_bare is not None and p_bare < UNLIKELY
+    return (p is None or p >= REFUTED_FIT_CHANCE) and p_bare is not None and p_bare < REFUTED_FIT_CHANCE
 
 
 def _least(now: ConfirmedFit, best: Fit) -> float:

@@ -42,7 +42,7 @@ from rso.inference import (
 from rso.inference.derived import is_known, rests_on
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
-from rso.inference.verdict import REFUTED, Word, physical
+from rso.inference.verdict import REFUTED_ERROR_RATIO, Word, physical
 from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
 NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
@@ -185,7 +185,7 @@ def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
 
 def is_trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether simulations confirm what the surrogates say, and the model does not miss the data widely."""
-    return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED
+    return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED_ERROR_RATIO
 
 
 def derived_quantities(plan: Plan, d: Determination, sure: bool = True) -> list[dict[str, Any]]:
@@ -276,13 +276,13 @@ def identification(
 
 def _hides_much(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether the model agrees with the data only by what the surrogates may be off by, and misses them widely."""
-    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED**2 * d.degrees
+    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED_ERROR_RATIO**2 * d.degrees
     return settled.verified and much and covered(d.p_value, settled.p_bare)
 
 
 def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
     """What is known, with no parameter called determined where simulations do not confirm what the surrogates say, or
-    where what these may be off by hides a misfit of more than `REFUTED` times the errors; no p-value where
+    where what these may be off by hides a misfit of more than `REFUTED_ERROR_RATIO` times the errors; no p-value where
     it hides any.
     """
     hidden = _hides_much(d, settled)

@@ -29,7 +29,7 @@ from rso.data import (
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
-from rso.inference import SURFACE
+from rso.inference import SURFACE_CHANNEL
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
 from rso.study.cases import (
@@ -298,7 +298,7 @@ def cloud_outputs(name: str, cloud: SurfaceCloud) -> list[Output]:
 
 def _with_surface(group: Group, outputs: Sequence[Output]) -> Group:
     """The similarity with the displacements of points of a surface: there is no stress in their unit."""
-    marks = dict.fromkeys((SURFACE, *(o.channel for o in outputs if o.on_surface)), 0)
+    marks = dict.fromkeys((SURFACE_CHANNEL, *(o.channel for o in outputs if o.on_surface)), 0)
     return dataclasses.replace(group, outputs={**group.outputs, **marks})
 
 

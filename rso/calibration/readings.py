@@ -11,7 +11,7 @@ from rso.contract import Response
 from rso.core.curves import CREEP, error_between_points, first_loading, hold_rows, on_the_way_back
 from rso.data import MeasuredCurve, cloud_curve, combine
 from rso.emulation.emulator import Emulator, Output
-from rso.inference import SURFACE, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
+from rso.inference import SURFACE_CHANNEL, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
 from rso.study.cases import cloud_channels
 from rso.study.creep import loading_experiment
 
@@ -82,7 +82,7 @@ def curve_data(plan: Plan, place: CurvePlace) -> Data:
 def cloud_place(plan: Plan, name: str) -> CurvePlace:
     """Where and when the readings of a point cloud were taken."""
     cloud = plan.clouds[name]
-    return CurvePlace(name, SURFACE, cloud.depth, marks=cloud_channels(cloud))
+    return CurvePlace(name, SURFACE_CHANNEL, cloud.depth, marks=cloud_channels(cloud))
 
 
 def cloud_data(plan: Plan, name: str) -> Data:

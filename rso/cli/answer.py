@@ -38,9 +38,9 @@ def _is_refuted(scale: float | None) -> bool:
     """Whether the model misses the data widely: nothing agrees with them then."""
     if scale is None or scale <= 1.0:
         return False
-    from rso.inference.verdict import REFUTED  # what it imports takes longer than all else of `rso status`
+    from rso.inference.verdict import REFUTED_ERROR_RATIO  # what it imports takes longer than all else of `rso status`
 
-    return scale > REFUTED
+    return scale > REFUTED_ERROR_RATIO
 
 
 def condensed(found: Mapping[str, Any]) -> dict[str, Any]:

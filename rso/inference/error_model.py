@@ -20,7 +20,7 @@ from rso.core.correlation import Kernel, exponential
 from rso.inference.likelihood import Data
 
 NUMERICAL, INTERPOLATION, EMULATOR = "numerical", "interpolation", "emulator"
-OF_THE_MODEL = {  # and how each is called
+MODEL_ERROR_NAMES = {  # and how each is called
     NUMERICAL: "numerical",
     INTERPOLATION: "between computed travels",
     EMULATOR: "response surface",
@@ -125,6 +125,6 @@ def with_model_errors(data: Data, errors: ModelErrors) -> Data:
 def shares(data: Data) -> dict[str, float]:
     """Root mean square of each part of the errors over the largest value, that of the "measurement" first."""
     largest = float(np.abs(data.value).max()) or 1.0
-    alone = data.without(*OF_THE_MODEL)
+    alone = data.without(*MODEL_ERROR_NAMES)
     found = {"measurement": alone.covariance, **data.parts}
     return {name: float(np.sqrt(np.mean(np.diag(C)))) / largest for name, C in found.items()}

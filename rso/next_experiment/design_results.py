@@ -16,13 +16,13 @@ from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.core.distributions import chi2_ppf
 from rso.inference.error_model import shares
-from rso.inference.verdict import FACTOR, REFUTED, physical
+from rso.inference.verdict import DETERMINED_FACTOR, REFUTED_ERROR_RATIO, physical
 from rso.next_experiment.study_design import AGAIN, DesignResult, Joint, Learnt
 from rso.optimal_design import ALIKE, ExpectedInformation, Worth, about_parameter, ranked
 from rso.study.cases import sketches
 
 FILE, SCHEMA = "next.json", 1
-ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
+ENOUGH = math.log(DETERMINED_FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
 DOUBTED = 0.99  # confidence with which the data exclude a truth that is worth a word
 ON_BOUND = 1e-6  # of the unit cube
 APART = 1.5  # factor between Fisher information and made-up data that is worth a word
@@ -153,7 +153,11 @@ def design_warnings(found: DesignResult) -> list[str]:
             f"The model misses what has been measured by {found.scale:.2g} times the stated errors. The errors of "
             "all experiments, future ones too, are enlarged by that factor"
         )
-        cure = "; what it lacks has to be found before a further experiment is chosen" if found.scale > REFUTED else ""
+        cure = (
+            "; what it lacks has to be found before a further experiment is chosen"
+            if found.scale > REFUTED_ERROR_RATIO
+            else ""
+        )
         said.append(f"{text}{cure}.")
     limit = float(chi2_ppf(DOUBTED, 1))
     for x, theta, rise in zip(found.truths, box.from_unit(found.truths), found.rise, strict=True):

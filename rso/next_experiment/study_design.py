@@ -39,7 +39,7 @@ from rso.inference import (
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.error_model import OF_THE_MODEL, joined_errors
+from rso.inference.error_model import MODEL_ERROR_NAMES, joined_errors
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, Axes, axes_of
 from rso.model_selection.simulations import level_design
@@ -320,7 +320,7 @@ def autocorrelated(have: Sequence[Learnt], seed: int) -> list[Learnt]:
     known = iter(with_autocorrelation(*_misfit(have, seed)).data)
     found = []
     for v in have:
-        blocks = tuple(dataclasses.replace(b, data=next(known).without(*OF_THE_MODEL)) for b in v.item.blocks)
+        blocks = tuple(dataclasses.replace(b, data=next(known).without(*MODEL_ERROR_NAMES)) for b in v.item.blocks)
         item = dataclasses.replace(v.item, blocks=blocks)
         covariance = functools.partial(_errors, item, v.emulator, v.near)
         found.append(

@@ -20,8 +20,8 @@ from rso.core.distributions import normal_cdf, normal_pdf, normal_ppf
 from rso.doe import Box, sobol_sequence
 from rso.inference.intervals import CREDIBLE_LEVEL, profile_likelihood, standard_deviations
 from rso.inference.least_squares import fit_at, levenberg_marquardt
-from rso.inference.likelihood import SMALLEST, Data, Misfit, Model
-from rso.inference.sloppy_directions import UNIFORM, expected_sd, per_log
+from rso.inference.likelihood import MIN_ERROR_SHARE, Data, Misfit, Model
+from rso.inference.sloppy_directions import UNIFORM_PRECISION, expected_sd, per_log
 
 ALONG, ACROSS = 256, 64  # points of a posterior along the weakest parameter, and across it at each
 SCALES = 6  # widths, from that of the sharpest set to the whole box, on which points along it are close enough
@@ -40,7 +40,7 @@ class PossibleExperiment:
     def whitening(self, x: np.ndarray) -> np.ndarray:
         """W (n, n) with Wᵀ W = C⁻¹ at x (d,)."""
         C, y = self.covariance(x), self.model.predict(x[None])[0]
-        floor = SMALLEST * (float(np.abs(y).max()) or 1.0)
+        floor = MIN_ERROR_SHARE * (float(np.abs(y).max()) or 1.0)
         L = cholesky(C + floor**2 * np.eye(len(C)), lower=True)
         return solve_triangular(L, np.eye(len(C)), lower=True)
 
@@ -94,7 +94,7 @@ def expected_information(
     sds = [(expected_sd(box, x, F), expected_sd(box, x, base + F)) for F in rows]
     if not draws:
         return [ExpectedInformation(n, a, f) for n, (a, f) in zip(names, sds, strict=True)]
-    sharpest = min(float(standard_deviations(base + F + UNIFORM * np.eye(box.d))[weakest]) for F in rows)
+    sharpest = min(float(standard_deviations(base + F + UNIFORM_PRECISION * np.eye(box.d))[weakest]) for F in rows)
     X, log_q = _points(box, x, weakest, existing, base, sharpest, seed)
     rng = np.random.default_rng([seed, 21])
     one = {e.name: _chi2(e, x, X, draws, rng) for e in (*existing, *every.values())}
@@ -136,7 +136,7 @@ def _points(
         return X, log_t
     z = sobol_sequence(int(others.sum()), ALONG * ACROSS, [seed, 22])
     z = normal_ppf(np.clip(z, 1e-9, 1 - 1e-9))
-    part = fisher[np.ix_(others, others)] + UNIFORM * np.eye(int(others.sum()))
+    part = fisher[np.ix_(others, others)] + UNIFORM_PRECISION * np.eye(int(others.sum()))
     X[:, others] += WIDER * z @ np.linalg.inv(np.linalg.cholesky(part))
     outside = np.any((X < 0) | (X > 1), axis=1)
     return np.clip(X, 0, 1), np.where(outside, np.inf, log_t - 0.5 * np.sum(z**2, axis=1))

@@ -11,8 +11,8 @@ from rso.inference import Data, Misfit, Model, determine, fit_at, with_model_err
 from rso.inference.error_model import (
     EMULATOR,
     INTERPOLATION,
+    MODEL_ERROR_NAMES,
     NUMERICAL,
-    OF_THE_MODEL,
     ModelErrors,
     correlated_along,
     error_covariance,
@@ -48,9 +48,9 @@ def test_a_correlated_error_has_its_size_everywhere_and_its_correlation_by_the_d
 def test_parts_are_named_add_up_and_can_be_taken_off_again():
     plain = curve()
     whole = with_model_errors(plain, errors(numerical=0.004, interpolation=0.002, emulator=0.001))
-    assert set(whole.parts) == set(OF_THE_MODEL)
+    assert set(whole.parts) == set(MODEL_ERROR_NAMES)
     np.testing.assert_allclose(whole.covariance, plain.covariance + sum(whole.parts.values()), rtol=1e-12)
-    np.testing.assert_allclose(whole.without(*OF_THE_MODEL).covariance, plain.covariance, atol=1e-18)
+    np.testing.assert_allclose(whole.without(*MODEL_ERROR_NAMES).covariance, plain.covariance, atol=1e-18)
     bare = whole.without(EMULATOR)
     assert set(bare.parts) == {NUMERICAL, INTERPOLATION}
     np.testing.assert_allclose(whole.covariance - bare.covariance, whole.parts[EMULATOR], atol=1e-18)

@@ -33,8 +33,8 @@ from rso.inference import (
     with_usual,
 )
 from rso.inference import levenberg_marquardt as descend_along
-from rso.inference.gauss_newton import DIGITS, chi2_in_frame
-from rso.inference.models import DIFFERENCE
+from rso.inference.gauss_newton import RUN_POINT_DIGITS, chi2_in_frame
+from rso.inference.models import RUN_DIFFERENCE_STEP
 from rso.study.errors import Problem, study_error
 
 EULER = 1e-5  # relative imbalance of derivatives that still agree with similarity: a solver's are not exact
@@ -104,7 +104,7 @@ class _Eyes:
         """A point beside x along every parameter that has no derivatives, towards the middle of its range."""
         assert self.differenced is not None
         columns = [self.frame.box.names.index(n) for n in self.differenced if n != self.frame.group.reference]
-        return [x + DIFFERENCE * (1.0 if x[k] <= 0.5 else -1.0) * np.eye(len(x))[k] for k in columns]
+        return [x + RUN_DIFFERENCE_STEP * (1.0 if x[k] <= 0.5 else -1.0) * np.eye(len(x))[k] for k in columns]
 
     def _without_derivatives(self, outcomes: tuple[Outcome, ...]) -> tuple[str, ...]:
         """Parameters by which the runs have no derivatives; StudyError where the study wants the backend's own."""
@@ -299,7 +299,7 @@ def _ends(frame: TangentFrame, misfit: Misfit, d: Determination, tried: list[np.
         for at in (known.profile_interval.low, known.profile_interval.high):
             start = np.where(np.arange(len(d.fit.x)) == k, at, d.fit.x)
             x = descend_along(misfit, start[None], np.arange(len(start)) != k)[0]
-            x = np.clip(np.round(x, DIGITS), 0.0, 1.0)
+            x = np.clip(np.round(x, RUN_POINT_DIGITS), 0.0, 1.0)
             z = frame.reduced(x[None])[1][0]
             if min(float(np.abs(z - t).max(initial=0.0)) for t in tried) > BESIDE:
                 tried.append(z)
