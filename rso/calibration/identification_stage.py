@@ -45,8 +45,8 @@ from rso.inference.identifiability import doubt
 from rso.inference.verdict import REFUTED_ERROR_RATIO, Word, physical
 from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
-NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
-METRICS = ("nrmse", "mre", "rrmse")
+MIN_MEASURED_SCATTER_SHARE = 1e-4  # of the largest value: readings that scatter less are computed ones
+REPORTED_METRICS = ("nrmse", "mre", "rrmse")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[SearchResult], stor
     now = evidence(plan, emulator, found)
     misfit, near = now.misfit, now.near
     model, data, seed = misfit.model, misfit.data, plan.seed
-    wanted = dict.fromkeys([plan.study.search.metric, *METRICS])
+    wanted = dict.fromkeys([plan.study.search.metric, *REPORTED_METRICS])
     minima = {
         m: minimise(curve_score(model, data, m), model.box, seed=seed, near=near, steps=downhill(model, data, m))
         for m in wanted
@@ -316,7 +316,7 @@ def _noiseless(plan: Plan, places: Sequence[CurvePlace], d: Determination) -> li
         shown, data = curve_data(plan, p).as_stated, data.as_stated
         largest = float(np.abs(data.value).max()) or 1.0
         seen, whole = (float(np.sqrt(np.mean(v.sigma**2))) / largest for v in (shown, data))
-        if np.isfinite(shown.freedom) and seen < NOISELESS and whole > 2.0 * seen:
+        if np.isfinite(shown.freedom) and seen < MIN_MEASURED_SCATTER_SHARE and whole > 2.0 * seen:
             said.append(
                 f"identification: the readings of {data.name} show no noise ({100 * seen:.1g} % of the largest "
                 f"value); the intervals count the numerical error of the curve instead, {100 * whole:.1g} %. Real "

@@ -32,10 +32,10 @@ from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.inference.predictive_test import MISSED_PREDICTION_CHANCE, PredictiveTest, open_by, predictive_test
 from rso.optimal_design.gains import Gain, gain
 
-BESIDE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
-DIGITS = 6  # of the most likely values when they are run
+SAME_CANDIDATE_DISTANCE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
+LIKELIEST_VALUE_DIGITS = 6  # of the most likely values when they are run
 # among: it agrees because the fit leaves the prediction open, by more than `WIDE_ERROR_SHARE`
-WORDS = ("yes", "among", "no")
+PREDICTION_WORDS = ("yes", "among", "no")
 Values = Mapping[str, float]
 Evaluate = Callable[[Sequence[Values]], Sequence[Response | str]]  # values of axes → a response, or why there is none
 Slopes = Callable[[Values, Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]  # derivatives by knob → by axis
@@ -78,7 +78,7 @@ class PredictiveCheck:
 
     @property
     def verdict(self) -> str | None:
-        """Whether the experiment is predicted: one of `WORDS`, None where nobody can say."""
+        """Whether the experiment is predicted: one of `PREDICTION_WORDS`, None where nobody can say."""
         if self.test is None:
             return None
         if self.test.missed:
@@ -151,9 +151,9 @@ def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[
     """Values that are run: the most likely ones, or those of a candidate next to them."""
     box = d.misfit.model.box
     for _, _, values in chosen:
-        if np.abs(box.to_unit(np.array([values[n] for n in box.names])) - d.fit.x).max() < BESIDE:
+        if np.abs(box.to_unit(np.array([values[n] for n in box.names])) - d.fit.x).max() < SAME_CANDIDATE_DISTANCE:
             return dict(values)
-    theta = [float(f"{v:.{DIGITS}g}") for v in d.fit.theta]
+    theta = [float(f"{v:.{LIKELIEST_VALUE_DIGITS}g}") for v in d.fit.theta]
     return {**dict(zip(box.names, theta, strict=True)), **plan.resolved.fixed}
 
 

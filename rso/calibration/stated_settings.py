@@ -20,8 +20,8 @@ from rso.evaluation.joint import ROUTE
 from rso.study.cases import MISREAD, case_for, travels
 from rso.study.schema import Study
 
-COARSE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
-MOST = 4096  # corners of the ranges that are looked at
+MAX_UNTOLD_MESH_ERROR_SHARE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
+MAX_RANGE_CORNERS = 4096  # corners of the ranges that are looked at
 
 
 def of_study(plan: Plan) -> list[str]:
@@ -46,7 +46,7 @@ def extraordinary(plan: Plan) -> list[str]:
     at: list[tuple[str, tuple[float, ...]]] = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
     at += [(name, (value,)) for name, value in plan.resolved.fixed.items()]
     names, lines = [name for name, _ in at], []
-    corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MOST])
+    corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MAX_RANGE_CORNERS])
     for text, words in said.items():
         if not set(re.findall(r"[A-Za-z_]\w*", text)) <= set(names):
             continue
@@ -70,7 +70,7 @@ def unresolved_experiments(plan: Plan) -> list[str]:
         deepest = float(plan.curves[e.name].depth.max())
         given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
         levels = list(meshes.resolution(settings, deepest, given).items())
-        if deepest <= 0.0 or not levels or levels[0][1] <= COARSE:
+        if deepest <= 0.0 or not levels or levels[0][1] <= MAX_UNTOLD_MESH_ERROR_SHARE:
             continue
         (own, error), *others = levels
         better = [f"{name} {100 * v:.2g} %" for name, v in others if v < 0.8 * error]

@@ -12,7 +12,7 @@ import numpy as np
 from rso import discrepancy
 from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings
 from rso.calibration.cost_model import Pace, pace
-from rso.calibration.gauss_newton.iteration import ENDS
+from rso.calibration.gauss_newton.iteration import MAX_DESCENT_END_ROUNDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
 from rso.cli.answer import interval_in_unit
@@ -89,7 +89,7 @@ def check_lines(
     else:
         widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
         lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
-        points = confirmed_optimum.ENDS * (2 * plan.box.d + confirmed_optimum.ROUNDS)
+        points = confirmed_optimum.MAX_INTERVAL_END_ROUNDS * (2 * plan.box.d + confirmed_optimum.MAX_OPTIMUM_RUNS)
         lines.append(f"    and where these do not know what the data allow up to {points} points")
     known = pace(plan.backend, store or folder)
     jobs = jobs or study.dispatch.jobs
@@ -200,7 +200,7 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "held out": cases * len(held),
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
-        "identification": 0 if exact else cases * confirmed_optimum.ROUNDS,
+        "identification": 0 if exact else cases * confirmed_optimum.MAX_OPTIMUM_RUNS,
         "validation": candidates * len(plan.validation) + len(held_out_experiments(plan)),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]
@@ -216,7 +216,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "iterates": points,
         "differences": points * reduced if differences else 0,
         "proof": cases * plan.group.saved if differences else 0,
-        "ends of intervals": cases * ENDS * 2 * plan.box.d,
+        "ends of intervals": cases * MAX_DESCENT_END_ROUNDS * 2 * plan.box.d,
         "validation": len(plan.validation) + len(held_out_experiments(plan)),
     }
     begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"

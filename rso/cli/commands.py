@@ -12,13 +12,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rso.calibration.exit_codes import EXIT_FAILED_RUNS
 from rso.cli import output
 from rso.contract import Option
 from rso.core import disk
 from rso.core.default_backend import USE
 from rso.core.symbols import in_letters
 
-EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
+EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130  # docs/cli.md has the whole table
 
 
 def check(options: argparse.Namespace, command: str) -> int:
@@ -341,7 +342,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
 
 def _told_again(folder: Path, pages: Any) -> list[Path]:
     """The pages of a run that is there, now that a diagnosis says where its model is off."""
-    from rso.calibration.results import SCHEMA
+    from rso.calibration.results import RUN_SCHEMA
     from rso.report import render
 
     path = folder / "results.json"
@@ -349,7 +350,7 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
         found = disk.read_json(path)
     except (OSError, ValueError):  # there is none, or a damaged one, which the next run writes anew
         return []
-    return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == SCHEMA else []
+    return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == RUN_SCHEMA else []
 
 
 def ladder(options: argparse.Namespace, command: str) -> int:
@@ -608,7 +609,7 @@ def first_steps(options: argparse.Namespace, command: str) -> int:
 
 
 def report(options: argparse.Namespace, command: str) -> int:
-    from rso.calibration.results import SCHEMA, data_hashes
+    from rso.calibration.results import RUN_SCHEMA, data_hashes
     from rso.discrepancy.diagnosis_results import DIAGNOSIS_SCHEMA as TOLD
     from rso.model_selection import ladder_results
     from rso.next_experiment import design_results
@@ -622,7 +623,7 @@ def report(options: argparse.Namespace, command: str) -> int:
     study = _study(options)
     folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
-        ("results.json", SCHEMA, render, "run"),
+        ("results.json", RUN_SCHEMA, render, "run"),
         ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
         (design_results.FILE, design_results.SCHEMA, render_next, "next"),

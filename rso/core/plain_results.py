@@ -11,6 +11,8 @@ from typing import Any
 from rso.contract import plain
 from rso.core import disk
 
+# What `stage` of results.json may be, in the order of a run.
+RUN_STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 _FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rso.calibration.plan import STRESS, Plan
+from rso.calibration.plan import STRESS_SCALE_REASON, Plan
 from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capability
 from rso.core.similarity import Group, group, stress_exponent
 from rso.core.units import value_in_unit
@@ -84,7 +84,7 @@ def axes_of(plan: Plan, level: ModelLevel, ranges: Mapping[str, tuple[float, flo
     constants = {p.name: p.unit for p in others if values.get(p.name, p.default) not in (0.0, p.neutral)}
     found = group([p for _, _, p, *_ in rows], plan.backend.channels, constants=constants)
     if plan.creeps.followed:
-        found = dataclasses.replace(found, reference=None, why=STRESS)
+        found = dataclasses.replace(found, reference=None, why=STRESS_SCALE_REASON)
     if not plan.study.doe.reduce:
         found = dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
     return Axes(box, found, {n: k for n, k, *_ in rows}, power, held, fixed, modulus)

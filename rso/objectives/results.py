@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import rso
+from rso.calibration.exit_codes import EXIT_FAILED_RUNS, EXIT_NOT_MET, EXIT_NOT_VERIFIED
 from rso.contract import digest
 from rso.core import disk, plain_results
 from rso.core.plain_results import plainly, written_cell
@@ -26,7 +27,6 @@ from rso.objectives.surfaces import nondominated
 
 SCHEMA, KIND = 1, "pareto"
 RUN_COLUMNS = ("key", "purpose", "state", "within_limits", "best", "cause", "reason", "wall_s", "cpu_s")
-EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_MET = 3, 4, 6
 
 
 def pareto_data(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import rso
+from rso.calibration.exit_codes import EXIT_DONE
 from rso.calibration.plan import Plan
 from rso.core import disk
 from rso.core.distributions import chi2_cdf
@@ -30,7 +31,7 @@ from rso.inference.random_effects import (
 SCHEMA = 1
 FILE = "specimens.json"
 FOLDER = "specimens"  # below that of the results
-EXIT_DONE, EXIT_STOPPED = 0, 3
+EXIT_STOPPED = 3  # as that of failed runs: some specimens have no answer
 TOO_ALIKE = 0.05  # probability of a Q as small: errors of the specimens are not their own
 FEW = 5  # specimens of which the scatter is hardly known
 ENDS = ("low", "high")

@@ -12,12 +12,12 @@ import numpy as np
 
 from rso.core.curves import loading
 from rso.core.digits import known, significant
+from rso.core.plain_results import RUN_STAGES
 from rso.core.symbols import in_units
 from rso.report.layout.digits import Unit, channel_text, clean, largest, sentence, shortest, shown, symbol
 
 Results = Mapping[str, Any]
 FLAT = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero
-STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 
 
 @dataclass(frozen=True)
@@ -431,4 +431,4 @@ def target_output(target: Mapping[str, Any]) -> str:
 def finished(results: Results, stage: str) -> bool:
     """Whether the study has come as far as this stage."""
     last = results.get("stage")
-    return last in STAGES and STAGES.index(last) >= STAGES.index(stage)
+    return last in RUN_STAGES and RUN_STAGES.index(last) >= RUN_STAGES.index(stage)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from rso.core.digits import estimate, known
+from rso.core.plain_results import RUN_STAGES
 from rso.inference.verdict import REFUTED_ERROR_RATIO
 from rso.report.calibration.deformed import deformed_blocks, moved_sentence
 from rso.report.calibration.derived import (
@@ -25,7 +26,6 @@ from rso.report.layout.digits import Unit, clean, duration, percent, quantity, s
 from rso.report.layout.document import Answers, Block, Fact, Facts, Mark, Picture, Section, Text
 from rso.report.notes import data_remarks
 from rso.report.reading import (
-    STAGES,
     CandidateView,
     ParameterView,
     Results,
@@ -137,11 +137,11 @@ def found_sentences(results: Results) -> list[str]:
 def unfinished(results: Results) -> list[str]:
     """What is missing of a study that is not complete."""
     stage = results.get("stage")
-    if stage == STAGES[-1]:
+    if stage == RUN_STAGES[-1]:
         return []
-    if stage not in STAGES:
+    if stage not in RUN_STAGES:
         return [f"This study has not finished any stage that this report knows (stage: {clean(stage) or 'none'})."]
-    later = ", ".join(STAGES[STAGES.index(stage) + 1 :])
+    later = ", ".join(RUN_STAGES[RUN_STAGES.index(stage) + 1 :])
     return [f"This study is not complete. The last finished stage is “{stage}”; still to come: {later}."]
 
 
