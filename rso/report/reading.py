@@ -17,7 +17,7 @@ from rso.core.symbols import in_units
 from rso.report.layout.digits import Unit, channel_text, clean, largest, sentence, shortest, shown, symbol
 
 Results = Mapping[str, Any]
-FLAT = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero
+NOISE_ABOUT_ZERO_NRMSE = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def about_zero(base: Mapping[str, Any]) -> bool:
 
     Of a force that grows as depth^p from zero the NRMSE of the mean is p/√(2p + 1), 1.1 at p = 3.
     """
-    return known(base.get("nrmse")) and base["nrmse"] > FLAT
+    return known(base.get("nrmse")) and base["nrmse"] > NOISE_ABOUT_ZERO_NRMSE
 
 
 def points(x: Sequence[Any] | None, y: Sequence[Any] | None) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -145,7 +145,7 @@ def unfinished(results: Results) -> list[str]:
     return [f"This study is not complete. The last finished stage is “{stage}”; still to come: {later}."]
 
 
-NOT = "is not determined"
+NOT_DETERMINED = "is not determined"
 
 
 def interval_rows(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
@@ -170,7 +170,7 @@ def likely(results: Results, p: ParameterView) -> float | None:
 def how(results: Results, p: ParameterView) -> str:
     """How a parameter that is not determined is called."""
     verdicts = {q.name: d.get("verdict") for q, d in identified(results)}
-    return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT
+    return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT_DETERMINED
 
 
 def _also(p: ParameterView, x: float, interval: list[float]) -> str:
@@ -384,8 +384,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
 def _determined_caption(results: Results) -> str:
     rows = interval_rows(results)
     fixed = [p.letter for p, d in rows if d.get("determined") is True]
-    weakly = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) != NOT]
-    loose = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) == NOT]
+    weakly = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) != NOT_DETERMINED]
+    loose = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) == NOT_DETERMINED]
     said = []
     if fixed:
         said.append(f"the data leave {_and(fixed)} only a part of the range that was searched")
