@@ -17,7 +17,7 @@ from rso.calibration.plan import Plan
 from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
 from rso.doe import read_condition
 from rso.evaluation.joint import ROUTE
-from rso.study.cases import MISREAD, case_for, travels
+from rso.study.cases import MISREAD_SETTING_ERRORS, case_for, travels
 from rso.study.schema import Study
 
 MAX_UNTOLD_MESH_ERROR_SHARE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
@@ -135,7 +135,7 @@ def _canonical(plan: Plan, name: str, settings: Mapping[str, Any]) -> dict[str, 
     case = Case(name, programme, {k: v for k, v in settings.items() if k != "unload"})
     try:
         values, case = plan.backend.canonical(given, case)
-    except MISREAD:
+    except MISREAD_SETTING_ERRORS:
         return None
     return _flat(plan.study.written(case.settings)) | {k: v for k, v in values.items() if k not in given}
 

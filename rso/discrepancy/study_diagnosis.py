@@ -45,9 +45,9 @@ from rso.doe import Box
 from rso.evaluation import Evaluator, Task, Watch
 from rso.evaluation.store import RunStore
 from rso.study.cases import (
-    DEFAULT_SPEED,
-    MISREAD,
-    READINGS,
+    DEFAULT_SPEED_MM_S,
+    MAX_DISPLACEMENTS,
+    MISREAD_SETTING_ERRORS,
     foreign_units,
     place_of_setting,
     sketches,
@@ -179,7 +179,7 @@ def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Se
             continue
         try:
             backend.check(case)
-        except MISREAD as error:
+        except MISREAD_SETTING_ERRORS as error:
             found = Problem(place_of_setting(study, n, str(error)), str(error))
             problems += [] if found in problems else [found]  # what all experiments share is said once
     if problems:
@@ -198,7 +198,7 @@ def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.T
         reach = plan.reach(k)
         try:
             backend.check(Case("reach", Programme.ramp((reach,)), place.settings))
-        except MISREAD as error:
+        except MISREAD_SETTING_ERRORS as error:
             items: list[Test | SurfaceProfile] = [*plan.tests, *plan.profiles]
             there = [o for o in items if o.place == k]
             n = max(there, key=lambda o: float(o.depth.max())).experiment
@@ -212,8 +212,10 @@ def _probe(e: Experiment) -> Any:
     deepest, settings = max(float(r.depth.max()) for r in repeats), dict(e.settings)
     if e.measurement.kind == "profile":
         readings = sum(len(r.depth) for r in repeats)
-        if readings > READINGS:
-            raise ValueError(f"{e.measurement.where}: {readings} displacements of one profile: keep at most {READINGS}")
+        if readings > MAX_DISPLACEMENTS:
+            raise ValueError(
+                f"{e.measurement.where}: {readings} displacements of one profile: keep at most {MAX_DISPLACEMENTS}"
+            )
         marks = {(float(x), float(y)) for r in repeats for x, y in zip(r.channels["x"], r.channels["y"], strict=True)}
         settings["profile"] = [list(m) for m in sorted(marks)]
     return Case(e.name, Programme.ramp((deepest,)), settings)
@@ -225,7 +227,7 @@ def _experiment(study: Study, n: int) -> Experiment:
     m = study.measurement(e.name)
     settings = {k: v for k, v in study.settings_of(e.name).items() if k not in ("speed", "unload")}
     channels = ("uz",) if m.kind == "profile" else e.channels or m.channels
-    speed = recorded_speed(m) or stated_speed(study, e.name) or DEFAULT_SPEED
+    speed = recorded_speed(m) or stated_speed(study, e.name) or DEFAULT_SPEED_MM_S
     return Experiment(e.name, e.role, m, study.noise_of(e.name), tuple(channels), settings, speed, e.mounting, e.after)
 
 
@@ -234,7 +236,7 @@ def _assumed_speed(study: Study, experiments: Sequence[Experiment]) -> list[str]
     forces = [e.name for e in experiments if e.measurement.kind == "force"]
     names = [n for n in forces if speed_of(study, n)[1] == "assumed"]
     return (
-        [f"A speed of {60.0 * DEFAULT_SPEED:g} mm/min is assumed for {', '.join(names)}, {ASSUMED_TIMES_NOTE}"]
+        [f"A speed of {60.0 * DEFAULT_SPEED_MM_S:g} mm/min is assumed for {', '.join(names)}, {ASSUMED_TIMES_NOTE}"]
         if names
         else []
     )
@@ -287,7 +289,7 @@ def _settings(study: Study, backend: Backend, experiments: Sequence[Experiment])
     shared = study.backend.settings
     try:
         backend.check(Case("shared", Programme.ramp((0.0,)), dict(shared)))
-    except MISREAD:
+    except MISREAD_SETTING_ERRORS:
         fitted = [e for e in experiments if e.role != "validate"] or list(experiments)
         return dict(fitted[0].settings)
     return shared

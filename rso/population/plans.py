@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rso.calibration.plan import Plan, make_plan
 from rso.contract import Backend, digest
-from rso.study.cases import STEPS, travels
+from rso.study.cases import N_CURVE_TRAVELS, travels
 from rso.study.errors import StudyError
 from rso.study.specimens import SpecimenStudies, together
 
@@ -44,7 +44,7 @@ def shared_travels(plans: Sequence[Plan]) -> list[dict[str, tuple[float, ...]]]:
     for k, plan in enumerate(plans):
         for name in plan.case_of:
             curve = plan.curves[name]
-            if name in plan.holds or name in plan.creeps.followed or curve.back or len(curve.depth) < STEPS:
+            if name in plan.holds or name in plan.creeps.followed or curve.back or len(curve.depth) < N_CURVE_TRAVELS:
                 continue
             alike.setdefault(f"{name} {digest(plan.study.settings_of(name))}", []).append((k, name))
     for group in alike.values():

@@ -51,7 +51,7 @@ class MinusTable(StudyFileTable):
             raise ValueError("compliance is 1 / stiffness: leave one of them out")
         if self.unit is not None:
             bends = self.stiffness is not None or self.compliance is not None
-            _known(self.unit, "N" if bends else "mm", "" if bends else FORCE)
+            _known(self.unit, "N" if bends else "mm", "" if bends else FORCE_SUBTRACTION_ADVICE)
         return self
 
 
@@ -103,7 +103,7 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
     return table
 
 
-FORCE = "; a force is subtracted with the stiffness or compliance of what it bends"
+FORCE_SUBTRACTION_ADVICE = "; a force is subtracted with the stiffness or compliance of what it bends"
 
 
 def _known(unit: str, base: str, more: str) -> None:

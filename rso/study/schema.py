@@ -31,7 +31,7 @@ from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.deck_table import FailureTable, OutputTable, deck_parameter, names_of_settings, pattern_alone, two_marks
 from rso.study.fields import (
-    TEXT,
+    TEXT_SCHEMA,
     Bound,
     Channels,
     Count,
@@ -89,7 +89,7 @@ class BackendTable(StudyFileTable):
     """Further files that are put beside them unchanged, such as a mesh."""
     outputs: dict[str, OutputTable] = Field(default_factory=dict)
     """Where the program writes each channel, Fz = {…}."""
-    failed: Annotated[FailureTable, BeforeValidator(pattern_alone), also(TEXT)] | None = None
+    failed: Annotated[FailureTable, BeforeValidator(pattern_alone), also(TEXT_SCHEMA)] | None = None
     """What in the output means that there is no answer; a text is a regular expression."""
     delimiters: Annotated[tuple[str, str], BeforeValidator(two_marks)] = DELIMITERS
     """What placeholders begin and end with, for input files that have braces of their own."""
