@@ -16,7 +16,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
 from rso.doe import read_condition
-from rso.evaluation.joint import ROUTE
+from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.cases import MISREAD_SETTING_ERRORS, case_for, travels
 from rso.study.schema import Study
 
@@ -95,7 +95,7 @@ def uncalibrated_experiments(plan: Plan) -> list[str]:
 def of_experiment(plan: Plan, name: str) -> list[str]:
     """What the backend takes an experiment for where that differs from the study's settings."""
     if (other := plan.study.experiment(name).backend) is not None:
-        said = {k: v for k, v in _flat(plan.study.settings_of(name)).items() if k != ROUTE}
+        said = {k: v for k, v in _flat(plan.study.settings_of(name)).items() if k != BACKEND_SETTING}
         return _list(f"    answered by [backends.{other}]: ", [f"{k} = {json.dumps(v)}" for k, v in said.items()])
     own, shared = (_taken(plan, name, s) for s in (plan.study.settings_of(name), plan.study.backend.settings))
     if own is None or shared is None:

@@ -50,7 +50,7 @@ from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
 from rso.evaluation.joint import joint
 
-SCHEMA_TIMEOUT_S = 60.0
+SCHEMA_TIMEOUT_S = 60.0  # for a program that loads large libraries before it answers
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from rso.data import Measurement, Noise, combine, fingerprint, read_measurement, value_at
-from rso.evaluation.joint import ROUTE
+from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.confusable_text import look_alikes
@@ -313,10 +313,11 @@ def _check_backends(study: Study, specimen: str) -> Iterator[Problem]:
     for n, e in enumerate(study.experiments):
         if e.backend is not None and e.backend not in study.backends:
             yield Problem(("experiments", n, "backend"), choices_text(e.backend, study.backends), e.backend)
-        if ROUTE in e.settings:
-            place = ("experiments", n, "settings", ROUTE)
+        if BACKEND_SETTING in e.settings:
+            place = ("experiments", n, "settings", BACKEND_SETTING)
             yield Problem(
-                place, f"the backend of an experiment stands beside its settings: backend = {e.settings[ROUTE]!r}"
+                place,
+                f"the backend of an experiment stands beside its settings: backend = {e.settings[BACKEND_SETTING]!r}",
             )
     used = {e.backend for e in study.experiments}
     for name, table in study.backends.items():

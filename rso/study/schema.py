@@ -25,7 +25,7 @@ from rso.core.polynomial_degree import HIGHEST
 from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.evaluation.decks import DELIMITERS, Deck
-from rso.evaluation.joint import ROUTE
+from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
@@ -492,7 +492,7 @@ class Study(StudyFileTable):
         e = self.experiment(name)
         if e.backend is None:
             return {**self.backend.settings, **e.settings}
-        return {**self.backends[e.backend].settings, **e.settings, ROUTE: e.backend}
+        return {**self.backends[e.backend].settings, **e.settings, BACKEND_SETTING: e.backend}
 
     def written(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Settings as results keep them: with paths of files relative to the study file."""
