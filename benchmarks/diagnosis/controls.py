@@ -26,7 +26,7 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test, TestPlan
 from rso.evaluation import Task
-from rso.optimal_design.separation import DECIDED
+from rso.optimal_design.separation import DECIDED_PROBABILITY
 
 NULLS = 400
 Filter = Callable[[Comparison], Comparison]
@@ -321,7 +321,7 @@ def next_tests(
 def _settles(right: np.ndarray, P: np.ndarray, logs: np.ndarray) -> bool:
     """Whether what is `right` (k,) has DECIDED of the probability, from P (k,) and the densities of a new test."""
     s = np.log(P) + logs
-    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= DECIDED)
+    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= DECIDED_PROBABILITY)
 
 
 def _answer(

@@ -15,7 +15,7 @@ from rso.discrepancy.diagnosis import CREDIBLE_LEVEL
 from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, VerdictRules
 from rso.discrepancy.evidence.verdict import Judgement, judge_comparison
 from rso.discrepancy.library.effects import Effect
 
@@ -63,7 +63,7 @@ class Scored:
         threshold: float,
         classes: Mapping[str, frozenset[str]],
         first: Sequence[Comparison] | None = None,
-        rules: VerdictRules = SETTINGS.rules,
+        rules: VerdictRules = DIAGNOSIS_SETTINGS.rules,
     ) -> None:
         first = contests if first is None else first
         self.cases, self.contests, self.threshold = cases, contests, threshold
@@ -112,7 +112,10 @@ def slope(scored: Scored, rows: np.ndarray, given: bool) -> float:
         if given:
             p = {k: v for k, v in p.items() if len(k) == 1 and k != UNEXPLAINED}
         else:
-            often = (NULL / SETTINGS.priors.no_gap, (1 - NULL - PAIRS) / SETTINGS.priors.of("single"))
+            often = (
+                NULL / DIAGNOSIS_SETTINGS.priors.no_gap,
+                (1 - NULL - PAIRS) / DIAGNOSIS_SETTINGS.priors.of("single"),
+            )
             p = {k: v * often[len(k)] for k, v in p.items() if len(k) < 2 and k != UNEXPLAINED}
         total = sum(p.values())
         for k, v in p.items():

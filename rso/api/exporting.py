@@ -21,7 +21,7 @@ from rso.core import disk
 from rso.core.units import spaced
 from rso.study.errors import choices_text
 
-TABLES = {
+TABLE_FORMATS = {
     "csv": "tables of parameters, candidates, runs, curves and posterior draws as CSV",
     "parquet": "the same as Parquet (needs pyarrow)",
     "arviz": "posterior draws and readings for arviz.from_json",
@@ -33,7 +33,7 @@ TABLES = {
 def formats(plan: Plan) -> dict[str, str]:
     """Every format and what it is: those of tables, and those of the study's backend."""
     own = capability(plan.backend, Exports)
-    return {**({} if own is None else own.exports()), **TABLES}
+    return {**({} if own is None else own.exports()), **TABLE_FORMATS}
 
 
 def check_formats(plan: Plan, names: Sequence[str]) -> None:

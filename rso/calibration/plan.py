@@ -58,6 +58,7 @@ from rso.study.sources import source_of as source_of
 MAX_POINTS_FILE_BYTES = 20_000_000  # bytes of a file of points
 MIN_REDUCED_DESIGN_RUNS = 8  # runs of a reduced design
 STRESS_SCALE_REASON = "not applied: a force that is held sets a scale of stress"
+PROOF_MODULUS_RATIO = 1.25  # of the moduli of runs that prove similarity, where no derivatives do
 N_PROOF_RUNS = 2  # direct runs that prove similarity on the study itself
 
 

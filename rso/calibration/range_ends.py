@@ -16,7 +16,7 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.contract import OrdinaryMaterials, capability
 from rso.doe import Condition, read_condition
-from rso.doe.constraints import FUNCTIONS
+from rso.doe.constraints import EXPRESSION_FUNCTIONS
 from rso.study.resolve import Axis
 
 RANGE_GROWTH_SHARE = 0.5  # of its width by which a range grows at a time, on its scale
@@ -119,7 +119,7 @@ def ordinary(plan: Plan) -> tuple[Condition, ...]:
     found = []
     for text, words in said.items():
         here = PARAMETER_NAME.sub(lambda m: f"({fixed[m[0]]!r})" if m[0] in fixed else m[0], text)
-        names = set(PARAMETER_NAME.findall(here)) - FUNCTIONS.keys()
+        names = set(PARAMETER_NAME.findall(here)) - EXPRESSION_FUNCTIONS.keys()
         if names and names <= {a.name for a in axes}:
             found.append(read_condition(here, [a.name for a in axes], words))
     return tuple(c for c in found if not broken([c], axes))

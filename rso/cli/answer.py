@@ -11,7 +11,7 @@ from rso.core.digits import estimate, interval_ends
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
 
-DERIVED = 2  # quantities that follow from the parameters, as many as on the first page of a report
+MAX_DERIVED_LINES = 2  # quantities that follow from the parameters, as many as on the first page of a report
 
 
 def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
@@ -24,7 +24,7 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
         if p.get("fixed") is None and row is not None:
             determined = row.get("verdict") == "determined"
             yield _quantity(symbol(p["name"]), row, p.get("unit", ""), determined, agrees)
-    for q in list(known.get("derived") or ())[:DERIVED]:
+    for q in list(known.get("derived") or ())[:MAX_DERIVED_LINES]:
         yield from _follows(q, agrees)
     for v in found.get("predictions") or ():
         yield _prediction(v)

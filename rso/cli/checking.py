@@ -24,17 +24,17 @@ from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
 from rso.model_selection import ModelLevel
-from rso.model_selection.candidate_models import STUDY, axes_of, levels_of
+from rso.model_selection.candidate_models import STUDY_LEVEL, axes_of, levels_of
 from rso.next_experiment import study_design
 from rso.study import cases
 from rso.study.cases import contact_modulus
 from rso.study.errors import Problem, study_error
 from rso.study.schema import ExperimentTable, Study
 
-CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
-ENCRYPTED = ("tls://", "wss://")  # schemes of Dask's addresses
-MOST_FILLED = 30  # lines of a filled input file that are shown
-FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
+MAX_CORNER_PARAMETERS = 6  # open parameters up to which all corners of their ranges are looked at
+ENCRYPTED_SCHEMES = ("tls://", "wss://")  # schemes of Dask's addresses
+MAX_FILLED_LINES = 30  # lines of a filled input file that are shown
+FAR_MODULUS_RATIO = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
 def check_lines(
@@ -67,7 +67,7 @@ def check_lines(
     if "ladder" in study.model_fields_set:
         levels_of(plan)  # names of levels are known
     if "next" in study.model_fields_set:
-        study_design.asked(plan, axes_of(plan, ModelLevel(STUDY), {}))
+        study_design.asked(plan, axes_of(plan, ModelLevel(STUDY_LEVEL), {}))
     if (few := required_runs.too_few(plan)) is not None:
         raise few
     direct = study.search.method == "gauss_newton"
@@ -123,8 +123,8 @@ def _filled(plan: Plan) -> list[str]:
     lines = [f"  input files, not run, with {shown}:"]
     for name, text in inputs.filled(values, plan.cases[0]).items():
         own = [(number, line.rstrip()) for number, line, holds in text if holds]
-        lines += [f"    {name}:{number}: {line}" for number, line in own[:MOST_FILLED]]
-        left = len(own) - MOST_FILLED
+        lines += [f"    {name}:{number}: {line}" for number, line in own[:MAX_FILLED_LINES]]
+        left = len(own) - MAX_FILLED_LINES
         lines += [f"    {name}: {left} more lines are filled in"] if left > 0 else []
     return lines
 
@@ -135,7 +135,7 @@ def _open_to_others(study: Study) -> list[str]:
     Dask takes no scheme for tcp://.
     """
     address = study.dispatch.address
-    if address is None or address.startswith(ENCRYPTED):
+    if address is None or address.startswith(ENCRYPTED_SCHEMES):
         return []
     return [
         f"  warning: dispatch.address = {address!r} has no TLS, so neither encryption nor a password: whoever reaches",
@@ -275,7 +275,7 @@ def _things(plan: Plan) -> list[str]:
 def _refused(plan: Plan) -> list[str]:
     """The first corner of the ranges that the backend refuses, and how many there are."""
     refusals = capability(plan.backend, Refusals)
-    if refusals is None or plan.box.d > CORNERS:
+    if refusals is None or plan.box.d > MAX_CORNER_PARAMETERS:
         return []
     corners = [plan.values(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=plan.box.d)]
     why = [next(filter(None, (refusals.refused(v, case) for case in plan.cases)), None) for v in corners]
@@ -343,7 +343,7 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         fixed = plan.resolved.fixed.get(knob)
         low, high = (axis.low, axis.high) if axis else (fixed, fixed)
-        if low is not None and high is not None and not low / FAR < value < high * FAR:
+        if low is not None and high is not None and not low / FAR_MODULUS_RATIO < value < high * FAR_MODULUS_RATIO:
             out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
     return out
 

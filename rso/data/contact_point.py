@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.core.power_law import FAMILIES, LEADING, ROUNDED, STIFFENS
+from rso.core.power_law import LEADING_EXPONENT, POWER_LAW_FAMILIES, ROUNDED_EXPONENTS, STIFFENING_EXPONENT
 
 # Priors of what a force does before contact: it stays, drifts, or relaxes over so much of the way from its start.
 CONSTANT_FORCE_PRIOR, DRIFTING_FORCE_PRIOR, RELAXING_FORCE_PRIOR, RELAXING_WAY_SHARES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
@@ -78,11 +78,11 @@ def contact_onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
 def _of_rounded(u: np.ndarray, F: np.ndarray) -> Onset | None:
     """The contact of a rounded tip by means u, F (n,); None where too few of them show it.
 
-    Least squares of F = b + Σ_p a_p (u − c)^p, p of ROUNDED, up to MAX_CONTACT_FORCE_SHARE of the largest force, for c
-    from the first reading on, with a drift b' u and a third power where they are clear; c is the mean, its scatter the
-    standard deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft
-    body, or by how much more than scatter the contact moves if half of the force shows it. Valid for a rounded tip on a
-    smooth body without adhesion, with what stiffens or softens beyond small depths.
+    Least squares of F = b + Σ_p a_p (u − c)^p, p of ROUNDED_EXPONENTS, up to MAX_CONTACT_FORCE_SHARE of the largest
+    force, for c from the first reading on, with a drift b' u and a third power where they are clear; c is the mean, its
+    scatter the standard deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on
+    a soft body, or by how much more than scatter the contact moves if half of the force shows it. Valid for a rounded
+    tip on a smooth body without adhesion, with what stiffens or softens beyond small depths.
     """
     whole, half = (_fit(u, F, share) for share in CONTACT_FORCE_SHARES)
     if whole is None:
@@ -191,7 +191,7 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     if fit is None or found.depth - float(depth.min()) < LATE_CONTACT_SHARE * float(np.ptp(depth)):
         return False
     shapes = [fit.t**p for p in np.linspace(1.0, MAX_FORCE_POWER, 61)]
-    shapes += [fit.t**LEADING * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
+    shapes += [fit.t**LEADING_EXPONENT * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
     return (
         min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes)
         > fit.left + MIN_CHI2_FALL * fit.variance
@@ -260,13 +260,16 @@ def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
         return None
     way, least = float(u[n - 1] - u[0]), (1e-3 * float(np.ptp(F))) ** 2
     t, F = (u[:n] - u[0]) / way, F[:n]
-    best, more = _profile(t, F, ROUNDED, False, least), [(ROUNDED, True), ((*ROUNDED, STIFFENS), False)]
+    best, more = (
+        _profile(t, F, ROUNDED_EXPONENTS, False, least),
+        [(ROUNDED_EXPONENTS, True), ((*ROUNDED_EXPONENTS, STIFFENING_EXPONENT), False)],
+    )
     while best is not None and more and n > MIN_READINGS_FOR_CONTACT + 3:
         found = [p for terms in more if (p := _profile(t, F, *terms, least)) is not None]
         better = min(found, key=lambda p: p[1], default=None)
         if better is None or best[1] - better[1] < MIN_CHI2_FALL * better[2]:
             break
-        best, more = better, [((*ROUNDED, STIFFENS), True)] * (len(more) > 1)
+        best, more = better, [((*ROUNDED_EXPONENTS, STIFFENING_EXPONENT), True)] * (len(more) > 1)
     if best is None:
         return None
     left, smallest, variance = best
@@ -310,8 +313,8 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     """Contact (mm from the first reading), its variance within and between alternatives, and the weight of rounded
     tips, by the readings up to a share of the largest force; None where too few show it.
 
-    Mean and variance of c over all alternatives m, of FAMILIES beyond contact and of what the force does before it,
-    with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
+    Mean and variance of c over all alternatives m, of POWER_LAW_FAMILIES beyond contact and of what the force does
+    before it, with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
     """
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
@@ -322,12 +325,12 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
     rounded: list[bool] = []
     for prior, before in _before(t):
-        for share_of, family in FAMILIES:
+        for share_of, family in POWER_LAW_FAMILIES:
             for powers in family:
                 k = len(powers) + len(before)
                 if n > k + 2 and (fit := _squares(t, F, c, powers, before)) is not None:
                     every.append((prior * share_of / len(family), k, *fit))
-                    rounded.append(ROUNDED in family)
+                    rounded.append(ROUNDED_EXPONENTS in family)
     if not every:
         return None
     least = (1e-3 * float(np.ptp(F))) ** 2

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rso.core.power_law import LEADING
+from rso.core.power_law import LEADING_EXPONENT
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
 from rso.data.holds import (
@@ -204,7 +204,7 @@ def _power(r: Repeat, force: float) -> float:
     u, F = r.depth[at], r.channels["Fz"][at]
     near = (F > 0.3 * force) & (u > 0.0)
     if near.sum() < 3:
-        return LEADING
+        return LEADING_EXPONENT
     return float(np.clip(np.polyfit(np.log(u[near]), np.log(F[near]), 1)[0], 0.5, 4.0))
 
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from rso.core.power_law import FAMILIES
+from rso.core.power_law import POWER_LAW_FAMILIES
 from rso.data.contact_point import (
     CONTACT_BIAS_SHARE,
     CONTACT_FORCE_SHARES,
@@ -73,7 +73,7 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     t, F = (u[:n] - u[0]) / way, F[:n]
     c = -MAX_WAYS_BEFORE_PRELOAD * np.linspace(0.0, 1.0, N_CONTACT_CANDIDATES) ** 2
     every: list[tuple[float, int, np.ndarray]] = []
-    for prior, family in FAMILIES:
+    for prior, family in POWER_LAW_FAMILIES:
         for powers in family:
             if n > len(powers) + 2:
                 every.append((prior / len(family), len(powers), _squares(t, F, c, powers)))

@@ -10,8 +10,8 @@ import numpy as np
 
 from rso.core.correlation import exponential
 from rso.core.distributions import student
-from rso.core.power_law import LEADING
-from rso.core.units import COLUMNS
+from rso.core.power_law import LEADING_EXPONENT
+from rso.core.units import COLUMN_UNITS
 from rso.data import usual_errors
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.holds import Hold, held, relaxing_curve
@@ -90,7 +90,7 @@ def combine(
     sigma = np.sqrt(np.diag(covariance))
     return MeasuredCurve(
         channel,
-        COLUMNS[channel],
+        COLUMN_UNITS[channel],
         means.depth,
         y.mean(axis=0),
         sigma,
@@ -137,7 +137,7 @@ def _averaged(measurement: Measurement, channel: str, segment: str, hold: Hold |
     smooth, slope = _smooth(u, y.mean(axis=0))
     if hold is None:
         return _Means(u, y, many, power, smooth, slope, u, None, len(u))
-    exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING
+    exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING_EXPONENT
     rows = [held(r, hold, channel, exponent) for r in measurement.repeats]
     y, power = (np.hstack([a, [b[k] for b in rows]]) for k, a in enumerate((y, power)))
     many = np.hstack([many, len(rows) * np.array([b[2] for b in rows])])
@@ -222,7 +222,7 @@ def _power_series(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.nda
 
     def terms(depth: np.ndarray) -> np.ndarray:
         s = np.maximum(depth, 0.0) / (np.abs(u).max() or 1.0)
-        return np.stack([s**LEADING, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
+        return np.stack([s**LEADING_EXPONENT, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
 
     c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
     return lambda depth: terms(depth) @ c
@@ -295,7 +295,7 @@ def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
 def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A smooth curve through the points and its dy/du; one point alone is taken as y ~ u^{3/2}."""
     if len(u) == 1:
-        return y, LEADING * y / u if u[0] > 0 else np.zeros(1)
+        return y, LEADING_EXPONENT * y / u if u[0] > 0 else np.zeros(1)
     # full=True: badly spread depths give the least-norm fit, without a warning.
     fit = np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0]
     return fit(u), fit.deriv()(u)
@@ -429,7 +429,7 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
     freedom = scatter.freedom / share**2 if share > 0 else math.inf
     return MeasuredCurve(
         channel,
-        COLUMNS[channel],
+        COLUMN_UNITS[channel],
         places[:, 0],
         y.mean(axis=0),
         np.sqrt(variance),

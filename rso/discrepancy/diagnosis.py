@@ -25,7 +25,7 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior, mean_prediction
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import Reach, draws, reach
 from rso.discrepancy.evidence.residual_test import ResidualScore, residual_score
-from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, VerdictRules
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, DiagnosisSettings, VerdictRules
 from rso.discrepancy.evidence.verdict import (
     UNEXPLAINED,
     Judgement,
@@ -110,7 +110,7 @@ def diagnose(
     seed: int,
     nulls: int = attribution.N_NULL_DATA_SETS,
     fitted: Mapping[str, float] | None = None,
-    settings: DiagnosisSettings = SETTINGS,
+    settings: DiagnosisSettings = DIAGNOSIS_SETTINGS,
 ) -> Diagnosis:
     """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only.
 
@@ -401,7 +401,7 @@ def misfit(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
     return float(np.mean((w - mean_prediction(best, w)) ** 2))
 
 
-def most_left(n: int, rules: VerdictRules = SETTINGS.rules) -> float:
+def most_left(n: int, rules: VerdictRules = DIAGNOSIS_SETTINGS.rules) -> float:
     """χ² per reading that a right hypothesis may leave of n readings."""
     return max(rules.misfit, float(chi2_ppf(1.0 - rules.rare, n)) / n)
 
@@ -424,7 +424,7 @@ def _of_tests(evidence: Evidence, h: Hypothesis, tests: np.ndarray, r: np.ndarra
     return (tests + own) @ np.linalg.solve(C, r)
 
 
-def _beyond(h: Hypothesis, post: Posterior, rules: VerdictRules = SETTINGS.rules) -> bool:
+def _beyond(h: Hypothesis, post: Posterior, rules: VerdictRules = DIAGNOSIS_SETTINGS.rules) -> bool:
     """Whether an effect would have to be larger than is plausible, or lie where nothing was computed."""
     for e in h.effects:
         if e.family == "scatter":

@@ -15,7 +15,7 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import calibrated_deviation
 from rso.discrepancy.evidence.residual_test import ResidualScore
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.evidence.shrinkage import predicted
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.simulations import Base
@@ -306,7 +306,7 @@ def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
 def _rivals(d: Diagnosis) -> bool:
     """Whether the named effects are rivals: each for itself, not together, and none sure."""
     several = d.verdict == "partly" and len(d.causes) > 1 and len(d.chosen.effects) == 1
-    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < SETTINGS.rules.sure)
+    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < DIAGNOSIS_SETTINGS.rules.sure)
     return d.verdict == "ambiguous" or doubtful
 
 

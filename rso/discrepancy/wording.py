@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.discrepancy.evidence.noise import MAX_STATED_NOISE_RATIO
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.library.test_plan import ASSUMED_TIMES_NOTE, NOT_USED_NOTE
 from rso.discrepancy.parameters import called, parameter_sentences, unit_suffix, values_with_units
 
@@ -155,7 +155,7 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
     if undecided(d):
-        limit = SETTINGS.rules.false_alarm
+        limit = DIAGNOSIS_SETTINGS.rules.false_alarm
         return (
             f"Undecided: a gap is called where p is at most {limit:g} and its ln Bayes factor above 0; p is "
             f"{p:.2g}, the factor {g['statistic']:.1f}. The misfit is {g['size_over_noise']:.2f} times the noise."
@@ -180,7 +180,7 @@ def undecided(d: Mapping[str, Any]) -> bool:
     """
     gap = d.get("gap") or {}
     p, factor = gap.get("p_value"), gap.get("statistic")
-    near = p is not None and p <= UNDECIDED_P_RATIO * SETTINGS.rules.false_alarm
+    near = p is not None and p <= UNDECIDED_P_RATIO * DIAGNOSIS_SETTINGS.rules.false_alarm
     return d.get("verdict") == "no_gap" and (near or (factor is not None and factor >= 0.0))
 
 

@@ -23,10 +23,11 @@ from rso.inference.least_squares import fit_at, levenberg_marquardt
 from rso.inference.likelihood import MIN_ERROR_SHARE, Data, Misfit, Model
 from rso.inference.sloppy_directions import UNIFORM_PRECISION, expected_sd, per_log
 
-ALONG, ACROSS = 256, 64  # points of a posterior along the weakest parameter, and across it at each
-SCALES = 6  # widths, from that of the sharpest set to the whole box, on which points along it are close enough
-EDGE = 0.01  # of the box: nearer to its end no central interval can hold a truth
-WIDER = 2.5  # than the Gaussian across: data made up lie beside the truth
+N_POINTS_ALONG, N_POINTS_ACROSS = 256, 64  # points of a posterior along the weakest parameter, and across it at each
+# widths, from that of the sharpest set to the whole box, on which points along it are close enough
+N_POSTERIOR_WIDTHS = 6
+BOX_EDGE_SHARE = 0.01  # of the box: nearer to its end no central interval can hold a truth
+ACROSS_WIDENING_RATIO = 2.5  # than the Gaussian across: data made up lie beside the truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,21 +131,21 @@ def _points(
     valley = profile_likelihood(misfit, fit_at(misfit, x), weakest)
     others = np.arange(box.d) != weakest
     t, log_t = _along(float(x[weakest]), sharpest)
-    X = np.repeat(np.stack([np.interp(t, valley.at, p) for p in valley.path.T], axis=1), ACROSS, axis=0)
-    X[:, weakest], log_t = np.repeat(t, ACROSS), np.repeat(log_t, ACROSS)
+    X = np.repeat(np.stack([np.interp(t, valley.at, p) for p in valley.path.T], axis=1), N_POINTS_ACROSS, axis=0)
+    X[:, weakest], log_t = np.repeat(t, N_POINTS_ACROSS), np.repeat(log_t, N_POINTS_ACROSS)
     if not others.any():
         return X, log_t
-    z = sobol_sequence(int(others.sum()), ALONG * ACROSS, [seed, 22])
+    z = sobol_sequence(int(others.sum()), N_POINTS_ALONG * N_POINTS_ACROSS, [seed, 22])
     z = normal_ppf(np.clip(z, 1e-9, 1 - 1e-9))
     part = fisher[np.ix_(others, others)] + UNIFORM_PRECISION * np.eye(int(others.sum()))
-    X[:, others] += WIDER * z @ np.linalg.inv(np.linalg.cholesky(part))
+    X[:, others] += ACROSS_WIDENING_RATIO * z @ np.linalg.inv(np.linalg.cholesky(part))
     outside = np.any((X < 0) | (X > 1), axis=1)
     return np.clip(X, 0, 1), np.where(outside, np.inf, log_t - 0.5 * np.sum(z**2, axis=1))
 
 
 def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n,) of [0, 1] and ln of their density: a mixture of uniform and Gaussians of all widths about a truth."""
-    widths = np.geomspace(min(2.0 * sharpest, 0.5), 0.5, SCALES)
+    widths = np.geomspace(min(2.0 * sharpest, 0.5), 0.5, N_POSTERIOR_WIDTHS)
     fine = np.unique(
         np.clip(
             np.concatenate([truth + np.outer(widths, np.linspace(-5, 5, 401)).ravel(), np.linspace(0, 1, 2001)]), 0, 1
@@ -158,7 +159,7 @@ def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
             for w in widths
         ),
     ]
-    t = np.interp((np.arange(ALONG) + 0.5) / ALONG, np.mean(shares, axis=0), fine)
+    t = np.interp((np.arange(N_POINTS_ALONG) + 0.5) / N_POINTS_ALONG, np.mean(shares, axis=0), fine)
     heights = [
         np.ones_like(t),
         *(normal_pdf((t - truth) / w) / w / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths),
@@ -187,6 +188,6 @@ def _posterior(
     order = np.argsort(X[:, weakest], kind="stable")
     below = np.cumsum(w[order], axis=0)[np.searchsorted(X[order, weakest], x[weakest]).clip(0, len(X) - 1)]
     tail = 0.5 * (1 - CREDIBLE_LEVEL)
-    inside = EDGE < x[weakest] < 1 - EDGE
+    inside = BOX_EDGE_SHARE < x[weakest] < 1 - BOX_EDGE_SHARE
     covered = float(np.mean((below > tail) & (below < 1 - tail))) if inside else None
     return {n: float(s) for n, s in zip(box.names, sd, strict=True)}, covered

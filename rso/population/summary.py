@@ -28,15 +28,15 @@ from rso.inference.random_effects import (
     random_effects,
 )
 
-SCHEMA = 1
-FILE = "specimens.json"
-FOLDER = "specimens"  # below that of the results
+SPECIMENS_SCHEMA = 1  # of specimens.json; raised when keys change their meaning
+SPECIMENS_FILE = "specimens.json"
+SPECIMENS_FOLDER = "specimens"  # below that of the results
 EXIT_STOPPED = 3  # as that of failed runs: some specimens have no answer
-TOO_ALIKE = 0.05  # probability of a Q as small: errors of the specimens are not their own
-FEW = 5  # specimens of which the scatter is hardly known
-ENDS = ("low", "high")
-NAMED = 4  # specimens that a sentence names
-SHARED = (
+SMALL_Q_CHANCE = 0.05  # probability of a Q as small: errors of the specimens are not their own
+MIN_SPECIMENS_FOR_SCATTER = 5  # specimens of which the scatter is hardly known
+INTERVAL_END_NAMES = ("low", "high")
+MAX_NAMED_IN_SENTENCE = 4  # specimens that a sentence names
+SHARED_ERRORS_NOTE = (
     "Errors that all specimens share are in no interval of the mean, as that of one load cell or one indenter. More "
     "specimens do not average them out."
 )
@@ -46,7 +46,7 @@ Found = Mapping[str, Any]
 
 def folder_of(folder: Path, specimen: str) -> Path:
     """Where the results of a specimen lie."""
-    return folder / FOLDER / specimen
+    return folder / SPECIMENS_FOLDER / specimen
 
 
 def population_summary(
@@ -73,7 +73,7 @@ def population_summary(
     code, reason = _ended(rows)
     return plainly(
         {
-            "schema": SCHEMA,
+            "schema": SPECIMENS_SCHEMA,
             "study": {
                 "title": study.study.title.removesuffix(f": {study.specimen}"),
                 "file": study.file.name,
@@ -116,8 +116,8 @@ def write_summary(folder: Path, found: Found) -> list[Path]:
     import pandas as pd  # 0.4 s, which `rso check` does without
 
     folder.mkdir(parents=True, exist_ok=True)
-    write_results(folder / FILE, found)
-    paths = [folder / FILE]
+    write_results(folder / SPECIMENS_FILE, found)
+    paths = [folder / SPECIMENS_FILE]
     for name, rows in (("specimens", wide_rows(found)), ("population", population_rows(found))):
         safe = [{written_cell(k): written_cell(v) for k, v in row.items()} for row in rows]
         table = pd.DataFrame(safe).to_csv(index=False, lineterminator="\n")
@@ -145,7 +145,11 @@ def population_rows(found: Found) -> list[dict[str, Any]]:
     keys = ("parameter", "unit", "scale", "mean", "tau", "i2", "q", "q_p_value", "both_sides", "one_side")
     rows = []
     for p in found["population"]:
-        ends = {f"{k} {e}": p[k][n] for k in ("interval", "tau_interval", "prediction") for n, e in enumerate(ENDS)}
+        ends = {
+            f"{k} {e}": p[k][n]
+            for k in ("interval", "tau_interval", "prediction")
+            for n, e in enumerate(INTERVAL_END_NAMES)
+        }
         rows.append({k: p[k] for k in keys} | ends | {"outliers": "; ".join(p["outliers"])})
     return rows
 
@@ -169,7 +173,7 @@ def _specimen(
         reason = next((w for w in found["warnings"] if w.startswith("identification")), "nothing was identified")
     return {
         "name": name,
-        "folder": f"{FOLDER}/{name}",
+        "folder": f"{SPECIMENS_FOLDER}/{name}",
         "state": state,
         "reason": reason,
         "exit_code": found.get("exit_code") if found else None,
@@ -368,9 +372,9 @@ def _warnings(rows: Sequence[Found], population: Sequence[Found]) -> list[str]:
             said.append(f"{letter}: {_few(ones)} bounded on one side, which counts by the likelihood of that side")
         if p["outliers"]:
             said.append(f"{letter}: {_few(p['outliers'])} outlying (p < 0.05 over all specimens), not left out")
-        if 1 < p["both_sides"] < FEW:
+        if 1 < p["both_sides"] < MIN_SPECIMENS_FOR_SCATTER:
             said.append(f"{letter}: a scatter from {p['both_sides']} specimens is hardly known; see its interval")
-        if p["q"] is not None and (p_low := float(chi2_cdf(p["q"], p["both_sides"] - 1))) < TOO_ALIKE:
+        if p["q"] is not None and (p_low := float(chi2_cdf(p["q"], p["both_sides"] - 1))) < SMALL_Q_CHANCE:
             said.append(
                 f"{letter}: specimens agree better than their errors allow (p = {p_low:.2g}): these are shared by all, "
                 "or overstated. What is shared does not average out, and the interval of the mean is then too narrow"
@@ -378,7 +382,7 @@ def _warnings(rows: Sequence[Found], population: Sequence[Found]) -> list[str]:
     refuted = [r["name"] for r in rows if r["p_value"] is not None and r["p_value"] < 0.01]
     if refuted:
         said.append(f"the model misses the data (p < 0.01) of {_few(refuted)}: what their parameters mean is open")
-    return [*said, SHARED] if any(p["mean"] is not None for p in population) else said
+    return [*said, SHARED_ERRORS_NOTE] if any(p["mean"] is not None for p in population) else said
 
 
 def _one_side(block: Found, name: str) -> bool:
@@ -386,8 +390,8 @@ def _one_side(block: Found, name: str) -> bool:
 
 
 def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return f"{', '.join(names[:NAMED])}{more}"
+    more = f" and {len(names) - MAX_NAMED_IN_SENTENCE} more" if len(names) > MAX_NAMED_IN_SENTENCE else ""
+    return f"{', '.join(names[:MAX_NAMED_IN_SENTENCE])}{more}"
 
 
 def _ended(rows: Sequence[Found]) -> tuple[int, str | None]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Backend, Case, ContactModulus, Programme, Sketches, by_contents, capability, digest, plain
-from rso.core.units import CHANNELS, COLUMNS, UNITS, same, value_in_unit
+from rso.core.units import CHANNEL_UNITS, COLUMN_UNITS, UNITS_OF_KIND, same, value_in_unit
 from rso.data import (
     N_CLOUD_POINTS,
     Hold,
@@ -100,7 +100,7 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
                 share = f", {deepest / radius:.1g} of the radius of the indenter, {radius:g} mm" if radius else ""
                 raise ValueError(
                     f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it "
-                    f"is read in? Choose from {UNITS['mm']}"
+                    f"is read in? Choose from {UNITS_OF_KIND['mm']}"
                 )
             curves[e.name] = curve
         except ValueError as error:
@@ -150,7 +150,12 @@ def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
         key = "uz" if e.kind == "profile" else channel
         values = np.concatenate([r.channels[channel] for r in measurement.repeats])
         if channel in e.compared:
-            ranges[key] = (noise.of(channel), f"{channel} goes over", float(np.ptp([0.0, *values])), COLUMNS[channel])
+            ranges[key] = (
+                noise.of(channel),
+                f"{channel} goes over",
+                float(np.ptp([0.0, *values])),
+                COLUMN_UNITS[channel],
+            )
     deepest = max(float(r.depth.max()) for r in measurement.repeats)
     ranges["depth"] = (noise.depth, "depth goes over", deepest, "mm")
     ranges["contact"] = (noise.contact, "depth goes over", deepest, "mm")
@@ -392,11 +397,13 @@ def refuse_what_is_not_modelled(
 def foreign_units(study: Study, backend: Backend) -> list[Problem]:
     """Channels that the backend declares in another unit than that in which they meet what was measured."""
     place: Place = ("backend", "use" if study.backend.command is None else "command")
-    wrong = [(c, unit) for c, unit in backend.channels.items() if c in CHANNELS and not same(unit, CHANNELS[c])]
+    wrong = [
+        (c, unit) for c, unit in backend.channels.items() if c in CHANNEL_UNITS and not same(unit, CHANNEL_UNITS[c])
+    ]
     return [
         Problem(
             place,
-            f"the backend {backend.name!r} declares channel {c!r} in {unit}; choose {CHANNELS[c]}, in which it is "
+            f"the backend {backend.name!r} declares channel {c!r} in {unit}; choose {CHANNEL_UNITS[c]}, in which it is "
             "compared: responses are not converted",
         )
         for c, unit in wrong

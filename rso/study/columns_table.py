@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, create_model, model_validator
 
 from rso.contract import finite
-from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, unit_or_count_factor
+from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMN_UNITS, UNITS_OF_KIND, kind_of, unit_or_count_factor
 from rso.data import ZERO_AT_CONTACT, Column
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Compliance, Stiffness, expected, formed
@@ -78,11 +78,11 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
     """Unit and sign are such as the column can have."""
     if table is None:
         return None
-    if table.flip and name not in COLUMNS:
+    if table.flip and name not in COLUMN_UNITS:
         raise ValueError(f"flip turns the sign of a measured value; {name} has none")
     if table.zero == ZERO_AT_CONTACT and name not in ("depth", "Fz"):
         raise ValueError(f"the contact that a record shows is the zero of depth and Fz; {name} has none")
-    if table.zero and name not in COLUMNS:
+    if table.zero and name not in COLUMN_UNITS:
         raise ValueError(f"zero is subtracted from a measured value; {name} is none")
     if table.values is not None and name != "segment":
         raise ValueError(f"values says what the codes of a column of segments mean; {name} has none")
@@ -111,7 +111,7 @@ def _known(unit: str, base: str, more: str) -> None:
     try:
         unit_or_count_factor(unit, base)
     except ValueError as error:
-        choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is'
+        choices = f'{UNITS_OF_KIND[base]}, or "0.00125 {base}" for what one count is'
         raise ValueError(f"unit = {unit!r}: {error}; choose from {choices}{more}") from error
 
 

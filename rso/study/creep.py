@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.contract import Backend, Case, Programme, Segment, beyond_control
+from rso.core.curves import CREEP_CHANNEL
 from rso.data import CreepHold, MeasuredCurve, creep_curve, creep_of
 from rso.study.cases import speed_of
 from rso.study.holds import MAX_RELAXATION_TIME_RATIO, MIN_RELAXATION_TIME_RATIO, hold_ranges, relaxation_knobs, relaxes
 from rso.study.schema import Study
 
 CREEP_SUFFIX = " creep"  # behind the name of an experiment: that of its hold at a force
-CREEP_CHANNEL = "travel"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

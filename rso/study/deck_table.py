@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from rso.contract import Parameter
 from rso.core.similarity import stress_exponent
-from rso.core.units import CHANNELS, conversion_factor, in_base, is_of, value_in_unit
+from rso.core.units import CHANNEL_UNITS, conversion_factor, in_base, is_of, value_in_unit
 from rso.evaluation.decks import READERS, DeckOutput, Failure
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Names, list_to_tuple
@@ -95,7 +95,7 @@ class OutputTable(StudyFileTable):
 
     def output(self, channel: str) -> DeckOutput:
         """What is read, in the unit of the channel; ValueError for a unit of another kind."""
-        base = CHANNELS.get(channel) or ("1" if self.unit is None else _base(self.unit))
+        base = CHANNEL_UNITS.get(channel) or ("1" if self.unit is None else _base(self.unit))
         default = {"calculix": "step", "febio": "time"}.get(self.reader, "order")
         at = self.at or default
         scale, over_unit = 1.0, "1"

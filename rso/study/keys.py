@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
-from rso.core.default_backend import PACKAGE
+from rso.core.default_backend import BACKEND_PACKAGE
 from rso.study.errors import choices_text
 from rso.study.fields import TEXT_SCHEMA
 from rso.study.schema import Study
@@ -21,7 +21,7 @@ STUDY_PAGE_HEAD = f"""# The study file
 A study is one TOML file. Numbers are in N, mm, MPa and s, or text with a unit of the same kind (`"3.2 kPa"`, `"1 %"`).
 An unknown key is an error that names file, line and choices; `rso check` reads a study and computes nothing. `rso keys`
 prints this page, `rso keys search` a part of it. Settings and parameters are the backend's: those of the one here stand
-in [the finite element model](finite_elements.md), and `python -m {PACKAGE} --schema` prints them."""
+in [the finite element model](finite_elements.md), and `python -m {BACKEND_PACKAGE} --schema` prints them."""
 
 
 def reference(table: str = "") -> list[str]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.core.default_backend import USE, command_line
+from rso.core.default_backend import DEFAULT_BACKEND, command_line
 from rso.core.inline_toml import inline
 from rso.core.units import value_in_unit
 from rso.data import read_measurement, recorded_speed
@@ -61,7 +61,7 @@ def study_of_folder(folder: Path, seed: int, beside: Path) -> str:
         f"seed = {seed}",
         "",
         "[backend]",
-        f"use = {inline(USE)}",
+        f"use = {inline(DEFAULT_BACKEND)}",
         "",
         "[backend.settings]",
         *(f"{key} = {inline(table)}" for key, table in nominal.settings.items()),

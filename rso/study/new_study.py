@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from rso.contract import Backend, Given, Line, NewStudies, capability
-from rso.core.default_backend import USE
+from rso.core.default_backend import DEFAULT_BACKEND
 from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES, in_base
 from rso.data import (
@@ -152,7 +152,7 @@ def _head(
         "seed = 1",
         "",
         "[backend]",
-        f"use = {inline(USE)}",
+        f"use = {inline(DEFAULT_BACKEND)}",
         "",
         "[backend.settings]",
         *(_line(key, replace(line, value=paths_seen_from(line.value, folder))) for key, line in settings.items()),

@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from rso.core import disk
-from rso.core.polynomial_degree import HIGHEST
+from rso.core.polynomial_degree import MAX_POLYNOMIAL_DEGREE
 from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.evaluation.decks import DELIMITERS, Deck
@@ -273,7 +273,7 @@ class SurrogateTable(StudyFileTable):
 
     kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
     """Response surfaces: chosen by their scores, or of one kind; whole_curve learns curves, not single forces."""
-    degree: Annotated[int, Field(ge=1, le=HIGHEST)] | None = None
+    degree: Annotated[int, Field(ge=1, le=MAX_POLYNOMIAL_DEGREE)] | None = None
     """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
     """Error on new runs above which runs are added, at most verify.max_infill: a share of the output's spread over the

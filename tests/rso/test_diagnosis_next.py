@@ -24,7 +24,7 @@ from rso.discrepancy.next_test import (
 )
 from rso.discrepancy.proposals import planned_tests, proposed_tests
 from rso.optimal_design.ranking import Worth, ranked
-from rso.optimal_design.separation import DECIDED, as_likely, chance_to_decide
+from rso.optimal_design.separation import DECIDED_PROBABILITY, as_likely, chance_to_decide
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
@@ -35,7 +35,7 @@ def test_the_chance_is_that_of_gaussian_readings(D):
     for k in (0, 1):
         x = mean[k] + rng.standard_normal(200_000)
         s = np.log(P) - 0.5 * (x[:, None] - mean) ** 2
-        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= DECIDED)
+        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= DECIDED_PROBABILITY)
     chance = chance_to_decide({("a", "b"): D}, {"a": 0.7, "b": 0.3})
     np.testing.assert_allclose(chance, settled, atol=4e-3)  # 200 000 draws scatter by 1e-3
 

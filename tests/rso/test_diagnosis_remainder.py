@@ -18,7 +18,7 @@ from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import RESIDUAL_TEST_LEVEL, ResidualScore, _changes, residual_score
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.evidence.verdict import pairs_of_remainder
 from rso.discrepancy.library.prediction import predict
 
@@ -118,7 +118,7 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     plan = make_test_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
     d = discrepancy.diagnose(library, 2, nulls=100)
-    assert d.remainder.there and d.left < SETTINGS.rules.misfit
+    assert d.remainder.there and d.left < DIAGNOSIS_SETTINGS.rules.misfit
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
     monkeypatch.setattr(rso.discrepancy.diagnosis, "residual_score", lambda *_: ResidualScore("", None, 0.0, np.inf))
     blind = discrepancy.diagnose(library, 2, nulls=100)

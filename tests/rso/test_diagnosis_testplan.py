@@ -10,7 +10,7 @@ import pytest
 from rso.data import Measurement, Noise, Repeat
 from rso.discrepancy import make_test_plan
 from rso.discrepancy.evidence import noise
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.library.simulations import passes, passes_of
 from rso.discrepancy.library.test_plan import N_HOLD_BINS, PLAN_DEPTH_STEP_MM
 
@@ -336,7 +336,7 @@ def test_uncertainties_that_the_file_states_count_as_stated_noise():
 
 def test_white_noise_alone_is_neither_gain_nor_correlated():
     found = [level(synthetic(5, k)) for k in range(12)]
-    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * SETTINGS.noise.gain)
+    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * DIAGNOSIS_SETTINGS.noise.gain)
     assert sum(v.correlated > 0 for v in found) <= 2
 
 
@@ -378,7 +378,7 @@ def test_softening_between_the_first_and_later_repeats_is_not_scatter():
     """A virgin test differs from those after it by an effect of the catalogue."""
     truth = {**toy.TRUTH, "soften": 0.3}
     e = toy.experiment("a", toy.recorded(truth, rng(1), repeats=5, scatter=0.0), noise=NOTHING)
-    assert level([e]).gain <= SETTINGS.noise.gain and level([e]).contact <= SETTINGS.noise.contact
+    assert level([e]).gain <= DIAGNOSIS_SETTINGS.noise.gain and level([e]).contact <= DIAGNOSIS_SETTINGS.noise.contact
 
 
 def test_a_few_noiseless_readings_still_have_a_covariance():

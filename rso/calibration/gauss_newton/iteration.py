@@ -10,7 +10,7 @@ import numpy as np
 
 from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_readings, searched_ranges
 from rso.calibration.identification_stage import Identified
-from rso.calibration.plan import Plan
+from rso.calibration.plan import PROOF_MODULUS_RATIO, Plan
 from rso.calibration.readings import of_response
 from rso.calibration.stages import MAX_TOLD_REASONS, SIMILARITY_TOLERANCE, NothingToFit, Proof, Run, Runner
 from rso.core.similarity import Group
@@ -41,7 +41,6 @@ from rso.study.errors import Problem, study_error
 SIMILARITY_IMBALANCE_TOLERANCE = 1e-5
 # rounds of runs at the ends of intervals; an end so close to a run (unit cube) needs none
 MAX_DESCENT_END_ROUNDS, END_NEARBY_DISTANCE = 3, 0.05
-PROOF_MODULUS_RATIO = 1.25  # factor of the modulus between the runs that prove similarity where derivatives cannot
 
 
 @dataclass(frozen=True, eq=False)

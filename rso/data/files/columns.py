@@ -21,7 +21,7 @@ import numpy as np
 
 from rso.core.units import (
     BARE_COLUMNS,
-    UNITS,
+    UNITS_OF_KIND,
     bracketed,
     column_factor,
     conversion_factor,
@@ -436,7 +436,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
     like = column.read_as(name)
     base = kind_of(like)
-    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
+    choices = f'{UNITS_OF_KIND[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
     said = {"the study": column.unit, "the header": unit_in(column.header, like)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
     # what the file calls a count is its own affair, unless it is a unit of this kind

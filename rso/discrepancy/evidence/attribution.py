@@ -33,7 +33,7 @@ from rso.discrepancy.evidence.gaussian_mixture import (
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis, tiles
 from rso.discrepancy.evidence.model_form_tolerance import with_tolerance
-from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, HypothesisPriors
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, DiagnosisSettings, HypothesisPriors
 from rso.discrepancy.evidence.shrinkage import experiment_blocks
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
@@ -61,7 +61,7 @@ class Shared:
     scatter: Mapping[str, np.ndarray]
     tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
     alone: tuple[str, ...] = ()
-    settings: DiagnosisSettings = SETTINGS
+    settings: DiagnosisSettings = DIAGNOSIS_SETTINGS
 
     def covariance(self, effects: Sequence[Effect], share: float) -> np.ndarray:
         """C (n, n), with what differs from curve to curve at a share of its largest plausible size."""
@@ -90,7 +90,9 @@ class Shared:
         return self.tiles[key]
 
 
-def set_up(library: Library, y: np.ndarray, binding: bool = False, settings: DiagnosisSettings = SETTINGS) -> Shared:
+def set_up(
+    library: Library, y: np.ndarray, binding: bool = False, settings: DiagnosisSettings = DIAGNOSIS_SETTINGS
+) -> Shared:
     """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
 
     `binding` as in :func:`noise.noise_levels`.
@@ -162,7 +164,7 @@ class Comparison:
     hypotheses: tuple[Hypothesis, ...]
     log_evidence: np.ndarray
     log_prior: np.ndarray
-    no_gap: float = SETTINGS.priors.no_gap
+    no_gap: float = DIAGNOSIS_SETTINGS.priors.no_gap
 
     @property
     def probability(self) -> np.ndarray:
@@ -297,7 +299,7 @@ def comparisons(
     return [Comparison(tuple(hypotheses), row, prior, priors.no_gap) for row in table]
 
 
-def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors = SETTINGS.priors) -> float:
+def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors = DIAGNOSIS_SETTINGS.priors) -> float:
     """ln π(H) in a catalogue: causes of a kind share its probability, forms of a cause share that of the cause."""
     if not h.effects and not h.unexplained:
         return float(np.log(priors.no_gap))
@@ -336,7 +338,7 @@ def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarra
     return simulated_data(evidence, (), y, count, seed)
 
 
-def critical(null: np.ndarray, false_alarm: float = SETTINGS.rules.false_alarm) -> float:
+def critical(null: np.ndarray, false_alarm: float = DIAGNOSIS_SETTINGS.rules.false_alarm) -> float:
     """The statistic beyond which there is a gap: p = (1 + number of `null` (n,) ≥ it) / (1 + n) ≤ `false_alarm` and
     a gap is more probable than none.  Infinite where n is too few to say so.
     """

@@ -20,7 +20,7 @@ from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
 from rso.discrepancy.detectors.autocorrelation import autocorrelation_length
 from rso.discrepancy.detectors.sensor import count_of, hidden_noise, of_bins
-from rso.discrepancy.evidence.settings import SETTINGS, ModelError, UsualNoise
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, ModelError, UsualNoise
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, Test, TestPlan
 from rso.inference.error_model import correlated_along
@@ -60,7 +60,9 @@ class NoiseLevel:
         return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
-def noise_levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETTINGS.noise) -> dict[str, NoiseLevel]:
+def noise_levels(
+    plan: TestPlan, binding: bool = False, usual: UsualNoise = DIAGNOSIS_SETTINGS.noise
+) -> dict[str, NoiseLevel]:
     """Noise by channel of all tests together; 'uz' is that of profiles.
 
     Where what is stated is `binding`, gain and contact by which repeats differ far more are not noise.
@@ -273,7 +275,7 @@ def data_covariance(
     level: Mapping[str, NoiseLevel],
     force: np.ndarray,
     slope: np.ndarray,
-    error: ModelError = SETTINGS.model_error,
+    error: ModelError = DIAGNOSIS_SETTINGS.model_error,
 ) -> np.ndarray:
     """C (n, n) of the data vector for a prediction `force` (n,) N (or mm) and its slope (n,) N/mm."""
     return scatter(library.plan, level, force, slope) + _of_model(library, force, error)
@@ -334,7 +336,7 @@ def _of_model(library: Library, force: np.ndarray, error: ModelError) -> np.ndar
     return K + np.outer(growing, growing) * (channel[:, None] == channel)
 
 
-def other_code(plan: TestPlan, force: np.ndarray, error: ModelError = SETTINGS.model_error) -> np.ndarray:
+def other_code(plan: TestPlan, force: np.ndarray, error: ModelError = DIAGNOSIS_SETTINGS.model_error) -> np.ndarray:
     """What a model may be off by in all tests alike (n, n), as another program is, from its prediction (n,)."""
     u, channel, size = np.zeros(plan.n), np.full(plan.n, -1), np.zeros(plan.n)
     for item, c, at in plan.rows():
@@ -375,7 +377,7 @@ def gap_covariance(
     force: np.ndarray,
     amplitude: float,
     length: float,
-    lateral: float = SETTINGS.model_error.lateral,
+    lateral: float = DIAGNOSIS_SETTINGS.model_error.lateral,
 ) -> np.ndarray:
     """K (n, n) of a gap of relative `amplitude` that changes over `length`, a share of the deepest travel: shared by a
     place, by a branch and by a test in equal parts."""

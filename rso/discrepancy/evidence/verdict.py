@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from rso.discrepancy.evidence.attribution import Comparison
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import ResidualScore
-from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, VerdictRules
 from rso.discrepancy.library.effects import Effect
 
 N_BEATEN_CAUSES = 2  # causes not named whose fits are kept
@@ -29,7 +29,7 @@ class Judgement:
 UNEXPLAINED = Judgement("unexplained", (), Hypothesis((), True))
 
 
-def judge_comparison(contest: Comparison, gap: bool, rules: VerdictRules = SETTINGS.rules) -> Judgement:
+def judge_comparison(contest: Comparison, gap: bool, rules: VerdictRules = DIAGNOSIS_SETTINGS.rules) -> Judgement:
     """What a contest says; `gap` is the decision of the null's statistic.
 
     Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold `sure` of the

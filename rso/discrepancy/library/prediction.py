@@ -197,7 +197,7 @@ def _read(key: _Key) -> _Readings:
 
 
 def _at_moments(here: PlaceTables, test: Test, table: np.ndarray, since: np.ndarray, lost: bool = False) -> np.ndarray:
-    """Changes (n_nodes, 3, n) of a table of rests (n_nodes, n_rest, 3, RESTED) at moments (n,) s of that of a test.
+    """Changes (n_nodes, 3, n) at moments (n,) s of the rest of a test, by a table (n_nodes, n_rest, 3, N_REST_MOMENTS).
 
     With `lost` those since it began.
     """

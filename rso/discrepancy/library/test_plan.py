@@ -15,7 +15,7 @@ import numpy as np
 
 from rso.contract import digest
 from rso.contract.responses import FORCE_CHANNELS
-from rso.core.power_law import LEADING
+from rso.core.power_law import LEADING_EXPONENT
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
 from rso.data.force_holds import HeldForce
 from rso.data.holds import N_HOLD_BINS, at_peak, edges, stop_time
@@ -52,7 +52,7 @@ class Experiment:
     speed: float
     mounting: str = "A"
     after: tuple[str, ...] = ()
-    power: float = LEADING
+    power: float = LEADING_EXPONENT
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from rso.contract import (
     run_key,
     worded,
 )
+from rso.contract.responses import ALWAYS_CHANNELS
 from rso.core import disk
 from rso.core.units import in_base
 from rso.evaluation.decks.readers import DeckOutput, NotFound, at_passages, free_curve, read_output
@@ -37,7 +38,6 @@ from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail
 PROGRAMME_WORDS = ("depth", "duration", "speed")
 BLOCK_WORDS = ("step", "time", "travel")  # of each asked passage or corner: its number from 1, s, mm
 TIMED_WORDS = {"duration", "speed", "time"}
-ALWAYS_CHANNELS = {"time": "s", "travel": "mm"}
 PRINTED_FILES = ("stdout.txt", "stderr.txt")
 
 

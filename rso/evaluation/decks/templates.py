@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from rso.core.units import conversion_factor
-from rso.doe.constraints import FUNCTIONS, read_expression
+from rso.doe.constraints import EXPRESSION_FUNCTIONS, read_expression
 
 DELIMITERS = ("{", "}")
 NUMBER_FORMAT = re.compile(r"[<>=^]?[+ -]?0?(?P<width>\d{0,2})(?:\.\d{1,2})?[eEfFgGd]?")
@@ -170,7 +170,7 @@ def _place(where: str, line: int, text: str, inside: str, known: set[str], delim
     names: list[tuple[str, str]] = []
 
     def symbol(match: re.Match[str]) -> str:
-        if match[1] in FUNCTIONS and match[2] is None:
+        if match[1] in EXPRESSION_FUNCTIONS and match[2] is None:
             return match[1]
         names.append((match[1], (match[2] or "").strip()))
         return f"v{len(names) - 1}"
@@ -188,7 +188,7 @@ def _place(where: str, line: int, text: str, inside: str, known: set[str], delim
     try:
         read_expression(written, [f"v{k}" for k in range(len(names))])
     except ValueError:
-        known_words = f"numbers, + - * / ** ( ), {', '.join(FUNCTIONS)}"
+        known_words = f"numbers, + - * / ** ( ), {', '.join(EXPRESSION_FUNCTIONS)}"
         raise ValueError(f"{where}: {text}: is no expression of names, {known_words}") from None
     return Placeholder(line, text, written, tuple(names), form or DEFAULT_FORMAT)
 
