@@ -201,7 +201,7 @@ def is_number(value: ast.expr | None) -> bool:
     plain = plain and not any(
         isinstance(v, ast.Name) for n in tables for v in n.values
     )  # a look of a line with its colour
-    numbers = [isinstance(n.value, int | float) for n in literals if n not in keys]
+    numbers = [type(n.value) in (int, float) for n in literals if n not in keys]
     return plain and bool(numbers) and all(numbers)
 
 

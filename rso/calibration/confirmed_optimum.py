@@ -45,7 +45,7 @@ from rso.inference import (
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.error_model import EMULATOR
+from rso.inference.error_model import EMULATOR_ERROR
 from rso.inference.identifiability import REFUTED_FIT_CHANCE
 from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.verdict import REFUTED_ERROR_RATIO
@@ -117,7 +117,7 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
     data = [_with_model(plan, found, emulator, there, p, d) for p, d in zip(places, curves, strict=True)]
-    each = [data, [d.without(EMULATOR) for d in data]]
+    each = [data, [d.without(EMULATOR_ERROR) for d in data]]
     misfit, bare = (with_autocorrelation(replace(plain, data=tuple(v)), first.x) for v in each)
     return ConfirmedFit(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
 

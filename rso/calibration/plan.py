@@ -55,7 +55,7 @@ from rso.study.search_table import TargetTable
 from rso.study.sources import backend_of, needs_data
 from rso.study.sources import source_of as source_of
 
-MAX_POINTS_FILE_BYTES = 20_000_000  # bytes of a file of points
+MAX_POINTS_FILE_BYTES = 20_000_000  # of a file of points
 MIN_REDUCED_DESIGN_RUNS = 8  # runs of a reduced design
 STRESS_SCALE_REASON = "not applied: a force that is held sets a scale of stress"
 PROOF_MODULUS_RATIO = 1.25  # of the moduli of runs that prove similarity, where no derivatives do

@@ -16,8 +16,8 @@ from rso.core.units import value_in_unit
 
 ABSCISSA_TOLERANCE = 1e-9  # of the whole abscissa: an end that is missed by less is reached
 _OUTPUT_NAME = r"[A-Za-z_]\w*"
-_CALL = re.compile(rf"({_OUTPUT_NAME})\s*\(([^()]*)\)")
-_SIGNS = re.compile(r"(<=|>=|<|>)")
+_REDUCTION_CALL = re.compile(rf"({_OUTPUT_NAME})\s*\(([^()]*)\)")
+_LIMIT_SIGNS = re.compile(r"(<=|>=|<|>)")
 _WRITTEN_LIMIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*\S)\s*")
 MAX_QUANTITY_CHARACTERS = 200  # of a quantity or a limit as somebody writes it: more is none
 
@@ -116,7 +116,7 @@ def read_quantity(text: str) -> OutputQuantity:
         raise ValueError(f"a quantity has at most {MAX_QUANTITY_CHARACTERS} characters, not {len(written)}")
     if re.fullmatch(_OUTPUT_NAME, written):
         return OutputQuantity(written, written)
-    match = _CALL.fullmatch(written)
+    match = _REDUCTION_CALL.fullmatch(written)
     forms = f"an output such as cost, a value at an abscissa such as stress(1.2), or {', '.join(REDUCTIONS)} of a curve"
     if match is None:
         raise ValueError(f"{written!r} is no quantity: expected is {forms}")
@@ -139,7 +139,7 @@ def read_limits(text: str) -> Limits:
     written = text.strip()
     if len(written) > MAX_QUANTITY_CHARACTERS:
         raise ValueError(f"a constraint has at most {MAX_QUANTITY_CHARACTERS} characters, not {len(written)}")
-    parts = [p.strip() for p in _SIGNS.split(written)]
+    parts = [p.strip() for p in _LIMIT_SIGNS.split(written)]
     values, signs = parts[::2], parts[1::2]
     good = len(signs) in (1, 2) and all(values) and len({s[0] for s in signs}) == 1
     if not good:

@@ -19,7 +19,7 @@ MAX_CONTACT_FORCE_SHARE = 0.7  # of the largest force: what tells the contact
 CONTACT_FORCE_SHARES = (MAX_CONTACT_FORCE_SHARE, 0.5 * MAX_CONTACT_FORCE_SHARE)
 # of the travel pressed up to there by which two powers miss the contact of a soft curved body
 CONTACT_BIAS_SHARE = 0.005
-MIN_CONTACT_SD = 2.0  # standard deviations after the first reading
+MIN_APPROACH_SD = 2.0  # standard deviations after the first reading
 # of the travel: a contact this late is taken, or remarked upon, where nobody has asked for it
 LATE_CONTACT_SHARE = 0.03
 MAX_FORCE_POWER = 4.0  # power beyond which no tissue stiffens; twice that is the β of the steepest e^{βt}
@@ -166,7 +166,7 @@ def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
     if contact is None:
         raise ValueError("too few readings before 0.7 of the largest force to find the contact")
     before = int(np.sum(depth < contact.depth))
-    if before < MIN_AIR_READINGS or contact.depth - float(depth.min()) < MIN_CONTACT_SD * contact.deviation:
+    if before < MIN_AIR_READINGS or contact.depth - float(depth.min()) < MIN_APPROACH_SD * contact.deviation:
         where = f"{contact.depth:.3g} ± {contact.deviation:.2g} mm"
         raise ValueError(f"no approach is seen: {before} reading(s) before {where}, where the force begins to rise")
     return contact

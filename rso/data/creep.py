@@ -26,7 +26,7 @@ from rso.data.scatter import of_record
 SAME_HELD_FORCE_TOLERANCE = 0.05  # of the force by which repeats may be held at others
 MIN_GROWTH_STANDARD_ERRORS = 3.0  # standard errors by which the depth must grow to be said to
 # of the share of a straight line in time that the other quantity leaves: that one was controlled
-MAX_NONLINEARITY_RATIO = 0.5
+CONTROLLED_NONLINEARITY_RATIO = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ def _by_force(r: Repeat) -> bool:
     for v in (r.channels["Fz"][at], r.depth[at]):
         line = np.polyval(np.polyfit(r.time[at], v, 1), r.time[at])
         left.append(float(np.std(v - line)) / max(float(np.ptp(v)), 1e-300))
-    return left[0] < MAX_NONLINEARITY_RATIO * left[1]
+    return left[0] < CONTROLLED_NONLINEARITY_RATIO * left[1]
 
 
 def _power(r: Repeat, force: float) -> float:

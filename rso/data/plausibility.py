@@ -15,7 +15,7 @@ from rso.data import curve_shape
 from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air
 from rso.data.scatter import step_of_scale
 
-MAX_SUNK_FORCE_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
+MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
 MAX_UNTARED_FORCE_SHARE = 0.5  # of its range that a force may have where the indenter begins to press
 DOUBTED_UNTARED_FORCE_SHARE = 0.01  # the same, from which on it is remarked upon where it is no scatter
 MIN_LOADING_STROKE_SHARE = 0.5  # of the stroke that loading must cover
@@ -217,7 +217,7 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
     n = max(3 if len(F) >= curve_shape.MIN_MACHINE_READINGS else 1, int(curve_shape.CURVE_EDGE_SHARE * len(F)))
     shallow = d <= max(curve_shape.CURVE_EDGE_SHARE * d.max(), float(d.min()))
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
-    if end < start - MAX_SUNK_FORCE_SHARE * span:
+    if end < start - MAX_FALL_TO_DEEPEST_SHARE * span:
         raise ValueError(
             f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper. Fz is the "
             f"force of the specimen on the indenter, positive upwards: {TURN_SIGN_ADVICE}"

@@ -17,7 +17,7 @@ from rso.discrepancy.library.simulations import Base, LibraryJob, passes, passes
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_test_plan
 
-N_PROPOSED_READINGS = 20  # of a branch and of a hold: enough for the bins of a plan
+N_PROPOSED_READINGS = 20  # of a branch, and of a hold
 N_PROPOSED_REPEATS = 3  # of a proposed test: what each has for itself averages out
 MAX_PROPOSED_DEPTH_MM = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
 SAME_TURN_MM = 0.3  # mm between turns that count as one, in such a plan

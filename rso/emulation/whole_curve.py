@@ -16,7 +16,7 @@ from rso.emulation.scores import Scores, score
 # at most so many modes; fewer where they leave out less than this share of the curves' size
 MAX_MODES, MAX_LEFT_OUT_SHARE = 8, 1e-6
 MIN_WEIGHT_RATIO = 1e-3  # of the largest: abscissae with smaller values count no more than this
-NORMAL_95 = 1.959964  # standard deviations of a normal law that hold 95 %
+SD_OF_95_PERCENT = 1.959964  # standard deviations of a normal law that hold 95 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,8 +303,8 @@ def _checked(
     error = np.abs(mean - Y)
     floor = 1e-12 * np.abs(Y).max() + 1e-300  # an exact curve has no band to speak of
     z = error / np.maximum(sd, floor)
-    covered = float(np.mean(z < NORMAL_95))
-    inflate = max(1.0, float(np.quantile(z, 0.95)) / NORMAL_95)
+    covered = float(np.mean(z < SD_OF_95_PERCENT))
+    inflate = max(1.0, float(np.quantile(z, 0.95)) / SD_OF_95_PERCENT)
     cv = tuple(score(mean[:, j], Y[:, j]) for j in range(Y.shape[1]))
     return replace(model, inflate=min(inflate, 1e3), covered=covered, cv=cv)
 

@@ -21,7 +21,7 @@ INTERVAL_END_TOLERANCE = 0.15
 MIN_AUTOCORRELATION_TIMES = 50.0
 MAX_R_HAT = 1.05  # R-hat of ensembles that began apart, at most
 MAX_PARAMETERS_ON_CELLS = 3  # parameters up to which the posterior is computed on cells
-N_GRID_DRAWS = 8192  # from the cells, independent of each other: far more than a chain gives
+N_GRID_DRAWS = 8192  # from the cells, independent of each other
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ UNINFORMATIVE_RANGE_SHARE = 0.5  # of the range stated or searched: an interval 
 ROUND_OFF_SHARE = 1e-6  # of the uncertainty: a change that is round-off
 LOWER_NOISE_RATIOS = np.geomspace(1.0, 1e-3, 61)  # times what it is
 # between the noise at which the profile is narrow enough and that at which a new one would be too
-NEW_NOISE_RATIO = 0.7
+NOISE_SAFETY_RATIO = 0.7
 REFUTED_ERROR_RATIO = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
 
 
@@ -78,13 +78,13 @@ def quieter(box: Box, k: int, profile: ProfileInterval, level: float = 0.9, stat
     """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
 
     With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
-    hence `NEW_NOISE_RATIO`.
+    hence `NOISE_SAFETY_RATIO`.
     """
     for f in LOWER_NOISE_RATIOS:
         louder = replace(profile, rise=profile.rise / f**2)
         leaning = tuple(box.names[j] for j in louder.leaning(level))
         if judge_parameter(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
-            return NEW_NOISE_RATIO * float(f)
+            return NOISE_SAFETY_RATIO * float(f)
     return None
 
 

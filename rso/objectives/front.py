@@ -16,7 +16,7 @@ from rso.optimise.mixed import mixed_front
 from rso.optimise.nsga2 import Front
 
 SHARPENED_POINTS_PER_OBJECTIVE = 20  # points of a front, for each objective, that a gradient method improves
-MAX_LEVEL_CHANGES = 20  # changes of a level
+MAX_LEVEL_CHANGES = 20  # from one neighbour to the next better one
 SAME_RUN_DISTANCE = 1e-3  # of the unit cube: points this near are one run
 
 

@@ -24,7 +24,7 @@ from rso.study.schema import Study
 from rso.study.sources import backend_of, source_of
 
 CASE_NAME = "model"
-MAX_DESIGN_FILE_BYTES = 16 * 1024 * 1024  # bytes of a file of points
+MAX_DESIGN_FILE_BYTES = 16 * 1024 * 1024  # of a file of points
 
 
 @dataclass(frozen=True)

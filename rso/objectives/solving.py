@@ -21,7 +21,7 @@ from rso.study.errors import Problem, study_error
 
 SIZE_FLOOR_SHARE = 0.01  # of the spread of a quantity: below this size differences are measured against it
 MIN_LIMIT_DISTANCE_SHARE = 2e-4  # of a quantity: a distance to its limit that is not worth another run
-OPTIMISM_SD = 2.0  # standard deviations
+OPTIMISM_SD = 2.0  # standard deviations by which everything may be better than predicted, where surfaces are explored
 # share of the hypervolume that the last fifth of the generations may add and count as converged
 MAX_CONVERGED_RISE_SHARE = 0.005
 Say = Callable[[str], None]

@@ -11,7 +11,7 @@ from rso.doe import sobol_sequence
 
 Score = Callable[[np.ndarray], np.ndarray]
 LOG2_SCANNED_POINTS = 14  # log2 of the points looked at in four dimensions or more; fewer in fewer
-MAX_BASIN_PARAMETERS = 8  # parameters
+MAX_BASIN_PARAMETERS = 8  # beyond, no sample sees what is narrow
 SCORED_POINTS_PER_BLOCK = 2048  # points at a time: a surrogate needs memory for each
 MAX_FOLLOWED_BASINS = 32  # basins that are followed
 N_STEP_ROUNDS, TRIES_PER_ROUND = 8, 16  # of smaller and smaller random steps, and steps a round

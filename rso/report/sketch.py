@@ -15,7 +15,7 @@ from rso.report.layout.document import Picture
 from rso.report.reading import listed
 
 SKETCH_PICTURE = "sketch"
-MAX_SKETCH_PANELS = 3  # panels
+MAX_SKETCH_PANELS = 3  # different experiments beside each other
 MAX_SKETCH_HEIGHT_INCH, MIN_SKETCH_HEIGHT_INCH = 2.9, 1.1  # inch
 SPECIMEN_TINT = "#f3e3d7"  # a light tint that stays apart from white in print
 LAYER_TINTS = ("#e3b897", "#d2966c", "#ecd0b8")

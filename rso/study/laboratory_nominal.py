@@ -43,7 +43,7 @@ _LOOSE_SUPPORT = re.compile(
 )
 _MISSPELLED_KEY_LIKENESS = 0.7  # likeness from which an unknown key is a misspelled one
 _OLDER_SUPPORT_KEYS = LABORATORY_WORDS["beside"]  # older names beside the support
-MAX_NOMINAL_FILE_BYTES = 1_000_000  # bytes
+MAX_NOMINAL_FILE_BYTES = 1_000_000  # far more than the words and numbers of one specimen
 _STATED_UNITS = ["N, mm, MPa, s"]
 _DESCRIPTIVE_KEYS = (
     "remark",

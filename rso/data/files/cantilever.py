@@ -24,7 +24,7 @@ DEFLECTION_WORDS = ("defl", "défl", "cantilever", "auslenkung", "durchbiegung",
 # Of a travel from which it was subtracted before.
 CORRECTED_TRAVEL_WORDS = ("tip", "separation", "surface", "indent", "penetr", "eindring", "enfoncement")
 NUMBER_BLANK = "…"  # in place of a number that its owner knows
-_SPRING = re.compile(r"(?:spring ?constant|k \(N/m\))\s*[:=\t ]\s*([0-9.]+(?:e[-+]?\d+)?)", re.IGNORECASE)
+_SPRING_CONSTANT = re.compile(r"(?:spring ?constant|k \(N/m\))\s*[:=\t ]\s*([0-9.]+(?:e[-+]?\d+)?)", re.IGNORECASE)
 _SENSITIVITY = re.compile(r"sensitivity\s*[:=]\s*([0-9.]+(?:e[-+]?\d+)?)\s*$", re.IGNORECASE)
 
 
@@ -74,7 +74,9 @@ def question(
 ) -> Unsaid:
     """What to ask of the columns of :func:`bending`, by `numbers` (n, columns) of some rows and notes above them."""
     travel, bend, force = found
-    spring, sensitivity = (next((m[1] for t in notes if (m := p.search(t))), None) for p in (_SPRING, _SENSITIVITY))
+    spring, sensitivity = (
+        next((m[1] for t in notes if (m := p.search(t))), None) for p in (_SPRING_CONSTANT, _SENSITIVITY)
+    )
     stiffness = {"stiffness": f"{spring or NUMBER_BLANK} N/m"}
     down, up = _flips(numbers[:, travel], numbers[:, bend])
     is_force = _has(units[bend], cells[bend], "N")

@@ -16,8 +16,8 @@ from rso.data.files.columns import Head, Row, cells_of, clock_seconds, fail, is_
 
 _MAX_CELL_NUMBER = 1e12  # in any unit: beyond it stand marks of loggers
 _MAX_PLAUSIBLE = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
-_PARTED = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
-_AMBIGUOUS_THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
+_GROUPED_DIGITS = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
+_AMBIGUOUS_THOUSANDS, _WHOLE_NUMBER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
 def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
@@ -88,7 +88,7 @@ def no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
                 thousands.setdefault(k, (number, cell))
             elif "," in cell or "." in cell:
                 other.add(k)
-            elif _WHOLE.fullmatch(cell):
+            elif _WHOLE_NUMBER.fullmatch(cell):
                 whole.setdefault(k, cell)
     if len(marks) == 2 and thousands:
         (line, one), (_, two) = (marks[m] for m in ".,")
@@ -134,7 +134,7 @@ def _hint(name: str, cell: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in cell and name == "time":
         return " and no time of day as 10:00:03.5; write seconds, or leave the column out and state settings.speed"
-    if _PARTED.fullmatch(cell):
+    if _GROUPED_DIGITS.fullmatch(cell):
         return "; write thousands without a mark between them"
     nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
     return "; delete the row if nothing was measured there" if nothing else ""

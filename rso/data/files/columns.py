@@ -36,20 +36,20 @@ from rso.core.units import (
 )
 from rso.data.files import cantilever, header_aliases
 
-_QUOTED = re.compile(r'"[^"]*"')
-_CLOCK = re.compile(
+_QUOTED_CELL = re.compile(r'"[^"]*"')
+_CLOCK_TIME = re.compile(
     r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\s*)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
 )
 _HEADER_SEARCH_LINES = 300  # lines in which a header of customary names is looked for
 _MAX_SENSE_ROWS = 20_000  # rows whose numbers tell which way a travel counts
 _MAX_HEADER_CHARACTERS, _MAX_HEADERS = 80, 200  # characters of a header and headers of a line that a message looks at
-_HEADLESS = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
+_HEADLESS_ADVICE = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
 _RENAME_ADVICE = "rename one of them, tests side by side are files of their own"
-_OTHER_NAMES = "other names are understood with [columns] in the study file"
+_OTHER_NAMES_ADVICE = "other names are understood with [columns] in the study file"
 
 ZERO_AT_CONTACT = "contact"
 SUBTRACTED_COLUMN = "depth.minus"  # the column that is subtracted of depth, among those that are read
-MAX_FORCE_UNIT_N = 1e6  # N: no force on a soft body is told in it
+IMPLAUSIBLE_FORCE_UNIT_N = 1e6  # N: no force on a soft body is told in it
 
 Row = tuple[int, str]  # number of a line, and its text
 
@@ -232,7 +232,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
 
 def separator_of(row: str) -> str:
     """Semicolon, tab or comma: the first of them that the line has outside quotes."""
-    bare = _QUOTED.sub("", row)
+    bare = _QUOTED_CELL.sub("", row)
     return next((s for s in (";", "\t") if s in bare), ",")
 
 
@@ -251,7 +251,7 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
 
 def clock_seconds(cell: str) -> float | None:
     """A time of day, 10:02:03.5 with or without a date before it, as seconds since midnight; else None."""
-    match = _CLOCK.fullmatch(cell.strip())
+    match = _CLOCK_TIME.fullmatch(cell.strip())
     return None if match is None else 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3].replace(",", "."))
 
 
@@ -333,8 +333,8 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         header(cell)
     except ValueError as error:
         message = str(error)
-    headless = _HEADLESS if numbers_in(rows[best][1]) else _by_blanks(rows, best)
-    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
+    headless = _HEADLESS_ADVICE if numbers_in(rows[best][1]) else _by_blanks(rows, best)
+    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES_ADVICE}{headless}")
 
 
 def _customary(path: Path, rows: Sequence[Row], notes: Sequence[str] = ()) -> dict[str, Column]:
@@ -411,7 +411,7 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
         key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell),
     )
     each = ", ".join(f"{text!r} ({name})" for text, name in missing.items())
-    headless = _HEADLESS if numbers_in(text) else _by_blanks(rows, best)
+    headless = _HEADLESS_ADVICE if numbers_in(text) else _by_blanks(rows, best)
     own = "; by itself this header is understood: columns = {} for its experiment" if _is_header(rows, best) else ""
     fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}{headless}")
 
@@ -473,7 +473,9 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                 )
             units[who] = force
     mega = [
-        u for u in units.values() if base == "N" and is_of(base, u) and conversion_factor(u, base) >= MAX_FORCE_UNIT_N
+        u
+        for u in units.values()
+        if base == "N" and is_of(base, u) and conversion_factor(u, base) >= IMPLAUSIBLE_FORCE_UNIT_N
     ]
     if mega and column.unit is None:
         fail(

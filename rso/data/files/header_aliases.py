@@ -28,7 +28,7 @@ TAKEN_OFF_SLOPE_RATIO = 2.5  # times the last fifth of the way: u^0.7 is by 2.2,
 MIN_EARLIER_WAY_SHARE = 0.1  # of the longest way: the way before it in the other sense, where the force is
 MAX_READINGS_WITHOUT_SHAPE = 7  # readings: more of them tell the shape of a curve
 _BRACKETED = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
-_JOINED = re.compile(r"[\s_\-.:]+")
+_NAME_JOINTS = re.compile(r"[\s_\-.:]+")
 
 
 def bare_header(cell: str, name: str) -> str:
@@ -40,7 +40,7 @@ def bare_header(cell: str, name: str) -> str:
         if words and (is_of(kind_of(name), last) or (kind_of(name) == "N" and weight(last))):
             text = words
             break
-    return _JOINED.sub(" ", text).strip().lower()
+    return _NAME_JOINTS.sub(" ", text).strip().lower()
 
 
 def header_unit(cell: str, beneath: str, name: str) -> str:
@@ -115,7 +115,7 @@ def segment_codes(values: Sequence[str]) -> dict[str, str]:
 
 def _segment_word(value: str) -> str:
     """A word of such a column in small letters, without what only says that it is one: Load Segment Type."""
-    return _JOINED.sub(" ", value).strip().lower().removesuffix(" type").removesuffix(" segment")
+    return _NAME_JOINTS.sub(" ", value).strip().lower().removesuffix(" type").removesuffix(" segment")
 
 
 def tensile(texts: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from rso.data.files.columns import Row, is_number
 from rso.data.files.header_words import KNOWN_COLUMN_NAMES
 from rso.data.files.workbook import ZIP_START, sheet_of, sheet_without_block, text_of_workbook
 
-MAX_FILE_BYTES = 200_000_000  # what is read at once and kept in memory several times over
+MAX_FILE_BYTES = 200_000_000  # of a measured file, which is read as a whole
 OLD_WORKBOOK_START = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
 # Code pages of files that are no UTF-8, the most usual one first: it can be read of any bytes.
 CODE_PAGES: Mapping[str, str] = MappingProxyType(
@@ -31,7 +31,7 @@ CODE_PAGES: Mapping[str, str] = MappingProxyType(
 _NON_ASCII_NAMES = tuple(n for names in KNOWN_COLUMN_NAMES.values() for n in names if not n.isascii() and len(n) > 1)
 _HEADER_CHARACTERS = 50_000  # letters that hold the header
 _MAX_CELL_LINES = 8  # lines that the cells of a header may have
-_OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
+_OPENS_QUOTE, _CLOSES_QUOTE = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
 _FAULTY_CELL = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
 
@@ -121,12 +121,12 @@ def _joined(text: str) -> Iterator[str]:
     """
     held: list[str] = []
     for line in io.StringIO(text, newline=None):
-        if not held and not (line.count('"') % 2 and _OPENS.search(line)):
+        if not held and not (line.count('"') % 2 and _OPENS_QUOTE.search(line)):
             yield line
             continue
         held.append(line)
         closed = sum(v.count('"') for v in held) % 2 == 0
-        if closed and _CLOSES.match(line) and not any(map(_is_reading, held[1:])):
+        if closed and _CLOSES_QUOTE.match(line) and not any(map(_is_reading, held[1:])):
             yield " ".join(v.strip("\r\n") for v in held)
             yield from [""] * (len(held) - 1)
             held = []

@@ -11,7 +11,7 @@ from rso.data.files.columns import Head, Row, cells_of, is_number
 MIN_BLOCK_READINGS = 4  # readings below a mark that begin a block
 MISSING_VALUES = ("", "nan", "na", "n/a", "#n/a", "null", "none")
 _DRAWN_LINE = re.compile(r"[-=*_~]{3,}")  # a line drawn beneath a header
-_NUMERIC = re.compile(r"[\s\"']*[-+\u2212]?[.,]?\d")
+_NUMERIC_START = re.compile(r"[\s\"']*[-+\u2212]?[.,]?\d")
 
 
 def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], list[str], list[str]]:
@@ -25,7 +25,7 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
     """
     width = len(filled_cells(head.text, head.separator))
     again = filled_cells(head.text, head.separator)
-    odd = [k for k, (_, text) in enumerate(rows) if not _NUMERIC.match(text)]
+    odd = [k for k, (_, text) in enumerate(rows) if not _NUMERIC_START.match(text)]
     if width < 2 or not odd or len(odd) == len(rows):
         return list(rows), [], []
     numeric = len(odd) < 0.5 * len(rows) and all(map(is_number, [c for c in [_first_reading(rows, odd, head)] if c]))

@@ -62,7 +62,7 @@ from rso.data.files.whitespace_tables import parted, width_of
 from rso.data.files.workbook import ZIP_START, block_of, sheet_of
 from rso.data.force_holds import HeldForce
 
-DISPLACEMENTS = ("ux", "uy", "uz")
+DISPLACEMENT_COLUMNS = ("ux", "uy", "uz")
 BOTH_SIGNS_TURNED_DOUBT = "a pull looks the same where pressing counts as positive"
 EARLIER_CYCLES_DOUBT = "the cycles before this one are not simulated: what they left in the body is in its readings"
 MAX_LISTED_CODES = 8  # codes of segments that a message shows
@@ -676,7 +676,7 @@ def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     """Force curve or surface profile, by the columns present."""
     names = [n for n in table.columns if not n.endswith("_sigma")]
     forces = [n for n in names if n in FORCE_CHANNELS]
-    surface = [n for n in names if n in DISPLACEMENTS]
+    surface = [n for n in names if n in DISPLACEMENT_COLUMNS]
     found = f"; found are {', '.join(names)}"
     if "depth" not in names:
         also = ", and where [columns] names one column it names all that are read" if named else ""

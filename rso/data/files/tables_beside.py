@@ -9,7 +9,7 @@ from pathlib import Path
 from rso.data.files.columns import Row, cells_of, is_number, separator_of
 from rso.data.files.workbook import sheet_of, sheet_without_block, title_read
 
-TITLE_SEARCH_LINES = 60  # lines among which the header stands
+BESIDE_HEADER_SEARCH_LINES = 60  # lines among which the header stands
 MAX_LISTED_LABELS = 6  # labels that a message lists
 _COUNT_SUFFIX = re.compile(r"\.\d+$")  # which pandas puts behind a name that stands again
 
@@ -20,7 +20,7 @@ def table_beside(path: Path, rows: Sequence[Row], block: int) -> tuple[list[Row]
     They are seen by a header whose names stand again and again in the same order, each in an own column of two and
     more.  Raises ValueError where there are several and none is named, or one that is not there.
     """
-    found = next(((k, w) for k, row in enumerate(rows[:TITLE_SEARCH_LINES]) if (w := _period(row[1]))), None)
+    found = next(((k, w) for k, row in enumerate(rows[:BESIDE_HEADER_SEARCH_LINES]) if (w := _period(row[1]))), None)
     if found is None:
         return list(rows), False
     k, width = found

@@ -26,7 +26,7 @@ from rso.discrepancy.detectors.steps import ForceStep, force_step
 from rso.discrepancy.library.test_plan import TestPlan
 
 JUMP_T_LIMIT = 2.9  # t; with JUMP_Z_LIMIT of scatter fewer than 0.5 % of plans reach it
-JUMP_Z_LIMIT = 9.0  # z: beyond it a branch is skewed by itself
+JUMP_Z_LIMIT = 9.0  # z, skewness over its standard error in normal scatter
 MEDIAN_WINDOW_READINGS = 9  # readings of the running median
 MIN_READINGS_FOR_JUMPS = 12  # readings of a branch
 UNEVEN_SPACING_SHARE = 0.25  # of a step of depth: more is another spacing

@@ -24,7 +24,7 @@ from rso.discrepancy.library.test_plan import TestPlan
 # log10 of the chance of the strongest line; among some hundred frequencies scatter reaches about -6
 MAX_LINE_LOG10_P = -10.0
 MIN_READINGS_FOR_SPECTRUM = 24  # readings of a branch
-CURVE_TREND_DEGREE = 5  # of the polynomial that is taken out of a branch, as the force of pressing
+CURVE_TREND_DEGREE = 5  # of the polynomial in the root of the depth that is taken out of a branch
 MIN_CYCLES = 3.0  # fewest in a branch: less is a trend
 MAX_FREQUENCY_SHARE = 0.45  # of the rate of sampling
 FREQUENCIES_PER_RESOLUTION = 4  # frequencies per 1/duration

@@ -42,8 +42,8 @@ from rso.discrepancy.library.test_plan import Test
 
 # of the largest plausible size of what scatters, from which its size is read
 SCATTER_SIZE_SHARES = np.geomspace(0.02, 1.5, 25)
-N_SURVIVING_EFFECTS = 5  # effects that go on to what costs more: pairs, held-out curves, next tests
-N_NULL_DATA_SETS = 400  # simulated without a gap: four are beyond a false alarm of 1 %
+N_SURVIVING_EFFECTS = 5  # effects whose pairs are tried, and whose evidence is computed in full
+N_NULL_DATA_SETS = 400  # simulated without a gap: twenty lie beyond a false alarm of 5 %
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from rso.discrepancy.library.tables import Library
 
 N_DETECTABLE_SIZES = 5  # of an effect, from its smallest to its largest
 N_DETECTABLE_DATA_SETS = 20  # data sets per size; power is read off a curve over all sizes
-MIN_CONFUSED_SHARE = 0.15  # of the data sets of an effect that another one wins: from there it is named
+MIN_CONFUSED_PROBABILITY = 0.15  # mean over the data sets of an effect, from which another cause is named
 MIN_POWER_FOR_CONFUSION = 0.9  # power from which confusion counts: about three times the limit
 
 
@@ -31,8 +31,8 @@ class Detectable:
     """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, which it grows with.
 
     `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than
-    MIN_CONFUSED_SHARE of it: both at the smallest clear size, since what is large enough is separated from much, or
-    where none is clear at the one that is seen most often."""
+    MIN_CONFUSED_PROBABILITY of it: both at the smallest clear size, since what is large enough is separated from much,
+    or where none is clear at the one that is seen most often."""
 
     effect: Effect
     limit: float | None
@@ -129,13 +129,13 @@ def _alarms(evidence: Evidence, null: np.ndarray) -> float:
 
 
 def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:
-    """Likeliest form of every cause whose forms together hold more than MIN_CONFUSED_SHARE of the probabilities `mean`
-    (k,)."""
+    """Likeliest form of every cause whose forms together hold more than MIN_CONFUSED_PROBABILITY of the probabilities
+    `mean` (k,)."""
     held: dict[str, float] = {}
     for e, p in zip(effects, mean, strict=True):
         held[e.source] = held.get(e.source, 0.0) + float(p)
     best = {effects[j].source: effects[j].name for j in np.argsort(mean)}
-    return [best[s] for s in sorted(held, key=lambda s: -held[s]) if held[s] > MIN_CONFUSED_SHARE]
+    return [best[s] for s in sorted(held, key=lambda s: -held[s]) if held[s] > MIN_CONFUSED_PROBABILITY]
 
 
 def _ladder(evidence: Evidence, e: Effect, centre: np.ndarray) -> list[int]:

@@ -16,7 +16,7 @@ from rso.discrepancy.library.simulations import Base, BaseAxis
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import HELD_BRANCH, LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, TestPlan
 
-BASE_TILES = {0: 1, 1: 11, 2: 5}  # by the number of moduli and other base axes: a grid of as many tiles on each
+BASE_TILES = {0: 1, 1: 11, 2: 5}  # on each base axis, by how many there are
 SIZE_TILES = 8  # of an effect with one sign
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
 VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does on it is far from linear

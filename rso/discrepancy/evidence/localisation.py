@@ -29,12 +29,12 @@ from scipy.linalg import cho_factor, cho_solve
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles
 from rso.discrepancy.library.test_plan import LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, Test, TestPlan
 
-# parts of the way: the way back has half the readings that matter
+# parts of the way there and of the way back, each of which is looked at by itself
 DEPTH_BINS = {LOADING_BRANCH: 3, UNLOADING_BRANCH: 2}
 TIME_BINS = 2  # of a hold, in the logarithm of time
 BRANCH_NAMES = {LOADING_BRANCH: "loading", UNLOADING_BRANCH: "unloading"}
-N_LOCALISATION_DRAWS = 2000  # of regions without a gap, by which the largest by chance is known
-MAX_SHARED_REGIONS = 4  # the strongest of each experiment and channel, whose shares are said
+N_LOCALISATION_DRAWS = 2000  # of all deviations without a gap: the largest of each tells what is beyond chance
+N_FIRST_CHANNELS = 4  # that hold most of a gap: their strongest regions come first
 VANISHING_FORCE_SHARE = 1e-3  # of the largest force: what a model has only by its mesh
 _FREE_TILE_SPREAD_RATIO = 20.0  # times the spread of a tile: a re-fit moves where it wants
 
@@ -62,7 +62,7 @@ class Region:
 class Where:
     """Regions, and the |z| that the largest of all reaches in 5 % of data sets without a gap.
 
-    Of a gap first the strongest region of each of the MAX_SHARED_REGIONS channels that hold most of it, then all others
+    Of a gap first the strongest region of each of the N_FIRST_CHANNELS channels that hold most of it, then all others
     by |z|.
     """
 
@@ -134,7 +134,7 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
     strongest: dict[tuple[str, str], Region] = {}
     for g in regions:
         strongest.setdefault((g.experiment, g.channel), g)
-    first = sorted(strongest.values(), key=lambda g: -g.share)[:MAX_SHARED_REGIONS]
+    first = sorted(strongest.values(), key=lambda g: -g.share)[:N_FIRST_CHANNELS]
     return replace(where, regions=(*first, *(g for g in regions if g not in first)))
 
 

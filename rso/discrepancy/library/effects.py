@@ -25,7 +25,7 @@ DECLARED_FORCES_N = 0.2, 2.0  # N: largest forces for which the errors of a load
 DECLARED_LOADING_TIMES_S = 1.5, 20.0
 DECLARED_TEST_TIMES_S = 5.0, 100.0  # s: and for a drift, of the longest test
 # Of force, length, fastest loading and longest test in units of the chain.
-POWERS_IN = {
+UNIT_POWERS = {
     "N": (1, 0, 0, 0),
     "N/s": (1, 0, 0, -1),
     "1/N": (-1, 0, 0, 0),
@@ -255,7 +255,7 @@ def suited(
     quick, long = (2.0 ** round(math.log2(v)) for v in (brisk, lasting))
     found = []
     for e in effects:
-        powers = (0,) * 4 if e.family == "model" else POWERS_IN.get(e.size.unit, (0,) * 4)
+        powers = (0,) * 4 if e.family == "model" else UNIT_POWERS.get(e.size.unit, (0,) * 4)
         k = math.prod(v**p for v, p in zip(by, powers, strict=True))
         size = replace(e.size, low=k * e.size.low, high=k * e.size.high) if any(powers) else e.size
         factors = [{1: (quick, long), -1: (1.0 / long, 1.0 / quick)}.get(s.power_of_time, (1.0, 1.0)) for s in e.shape]

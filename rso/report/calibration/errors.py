@@ -30,7 +30,7 @@ from rso.report.reading import (
 
 PAIRS_PICTURE, RESIDUALS_PICTURE, BUDGET_PICTURE = "pairs", "residuals", "budget"
 MIN_DENSITY_DRAWS = 200  # draws of which a density is drawn
-MAX_PAIRED_PARAMETERS = 4  # of the pairs: more make panels too small to read
+MAX_PAIRED_PARAMETERS = 4  # the first ones, of which pairs are drawn
 DENSITY_CELLS_PER_AXIS = 40  # of a density along each axis
 CONTOUR_SHARES = (0.9, 0.5)  # of the draws that a contour holds
 _ERROR_PART_LOOKS = {

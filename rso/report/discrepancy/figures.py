@@ -32,7 +32,7 @@ from rso.report.layout.digits import clean, symbol
 from rso.report.reading import listed, number
 from rso.report.sketch import SKETCH_PICTURE, sketch_figure
 
-MAX_HYPOTHESIS_BARS, MAX_HELD_OUT_CURVES = 7, 12  # of one figure; the tables beside them hold all
+MAX_HYPOTHESIS_BARS, MAX_HELD_OUT_CURVES = 7, 12  # of one figure
 _POWER_COLOURS = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
 
 

@@ -16,7 +16,7 @@ from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look, canvas, pla
 from rso.report.discrepancy.reading import Found, Panel, brief, chosen, panels
 from rso.report.layout.digits import shortest
 
-N_FIRST_PANELS, MAX_MAP_PANELS = 3, 9  # of a map beside the answer, and with those in the folded figure
+N_FIRST_PANELS, MAX_MAP_PANELS = 3, 9  # of the first figure, and of both together
 NOISE_BAND_SD = 1.645  # standard deviations on each side of 90 %
 DECADE_TICKS_RATIO = 20.0  # ratio of times from which decades alone are marked
 # of a legend: most columns, letters in a row, those that a line and its gaps take

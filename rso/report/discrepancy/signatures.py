@@ -15,7 +15,7 @@ from rso.report.canvas import ACCENT, GREY, INK, PAPER, WARM, Look, canvas, shor
 from rso.report.discrepancy.maps import along, heading, legend, spread
 from rso.report.discrepancy.reading import Found, Panel, Signature, brief, chosen, signatures
 
-N_SIGNATURE_ROWS = 4  # hypotheses of a figure; more are too small to compare
+N_SIGNATURE_ROWS = 4  # hypotheses of a figure
 # the first is kept for the chosen hypothesis
 SIGNATURE_COLOURS = (ACCENT, WARM, "#2f8f6f", "#c08a1e", "#8b6ba8", "#5a5f64")
 SAME_LINE_TOLERANCE = 0.05  # of the largest change: repeats that differ by less are one line

@@ -17,11 +17,11 @@ _LANGUAGES_FOLDER = Path(__file__).parent
 _TEMPLATE_SLOT = re.compile(r"\{(\w+)(!?)\}")
 _SENTENCE_GAP = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;]|p = )")
 _DECIMAL_NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
-_WORDLESS = re.compile(r"[^A-Za-z]*$")
+_WORDLESS_TEXT = re.compile(r"[^A-Za-z]*$")
 _UNIT_PART = r"(?:[kMGµmn]?(?:N|Pa|m|s|g|J|V|Hz)(?:[²³⁴]|⁻¹)?|min|h|d|deg|%|°)"
 _PRINTED_UNIT = rf"(?:1?/?{_UNIT_PART}(?:[/·]{_UNIT_PART})*)"
 _PRINTED_NUMBER = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
-_QUANTITY = re.compile(
+_PRINTED_QUANTITY = re.compile(
     rf"(?:{_PRINTED_NUMBER}(?:\s{_PRINTED_UNIT})?|{_PRINTED_UNIT}|{_PRINTED_NUMBER}\s(?:h|min)\s{_PRINTED_NUMBER}\s(?:min|s))$"
 )
 # What a study, a file or a machine calls its own: paths, keys, hashes, versions, settings as a study file has them.
@@ -130,7 +130,7 @@ class Catalogue:
         stripped = said.strip()
         if stripped in self.kept or _OWN_WORD.match(stripped):
             return said
-        if _WORDLESS.match(stripped) or _QUANTITY.match(stripped):
+        if _WORDLESS_TEXT.match(stripped) or _PRINTED_QUANTITY.match(stripped):
             return self.numbers(said)
         if stripped not in self._known:
             self._known[stripped] = self._found(stripped)

@@ -11,7 +11,7 @@ from rso.core.digits import DASH, NBSP, fixed, interval_ends, known, places, sig
 from rso.core.units import UNIT_LADDERS, people
 from rso.report.layout.document import Cell
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Unit:
 
 def clean(text: object) -> str:
     """Any text without control characters and lone surrogates, which neither page can hold."""
-    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", "" if text is None else str(text))
+    return _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", "" if text is None else str(text))
 
 
 def symbol(name: str) -> str:

@@ -28,7 +28,7 @@ PAGE_TITLES = {
 }
 MAX_PX_PER_POINT, MAX_FIGURE_WIDTH_PX = 1.8, 900  # px a point that a figure is drawn with; px
 MAX_SHRINKING_WIDTH_POINTS = 420.0  # points: figures no wider than this shrink on a phone, others scroll
-MIN_FOLDED_WARNINGS = 3  # warnings that stand open
+MIN_FOLDED_WARNINGS = 3  # fewer warnings stand open
 THEME_COLOURS = {  # of figures, by the variable of the page's theme
     "#23272b": "ink",
     "#7b8085": "grey",

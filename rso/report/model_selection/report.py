@@ -37,7 +37,7 @@ _MODEL_VERDICTS: dict[str, Cell] = {
     "not_better": Cell("not better", mark="warn"),
     "not_needed": Cell("not needed", mark="quiet"),
 }
-MAX_LADDER_CURVES = 6  # curves
+MAX_LADDER_CURVES = 6  # that have a figure on the page
 
 
 def render_ladder(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
