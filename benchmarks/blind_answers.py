@@ -28,7 +28,7 @@ from diagnosis_flat import IN_SPACE
 from scores import rival
 
 from rso.calibration import result_files
-from rso.core.default_backend import USE
+from rso.core.default_backend import DEFAULT_BACKEND
 from rso.discrepancy import blind, diagnosis
 from rso.discrepancy.study_diagnosis import Asked, ask
 from rso.evaluation import WorkerPool
@@ -90,7 +90,7 @@ def main() -> None:
     laboratory_folder.read_nominal = nominal
     blind._asked, blind._tell = asked, lambda taken, say: None
     blind._taken = lambda case, of: {}
-    with RunStore(o.out / "store") as store, WorkerPool(o.jobs, source=Source(USE)) as pool:
+    with RunStore(o.out / "store") as store, WorkerPool(o.jobs, source=Source(DEFAULT_BACKEND)) as pool:
         for name, found in blind.diagnose_cases([o.cases / n for n in names], o.out, store, pool, seed=1, say=print):
             if "error" not in found and seen:
                 evidence, y = seen[-1]

@@ -11,7 +11,7 @@ ISHIGAMI_A, ISHIGAMI_B = 7.0, 0.1
 BRANIN_MINIMUM = 0.39788735772973816  # = 5/(4π), at (x1, x2) = (−π, 12.275), (π, 2.275), (3π, 2.475)
 # Area that the front dominates up to the reference point (1.1, 1.1): 1.1² − ∫₀¹ f2 df1.
 ZDT1_HYPERVOLUME = 1.1**2 - 1 / 3
-ZDT2_HYPERVOLUME = 1.1**2 - 2 / 3
+ZDT2_HYPERVOLUME = 1.1**2 - 2 / 3  # the same, whose f2 = 1 − f1²
 
 BOREHOLE = Box(
     ("rw", "r", "Tu", "Hu", "Tl", "Hl", "L", "Kw"),

@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaln
 
-KINDS = ("nrmse", "mre", "rrmse", "spread", "mad")
-FINE = 240  # points of the quadrature of the slope
-BATCH = 256  # parameter vectors at once
-H = 1e-3  # step of the differences, in standard deviations of the prior
+NORM_KINDS = ("nrmse", "mre", "rrmse", "spread", "mad")
+N_QUADRATURE_POINTS = 240  # points of the quadrature of the slope
+VECTORS_PER_BATCH = 256  # parameter vectors at once
+DIFFERENCE_STEP_SD = 1e-3  # step of the differences, in standard deviations of the prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,9 @@ class TrilaterationShape:
 
     @cached_property
     def _maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """z → ln p on the fine grid (FINE, m), and p there → ∫_u^{u_n} p d ln u at every depth (n, FINE)."""
-        x, fine = np.log(self.u), np.linspace(np.log(self.u[0]), np.log(self.u[-1]), FINE)
+        """z → ln p on the fine grid (N_QUADRATURE_POINTS, m), and p there → ∫_u^{u_n} p d ln u at every depth (n,
+        N_QUADRATURE_POINTS)."""
+        x, fine = np.log(self.u), np.linspace(np.log(self.u[0]), np.log(self.u[-1]), N_QUADRATURE_POINTS)
         at, knots = np.exp(fine / 2), np.linspace(np.sqrt(self.u[0]), np.sqrt(self.u[-1]), self.knots)
 
         def kernel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -64,16 +65,17 @@ class TrilaterationShape:
 
         root = np.linalg.cholesky(kernel(knots, knots) + 1e-6 * np.eye(self.knots))
         spread = self.spread * np.linalg.solve(root, kernel(knots, at)).T
-        weight = np.zeros((FINE, FINE))  # trapezoidal rule from each fine point to the end
-        for i in range(FINE - 2, -1, -1):
+        # trapezoidal rule from each fine point to the end
+        weight = np.zeros((N_QUADRATURE_POINTS, N_QUADRATURE_POINTS))
+        for i in range(N_QUADRATURE_POINTS - 2, -1, -1):
             weight[i] = weight[i + 1]
             weight[i, i : i + 2] += 0.5 * (fine[1] - fine[0])
         between = np.array([np.interp(x, fine, column) for column in weight.T]).T
         return spread, between
 
     def slopes(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depths (FINE,) and p = d ln y / d ln u there (w, FINE) of z (w, m + 1)."""
-        at = np.exp(np.linspace(np.log(self.u[0]), np.log(self.u[-1]), FINE))
+        """Depths (N_QUADRATURE_POINTS,) and p = d ln y / d ln u there (w, N_QUADRATURE_POINTS) of z (w, m + 1)."""
+        at = np.exp(np.linspace(np.log(self.u[0]), np.log(self.u[-1]), N_QUADRATURE_POINTS))
         return at, self.slope * np.exp(np.atleast_2d(z)[:, : self.knots] @ self._maps[0].T)
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
@@ -105,8 +107,8 @@ class Printed:
     zeros: int = 0
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise ValueError(f"no norm {self.kind!r}; choose from {', '.join(KINDS)}")
+        if self.kind not in NORM_KINDS:
+            raise ValueError(f"no norm {self.kind!r}; choose from {', '.join(NORM_KINDS)}")
         rows, value = np.atleast_1d(np.asarray(self.rows, int)), np.atleast_1d(np.asarray(self.value, float))
         weight = np.ones(len(value)) if self.weight is None else np.asarray(self.weight, float)
         if not len(rows) == len(value) == len(weight):
@@ -190,7 +192,9 @@ class TrilaterationProblem:
     def log_posterior(self, x: np.ndarray) -> np.ndarray:
         """ln of prior times likelihood (w,), normalised."""
         x = np.atleast_2d(x)
-        return np.concatenate([self._log_posterior(part) for part in np.array_split(x, -(-len(x) // BATCH))])
+        return np.concatenate(
+            [self._log_posterior(part) for part in np.array_split(x, -(-len(x) // VECTORS_PER_BATCH))]
+        )
 
     def _log_posterior(self, x: np.ndarray) -> np.ndarray:
         total = -0.5 * np.sum(x**2, axis=1) - 0.5 * x.shape[1] * np.log(2 * np.pi)
@@ -209,12 +213,12 @@ class TrilaterationProblem:
     def information(self, x: np.ndarray) -> np.ndarray:
         """Fisher information (d, d) of prior and likelihood at x (d,)."""
         d = len(x)
-        shifts = np.concatenate([x + H * np.eye(d), x - H * np.eye(d)])
+        shifts = np.concatenate([x + DIFFERENCE_STEP_SD * np.eye(d), x - DIFFERENCE_STEP_SD * np.eye(d)])
         F, ν = np.eye(d), self.dof
         for i, q in enumerate(self.predict(shifts)):
             p, s = self.printed[i], float(self.sigma(x[None], i)[0])
             assert p.weight is not None  # see Printed.__post_init__
-            J = (q[:d] - q[d:]).T / (2 * H * s)
+            J = (q[:d] - q[d:]).T / (2 * DIFFERENCE_STEP_SD * s)
             F += (J.T * p.weight) @ J * ((ν + 1) / (ν + 3) if p.scale > 0 else 1.0)
             if i in self.learned:
                 k = self.shape.size + self.nuisances + self.learned.index(i)
@@ -267,8 +271,10 @@ def _climb(problem: TrilaterationProblem, x: np.ndarray, iterations: int) -> tup
     value, damping, d = float(problem.log_posterior(x)[0]), 1.0, problem.size
     small = 0
     for _ in range(iterations):
-        shifted = problem.log_posterior(np.concatenate([x + H * np.eye(d), x - H * np.eye(d)]))
-        slope, F = (shifted[:d] - shifted[d:]) / (2 * H), problem.information(x)
+        shifted = problem.log_posterior(
+            np.concatenate([x + DIFFERENCE_STEP_SD * np.eye(d), x - DIFFERENCE_STEP_SD * np.eye(d)])
+        )
+        slope, F = (shifted[:d] - shifted[d:]) / (2 * DIFFERENCE_STEP_SD), problem.information(x)
         trials = damping * np.array([0.03, 0.3, 1.0, 3.0, 30.0])
         tried = np.array([x + np.linalg.solve(F + t * np.diag(np.diag(F)), slope) for t in trials])
         values = problem.log_posterior(tried)

@@ -1,7 +1,9 @@
-"""One word, one meaning: no class or function of the two packages shares its name with another of another meaning."""
+"""One word, one meaning: no class or function of the two packages, and no constant within one of them, shares its name
+with another of another meaning; a number says beside it what it bounds."""
 
 import ast
 import functools
+import re
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -34,6 +36,127 @@ SHARED = {
 }
 PAGES = "rso/report/"  # each page has a module of its own with sections and figures of the same names
 PRIVATE = ("climb", "foretell", "foretold", "settled", "hum", "looseness", "rung", "remembering")
+PACKAGES = ("rso", "fem_backend")
+CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
+# What several modules of a package may define as a constant by one name, with the reason.
+SHARED_CONSTANTS = {
+    "T": "a type variable, as in every book",
+    "SAMPLER": "one contract, kept by each module of rso/doe/samplers",
+}
+# What is left of older names, by package: this only shrinks.
+CONSTANTS_LEFT: dict[str, set[str]] = {
+    "fem_backend": {
+        "ACROSS",
+        "AFAR",
+        "AHEAD",
+        "ALONG",
+        "APART",
+        "AROUND",
+        "BACKEND",
+        "BELOW",
+        "BESIDE",
+        "BEYOND",
+        "CANDIDATES",
+        "CHORD",
+        "COARSE",
+        "COARSER",
+        "CRUDE",
+        "DEEP",
+        "DOWN",
+        "EARLY",
+        "EDGE",
+        "FACES",
+        "FAR",
+        "FARTHEST",
+        "FINE",
+        "FIRST",
+        "FLAT",
+        "FORMATS",
+        "FREE",
+        "GATHERED",
+        "GRID",
+        "GROWS",
+        "GROWTH",
+        "HOLLOW",
+        "KEPT",
+        "LARGEST",
+        "LEAST",
+        "LEVELS",
+        "LIMIT",
+        "LONGER",
+        "MIDDLES",
+        "MOST",
+        "NAME",
+        "NEAR",
+        "NEW",
+        "NODES",
+        "OFF",
+        "OLD",
+        "ON",
+        "ORDER",
+        "OUTSIDE",
+        "OUT_OF_REACH",
+        "PAIRS",
+        "PASSES",
+        "PENALTY",
+        "PLACE",
+        "PLACES",
+        "POOR",
+        "REACH",
+        "RESOLVED",
+        "ROUGH",
+        "ROUND",
+        "ROUNDS",
+        "SAME",
+        "SHARE",
+        "SHARPEST",
+        "SHORTEST",
+        "SIZES",
+        "SLIP",
+        "SLOW",
+        "SMALL",
+        "SMALLEST",
+        "SPLIT",
+        "STEPS",
+        "STIFFEST",
+        "STRAIGHT",
+        "THICK",
+        "THINNEST",
+        "TIGHT",
+        "TIPS",
+        "TRIALS",
+        "TURNS",
+        "UNITS",
+        "UNKNOWN",
+        "USUAL",
+        "WALL",
+        "WIDE",
+    },
+}
+# Modules whose numbers do not yet say what they bound: this only shrinks.
+NUMBERS_LEFT: dict[str, set[str]] = {
+    "fem_backend": {
+        "fem_backend/adapter/cost_model.py",
+        "fem_backend/adapter/formulas.py",
+        "fem_backend/closed_forms/adhesion.py",
+        "fem_backend/closed_forms/approximations.py",
+        "fem_backend/closed_forms/formulas.py",
+        "fem_backend/closed_forms/homogeneous.py",
+        "fem_backend/closed_forms/layer.py",
+        "fem_backend/export/solid_model.py",
+        "fem_backend/geometry.py",
+        "fem_backend/homogeneous.py",
+        "fem_backend/indenters/meridian.py",
+        "fem_backend/indenters/revolution.py",
+        "fem_backend/meshing/grids.py",
+        "fem_backend/meshing/refined.py",
+        "fem_backend/meshing/templates/__init__.py",
+        "fem_backend/remeshing/section.py",
+        "fem_backend/simulation/contact_elements.py",
+        "fem_backend/solver/biphasic.py",
+        "fem_backend/solver/modified_newton.py",
+    },
+}
 
 
 def defined(source: str, kinds: tuple[type, ...]) -> list[str]:
@@ -45,6 +168,53 @@ def defined(source: str, kinds: tuple[type, ...]) -> list[str]:
 def definitions(source: str) -> tuple[tuple[type, str], ...]:
     kinds = ast.ClassDef, ast.FunctionDef
     return tuple((type(n), n.name) for n in ast.parse(source).body if isinstance(n, kinds))
+
+
+def constants(source: str) -> list[tuple[str, ast.Assign | ast.AnnAssign]]:
+    """Names in capital letters that a module assigns, each with its statement."""
+    found = []
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            places = node.targets if isinstance(node, ast.Assign) else [node.target]
+            parts = [part for place in places for part in (place.elts if isinstance(place, ast.Tuple) else [place])]
+            found += [(p.id, node) for p in parts if isinstance(p, ast.Name) and CONSTANT.fullmatch(p.id)]
+    return found
+
+
+def constants_twice(texts: Mapping[str, str]) -> set[str]:
+    """Names of constants that more than one module defines."""
+    places: dict[str, set[str]] = {}
+    for file, text in texts.items():
+        for name, _ in constants(text):
+            places.setdefault(name, set()).add(file)
+    return {name for name, where in places.items() if len(where) > 1}
+
+
+def is_number(value: ast.expr | None) -> bool:
+    """Whether an expression is made of numbers alone: literals, operators, functions of them, other constants."""
+    nodes = list(ast.walk(value)) if value is not None else []
+    literals = [n for n in nodes if isinstance(n, ast.Constant)]
+    others = ast.Constant | ast.Tuple | ast.UnaryOp | ast.BinOp | ast.Call | ast.Name | ast.Attribute | ast.Dict
+    plain = all(isinstance(n, others) for n in nodes if isinstance(n, ast.expr))
+    tables = [n for n in nodes if isinstance(n, ast.Dict)]
+    keys = [k for n in tables for k in n.keys]
+    plain = plain and not any(
+        isinstance(v, ast.Name) for n in tables for v in n.values
+    )  # a look of a line with its colour
+    numbers = [type(n.value) in (int, float) for n in literals if n not in keys]
+    return plain and bool(numbers) and all(numbers)
+
+
+def unexplained(source: str) -> list[str]:
+    """Numeric constants without a comment, on their own lines or directly above them."""
+    lines = source.splitlines()
+    found = []
+    for name, node in constants(source):
+        own = lines[node.lineno - 1 : node.end_lineno]
+        above = lines[node.lineno - 2] if node.lineno > 1 else ""
+        if is_number(node.value) and not above.startswith("#") and not any("#" in line for line in own):
+            found.append(name)
+    return found
 
 
 @functools.cache
@@ -82,6 +252,30 @@ def test_a_function_name_means_one_thing():
     assert set(SHARED) - found == set()  # no longer shared
 
 
+def of_package(package: str) -> dict[str, str]:
+    return {file: text for file, text in files().items() if file.startswith(package + "/")}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_constant_name_means_one_thing(package):
+    found, left = constants_twice(of_package(package)), CONSTANTS_LEFT.get(package, set())
+    assert found - set(SHARED_CONSTANTS) - left == set()  # say what each bounds, or define it once
+    assert left - found == set()  # no longer there: take it from the set
+
+
+def test_what_constants_share_is_still_shared():
+    found = set().union(*(constants_twice(of_package(package)) for package in PACKAGES))
+    assert set(SHARED_CONSTANTS) - found == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_number_says_what_it_bounds(package):
+    found = {f"{file}: {name}" for file, text in of_package(package).items() for name in unexplained(text)}
+    left = NUMBERS_LEFT.get(package, set())
+    assert {at for at in found if at.partition(":")[0] not in left} == set()  # a comment beside it, with the unit
+    assert left - {at.partition(":")[0] for at in found} == set()  # all of them do: take the module from the set
+
+
 @pytest.mark.parametrize("word", PRIVATE)
 def test_public_names_are_words_of_the_field(word):
     kinds = (ast.ClassDef, ast.FunctionDef)
@@ -98,3 +292,44 @@ def test_a_second_function_of_a_name_is_seen():
     assert functions_twice({"rso/report/a.py": "def draw(): ...", "rso/report/b.py": "def draw(): ..."}) == set()
     assert functions_twice({"a.py": "def _own(): ...", "b.py": "def _own(): ..."}) == set()
     assert functions_twice({"a.py": "class A:\n    def run(self): ...", "b.py": "def run(): ..."}) == set()
+
+
+def test_a_second_constant_of_a_name_is_seen():
+    assert constants_twice({"a.py": "MOST = 3", "b.py": "MOST: int = 5"}) == {"MOST"}
+    assert constants_twice({"a.py": "_REST, LONG = 1, 2", "b.py": "LONG = 'text'"}) == {"LONG"}
+    assert (
+        constants_twice({"a.py": "MOST = 3\nMOST = 4", "b.py": "from a import MOST\ndef f():\n    MOST = 5"}) == set()
+    )
+    assert constants_twice({"a.py": "rows = 3\nRow = int", "b.py": "rows = 4\nRow = str"}) == set()
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "MOST = 3",
+        "MOST: float = -3.0",
+        "MOST, LEAST = 3, 1",
+        "MOST = 2 * LEAST",
+        "MOST = math.log(20.0)",
+        'MOST = {"mm": 1e4}',
+        "MOST = 3\n# below",
+        "# above\n\nMOST = 3",
+    ],
+)
+def test_a_number_without_a_word_is_seen(source):
+    assert "MOST" in unexplained(source)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "MOST = 3  # rows",
+        "# rows\nMOST = 3",
+        "MOST = (\n    3,  # rows\n)",
+        "WORD = 'text'",
+        "PAIR = ('a', 3)",
+        "f = 3",
+    ],
+)
+def test_a_number_with_its_word_passes(source):
+    assert unexplained(source) == []

@@ -12,7 +12,7 @@ from cases import Table
 from scores import Scored
 from sections import Say, table
 
-from rso.discrepancy.diagnosis import WHOLE
+from rso.discrepancy.diagnosis import WHOLE_GAP_VERDICTS
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.cross_validation import held_out_evidence, predicts
 from rso.discrepancy.evidence.hypotheses import Hypothesis
@@ -45,7 +45,7 @@ class Checked:
 
 def check(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: np.ndarray, seed: int) -> Checked:
     """Both checks of one data set y (n,), with these effects in the catalogue."""
-    if judged.verdict not in WHOLE:
+    if judged.verdict not in WHOLE_GAP_VERDICTS:
         return Checked(judged, judged.verdict, judged.verdict, judged.chosen, np.nan)
     looked, pure = controls.looked_at(evidence, effects, judged, y, seed), Hypothesis(judged.chosen.effects)
     held = held_out_evidence(evidence.bench, y, [Hypothesis(()), pure])

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from scores import Scored, by_key
 
 from rso.discrepancy import next_test, proposals
-from rso.discrepancy.diagnosis import WHOLE, misfit
+from rso.discrepancy.diagnosis import WHOLE_GAP_VERDICTS, misfit
 from rso.discrepancy.evidence import attribution, hypotheses
 from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.gaussian_mixture import mean_prediction, posterior
@@ -26,7 +26,7 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import SurfaceProfile, Test, TestPlan
 from rso.evaluation import Task
-from rso.optimal_design.separation import DECIDED
+from rso.optimal_design.separation import DECIDED_PROBABILITY
 
 NULLS = 400
 Filter = Callable[[Comparison], Comparison]
@@ -133,7 +133,7 @@ def permuted(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> n
 
 def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: np.ndarray, seed: int) -> str:
     """The verdict after a look at what the cause leaves, with these effects in the catalogue."""
-    if judged.verdict not in WHOLE:
+    if judged.verdict not in WHOLE_GAP_VERDICTS:
         return judged.verdict
     few = copy.copy(evidence)
     few.effects = tuple(effects)
@@ -321,7 +321,7 @@ def next_tests(
 def _settles(right: np.ndarray, P: np.ndarray, logs: np.ndarray) -> bool:
     """Whether what is `right` (k,) has DECIDED of the probability, from P (k,) and the densities of a new test."""
     s = np.log(P) + logs
-    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= DECIDED)
+    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= DECIDED_PROBABILITY)
 
 
 def _answer(

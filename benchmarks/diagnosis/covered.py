@@ -11,7 +11,7 @@ from scores import share
 from sections import Say
 from sections import table as table_of
 
-from rso.discrepancy.diagnosis import ENDS, LEVEL
+from rso.discrepancy.diagnosis import CREDIBLE_LEVEL, CREDIBLE_QUANTILES
 from rso.discrepancy.evidence import attribution, noise
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
@@ -75,8 +75,8 @@ def intervals(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> 
         judged = judge_comparison(last[i], i in rows)
         h = evidence.best(judged.chosen.effects, y, judged.chosen.unexplained, loose=bool(judged.chosen.effects))
         post = posterior(h, h.white(y), DRAWS, np.random.default_rng(seed + i))
-        was = np.quantile(draws(library, post)[library.base.modulus], [ENDS[0], ENDS[-1]])
-        r = reach(evidence, last[i], judged.chosen, y, LEVEL, seed + i)[library.base.modulus]
+        was = np.quantile(draws(library, post)[library.base.modulus], [CREDIBLE_QUANTILES[0], CREDIBLE_QUANTILES[-1]])
+        r = reach(evidence, last[i], judged.chosen, y, CREDIBLE_LEVEL, seed + i)[library.base.modulus]
         out.append(np.log(np.array([was, r.alone[::2], r.whole[::2]]) / cases.modulus[i]))
         verdicts.append(judged.verdict)
     return np.array(out), verdicts

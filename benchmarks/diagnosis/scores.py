@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import beta
 
-from rso.discrepancy.diagnosis import LEVEL
+from rso.discrepancy.diagnosis import CREDIBLE_LEVEL
 from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, VerdictRules
 from rso.discrepancy.evidence.verdict import Judgement, judge_comparison
 from rso.discrepancy.library.effects import Effect
 
@@ -63,7 +63,7 @@ class Scored:
         threshold: float,
         classes: Mapping[str, frozenset[str]],
         first: Sequence[Comparison] | None = None,
-        rules: VerdictRules = SETTINGS.rules,
+        rules: VerdictRules = DIAGNOSIS_SETTINGS.rules,
     ) -> None:
         first = contests if first is None else first
         self.cases, self.contests, self.threshold = cases, contests, threshold
@@ -112,7 +112,10 @@ def slope(scored: Scored, rows: np.ndarray, given: bool) -> float:
         if given:
             p = {k: v for k, v in p.items() if len(k) == 1 and k != UNEXPLAINED}
         else:
-            often = (NULL / SETTINGS.priors.no_gap, (1 - NULL - PAIRS) / SETTINGS.priors.of("single"))
+            often = (
+                NULL / DIAGNOSIS_SETTINGS.priors.no_gap,
+                (1 - NULL - PAIRS) / DIAGNOSIS_SETTINGS.priors.of("single"),
+            )
             p = {k: v * often[len(k)] for k, v in p.items() if len(k) < 2 and k != UNEXPLAINED}
         total = sum(p.values())
         for k, v in p.items():
@@ -162,7 +165,7 @@ def covered(
         h = evidence.best(own, y, loose=loose)
         post = posterior(h, h.white(y), DRAWS, rng)
         v = value_of(own[0], post.at[:, d], post.modulus, evidence.bench.modulus)
-        low, high = np.quantile(v, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        low, high = np.quantile(v, [(1 - CREDIBLE_LEVEL) / 2, (1 + CREDIBLE_LEVEL) / 2])
         s = np.float64(scored.cases.size(i, d))
         true = float(value_of(truth, s, scored.cases.modulus[i], evidence.bench.modulus))
         hit.append(bool(low <= true <= high))

@@ -17,7 +17,7 @@ from rso.discrepancy.evidence.detectable import Detectable
 from rso.evaluation import WorkerPool, run_all
 from rso.evaluation.adapters import Source
 from rso.evaluation.store import RunStore
-from rso.optimal_design.separation import DECIDED
+from rso.optimal_design.separation import DECIDED_PROBABILITY
 
 CONTROLS = 300  # cases of a control
 ABLATED = 500  # cases of an ablation
@@ -305,7 +305,8 @@ def decisive(say: Say, evidence: Evidence, s: Scored, seed: int, folder: Path | 
             "## Next test",
             "",
             "Ambiguous sets that hold the truth; resolved: after one more test the right cause has "
-            f"{DECIDED:g} of the probability within the set.  The proposed test promised {np.mean(promised):.2f}.",
+            f"{DECIDED_PROBABILITY:g} of the probability within the set.  "
+            f"The proposed test promised {np.mean(promised):.2f}.",
             *table(["test", "resolved"], [[k, share(v)] for k, v in found.items()]),
         ]
     )

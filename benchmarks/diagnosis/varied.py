@@ -13,7 +13,7 @@ from sections import HEAD, Say, figures, table
 
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence, Shared
-from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, DiagnosisSettings
 
 FACTORS = (0.5, 2.0)
 CASES = 200  # of each: a share is known to about 3 percentage points, differences on the same data to about 1
@@ -34,8 +34,8 @@ def odds(p: float, factor: float) -> float:
 
 def variants() -> Iterator[tuple[str, float, float, DiagnosisSettings]]:
     """(name, factor, value, settings) of every number that a contest knows, moved alone."""
-    for group in fields(SETTINGS):
-        own = getattr(SETTINGS, group.name)
+    for group in fields(DIAGNOSIS_SETTINGS):
+        own = getattr(DIAGNOSIS_SETTINGS, group.name)
         for f in fields(own):
             value = getattr(own, f.name)
             if f.name in ELSEWHERE[group.name]:
@@ -52,7 +52,7 @@ def variants() -> Iterator[tuple[str, float, float, DiagnosisSettings]]:
                 if f.name in WEIGHTS:
                     others = {k: getattr(own, k) * (1.0 - changed) / (1.0 - value) for k in WEIGHTS if k != f.name}
                     new = replace(new, **others)
-                yield f"{group.name}.{f.name}", factor, said, replace(SETTINGS, **{group.name: new})
+                yield f"{group.name}.{f.name}", factor, said, replace(DIAGNOSIS_SETTINGS, **{group.name: new})
 
 
 def _sizes(value: tuple, factor: float) -> tuple:
@@ -97,9 +97,9 @@ def _judged(
     settings: DiagnosisSettings,
 ) -> Scored:
     """The same data under other settings; evidence is computed anew only where it changes."""
-    priors = replace(settings.priors, gaps=SETTINGS.priors.gaps, alone=SETTINGS.priors.alone)
-    weights = settings == replace(SETTINGS, priors=priors, rules=settings.rules)
-    if weights and settings.priors.scatter == SETTINGS.priors.scatter:
+    priors = replace(settings.priors, gaps=DIAGNOSIS_SETTINGS.priors.gaps, alone=DIAGNOSIS_SETTINGS.priors.alone)
+    weights = settings == replace(DIAGNOSIS_SETTINGS, priors=priors, rules=settings.rules)
+    if weights and settings.priors.scatter == DIAGNOSIS_SETTINGS.priors.scatter:
         there = Evidence(replace(bench, settings=settings), bench.library.effects)
         there._ready = evidence._ready
         seen = own.seen_by(own.effects)

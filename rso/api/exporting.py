@@ -15,13 +15,13 @@ import pandas as pd
 import rso
 from rso.api.run_result import RunResult
 from rso.calibration.plan import Plan
-from rso.calibration.result_files import POSTERIOR
+from rso.calibration.result_files import POSTERIOR_FILE
 from rso.contract import Case, Exports, capability
 from rso.core import disk
 from rso.core.units import spaced
 from rso.study.errors import choices_text
 
-TABLES = {
+TABLE_FORMATS = {
     "csv": "tables of parameters, candidates, runs, curves and posterior draws as CSV",
     "parquet": "the same as Parquet (needs pyarrow)",
     "arviz": "posterior draws and readings for arviz.from_json",
@@ -33,7 +33,7 @@ TABLES = {
 def formats(plan: Plan) -> dict[str, str]:
     """Every format and what it is: those of tables, and those of the study's backend."""
     own = capability(plan.backend, Exports)
-    return {**({} if own is None else own.exports()), **TABLES}
+    return {**({} if own is None else own.exports()), **TABLE_FORMATS}
 
 
 def check_formats(plan: Plan, names: Sequence[str]) -> None:
@@ -83,7 +83,7 @@ def tables(result: RunResult) -> dict[str, pd.DataFrame]:
     """Tables of the results by name, with names of rows as a column; `posterior` where draws were kept."""
     found = {"parameters": result.parameters.reset_index(), "derived": result.derived.reset_index()}
     found |= {"candidates": result.candidates, "runs": result.runs, "curves": result.curves}
-    path = result.folder / POSTERIOR
+    path = result.folder / POSTERIOR_FILE
     return {**found, "posterior": pd.read_csv(path)} if path.is_file() else found
 
 
@@ -109,7 +109,7 @@ def inference_data(result: RunResult) -> dict[str, Any]:
 
     The draws are one chain, as they come mixed; ValueError where a run kept none.
     """
-    path = result.folder / POSTERIOR
+    path = result.folder / POSTERIOR_FILE
     if not path.is_file():
         raise ValueError(f"{path}: there are no draws of the posterior; run the study (again), if its data allow any")
     draws = pd.read_csv(path)

@@ -15,7 +15,7 @@ from rso.core.units import conversion_factor
 from rso.evaluation.store import Done
 from rso.study.errors import choices_text
 
-NEAR = 1e-6  # of the deepest asked travel: a table that ends this near before it reaches it
+REACHED_TRAVEL_TOLERANCE = 1e-6  # of the deepest asked travel: a table that ends this near before it reaches it
 
 
 def read_runs(path: Path) -> pd.DataFrame:
@@ -98,7 +98,11 @@ def _stored(plan: Plan, values: Mapping[str, float], case: Case, curve: pd.DataF
     s = s[order]
     if np.any(np.diff(s) <= 0.0):
         raise ValueError(f"{case.name}, {shown}: a travel stands there twice")
-    if len(s) < 2 or s[0] > travel.min() + NEAR or s[-1] < travel.max() * (1.0 - NEAR):
+    if (
+        len(s) < 2
+        or s[0] > travel.min() + REACHED_TRAVEL_TOLERANCE
+        or s[-1] < travel.max() * (1.0 - REACHED_TRAVEL_TOLERANCE)
+    ):
         reach = f"from {s[0]:g} to {s[-1]:g} mm" if len(s) else "none"
         raise ValueError(
             f"{case.name}, {shown}: travels {reach}, but {travel.min():g} to {travel.max():g} mm are asked for"

@@ -22,10 +22,10 @@ from rso.contract import (
     drop_neutral,
     worded,
 )
+from rso.contract.responses import ALWAYS_CHANNELS
 from rso.evaluation.adapters import check_values
 
-GIVEN = ("travel", "time", "settings")  # arguments of a model's function that are no parameters
-ALWAYS = {"time": "s", "travel": "mm"}
+GIVEN_ARGUMENTS = ("travel", "time", "settings")  # arguments of a model's function that are no parameters
 Declared = Parameter | tuple[float, float] | tuple[float, float, str] | tuple[str, ...]
 Declarations = Mapping[str, Declared] | Sequence[Parameter]
 
@@ -87,7 +87,7 @@ class FunctionModel:
         found = self.function(**given, **worded(self.parameters, check_values(self.parameters, values)))
         if isinstance(found, Response):
             return found
-        own = [*(name for name in self.channels if name not in ALWAYS), *self.curves]
+        own = [*(name for name in self.channels if name not in ALWAYS_CHANNELS), *self.curves]
         returned = dict(found) if isinstance(found, Mapping) else {own[0]: found} if len(own) == 1 else {}
         if set(returned) != set(own):
             said = sorted(returned) if isinstance(found, Mapping) else type(found).__name__
@@ -136,20 +136,21 @@ def model(
         names = list(inspect.signature(function).parameters)
         own = {p.name for p in declared}
         declared_names = ", ".join(p.name for p in declared)
-        if unknown := [n for n in names if n not in own and n not in GIVEN]:
-            near = difflib.get_close_matches(unknown[0], [*GIVEN, *own], n=1)
+        if unknown := [n for n in names if n not in own and n not in GIVEN_ARGUMENTS]:
+            near = difflib.get_close_matches(unknown[0], [*GIVEN_ARGUMENTS, *own], n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            said = f"argument {unknown[0]!r} is no declared parameter ({declared_names}) and none of {', '.join(GIVEN)}"
+            given = ", ".join(GIVEN_ARGUMENTS)
+            said = f"argument {unknown[0]!r} is no declared parameter ({declared_names}) and none of {given}"
             raise ValueError(f"{function.__name__}: {said}{hint}")
         if lost := sorted(own - set(names)):
             raise ValueError(f"{function.__name__}: parameter {lost[0]!r} is no argument of the function ({names})")
         return FunctionModel(
             function,
             declared,
-            {**ALWAYS, **({"Fz": "N"} if channels is None and curves is None else channels or {})},
+            {**ALWAYS_CHANNELS, **({"Fz": "N"} if channels is None and curves is None else channels or {})},
             name or function.__name__,
             _source(function),
-            takes=frozenset(names) & frozenset(GIVEN),
+            takes=frozenset(names) & frozenset(GIVEN_ARGUMENTS),
             curves=dict(curves or {}),
         )
 

@@ -14,17 +14,17 @@ from rso.api.run_result import RunResult
 from rso.api.workspace import load
 from rso.contract import Backend, Case, NewStudies, Programme, Response, capability, digest
 from rso.core import disk
-from rso.core.default_backend import USE
+from rso.core.default_backend import DEFAULT_BACKEND
 from rso.core.inline_toml import inline
 from rso.core.units import value_in_unit
 from rso.data import Noise, combine, read_measurement
 from rso.evaluation.adapters import load_backend
+from rso.study.cases import DEFAULT_SPEED_MM_S
 from rso.study.errors import choices_text
 from rso.study.settings_files import paths_seen_from
 
 Table = Mapping[str, Any]
 Quantity = float | str
-SPEED = 0.5  # mm/s, where nobody states one
 
 
 def indent(
@@ -34,7 +34,7 @@ def indent(
     indenter: Table,
     support: Table | None = None,
     material: Table | None = None,
-    speed: float = SPEED,
+    speed: float = DEFAULT_SPEED_MM_S,
     settings: Table | None = None,
     **values: Quantity,
 ) -> Response:
@@ -47,7 +47,7 @@ def indent(
     Raises ValueError for bad input (naming key, value and choices), :class:`rso.SimulationFailed` where there is no
     answer.
     """
-    backend = load_backend(USE)
+    backend = load_backend(DEFAULT_BACKEND)
     tables = _tables(specimen, indenter, support, material, settings)
     travel = np.unique(np.asarray(depths, float))
     case = Case("indent", Programme.ramp(tuple(map(float, travel)), speed), tables)
@@ -81,7 +81,7 @@ def fit(
     Raises ValueError for bad input, StudyError for what the study cannot use, NothingToFit where too few runs have an
     answer.
     """
-    backend = load_backend(USE)
+    backend = load_backend(DEFAULT_BACKEND)
     tables = _tables(specimen, indenter, support, material, settings)
     text, source = _curve_file(data)
     ranges = {} if parameters is None else dict(parameters)
@@ -134,7 +134,7 @@ def _curve_file(data: str | os.PathLike[str] | pd.DataFrame) -> tuple[bytes, str
 
 
 def _head(tables: Table, place: Path) -> list[str]:
-    lines = ["[study]", 'title = "Indentation"', "seed = 1", "", "[backend]", f"use = {inline(USE)}", ""]
+    lines = ["[study]", 'title = "Indentation"', "seed = 1", "", "[backend]", f"use = {inline(DEFAULT_BACKEND)}", ""]
     return [*lines, "[backend.settings]", *(f"{k} = {inline(paths_seen_from(v, place))}" for k, v in tables.items())]
 
 

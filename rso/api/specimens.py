@@ -20,7 +20,7 @@ from rso.core import disk
 from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.running import run_specimens
-from rso.population.summary import FILE, folder_of, population_rows, population_summary, write_summary
+from rso.population.summary import SPECIMENS_FILE, folder_of, population_rows, population_summary, write_summary
 from rso.report import render, render_specimens
 from rso.study.specimens import SpecimenStudies, load_specimens
 
@@ -91,7 +91,7 @@ class SpecimensStudy:
     @property
     def result(self) -> SpecimensResult:
         """What `run` found last; FileNotFoundError before it has."""
-        return SpecimensResult(self.folder, disk.read_json(self.folder / FILE))
+        return SpecimensResult(self.folder, disk.read_json(self.folder / SPECIMENS_FILE))
 
     def study(self, name: str) -> Workspace:
         """The study of one specimen, whose results lie in a folder of its own; StudyError naming the others."""

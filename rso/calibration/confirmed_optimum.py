@@ -20,7 +20,15 @@ from rso.calibration.readings import (
     with_input_errors,
 )
 from rso.calibration.search_stage import SearchResult
-from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, outputs_sample, tolerance_misses
+from rso.calibration.stages import (
+    NEGLIGIBLE_OUTPUT_SHARE,
+    Run,
+    Runner,
+    learn_more,
+    learnt_anew,
+    outputs_sample,
+    tolerance_misses,
+)
 from rso.core.distributions import chi2_ppf
 from rso.core.units import spaced
 from rso.doe import Box, sobol_sequence
@@ -45,17 +53,21 @@ from rso.inference import (
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.error_model import EMULATOR
-from rso.inference.identifiability import LEVEL, UNLIKELY
-from rso.inference.verdict import REFUTED
+from rso.inference.error_model import EMULATOR_ERROR
+from rso.inference.identifiability import REFUTED_FIT_CHANCE
+from rso.inference.intervals import CREDIBLE_LEVEL
+from rso.inference.verdict import REFUTED_ERROR_RATIO
 from rso.study.resolve import resolve
 
-ROUNDS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
-ENDS = 3  # rounds of runs at the ends of intervals, at most
-BESIDE = 0.05  # of the unit cube: points so close to a run need none
-SCAN, DOUBTED = 2**11, 2.0  # points of the ranges that are looked at; standard deviations that surrogates may be off by
-SURE = 2.0  # of χ² in the same units: at the most likely point what the surrogates may be off by is at most 1 of it
-SETTLED = 0.5  # of χ² in units of its least value per degree of freedom: what prediction and run may differ by
+MAX_OPTIMUM_RUNS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
+MAX_INTERVAL_END_ROUNDS = 3  # rounds of runs at the ends of intervals, at most
+RUN_NEARBY_DISTANCE = 0.05  # of the unit cube: points so close to a run need none
+# points of the ranges that are looked at; standard deviations that surrogates may be off by
+N_DOUBTED_POINTS, MAX_SURROGATE_ERROR_SD = 2**11, 2.0
+# of χ² in the same units: at the most likely point what the surrogates may be off by is at most 1 of it
+MAX_SURROGATE_CHI2 = 2.0
+# of χ² in units of its least value per degree of freedom: what prediction and run may differ by
+MAX_PREDICTION_GAP_CHI2 = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +125,7 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
     data = [_with_model(plan, found, emulator, there, p, d) for p, d in zip(places, curves, strict=True)]
-    each = [data, [d.without(EMULATOR) for d in data]]
+    each = [data, [d.without(EMULATOR_ERROR) for d in data]]
     misfit, bare = (with_autocorrelation(replace(plain, data=tuple(v)), first.x) for v in each)
     return ConfirmedFit(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
 
@@ -129,21 +141,21 @@ def confirm_optimum(
     bench: Runner, emulator: Emulator, found: Sequence[SearchResult], meanwhile: Sequence[Task] = ()
 ) -> ConfirmedOptimum:
     """Recompute the most likely point and learn it, until prediction and simulation agree, then where surrogates do not
-    know enough (:func:`_unsure`), and look for all again, `ENDS` times at most.
+    know enough (:func:`_unsure`), and look for all again, `MAX_INTERVAL_END_ROUNDS` times at most.
 
     Workers that are free begin what will be wanted later, `meanwhile`.
     """
     if emulator.reduced is None:  # exact: similarity knows every run already
         return ConfirmedOptimum(emulator, (), 0.0, None, True)
     similar, runs = emulator.group.reference is not None, list[Run]()
-    for k in range(ENDS + 1):
+    for k in range(MAX_INTERVAL_END_ROUNDS + 1):
         now = _most_likely(bench, emulator, found, meanwhile)
         emulator, runs = now.emulator, [*runs, *now.runs]
         if not now.verified:
             break
         plan = bench.around_failures(similar).plan
         emulator, unsure = _unsure(bench, plan, emulator, found, runs)
-        if not unsure or k == ENDS:
+        if not unsure or k == MAX_INTERVAL_END_ROUNDS:
             names = tuple(name for name, _ in unsure)
             return replace(now, emulator=emulator, runs=tuple(runs), open=names, poor=_poor(plan, emulator))
         values = [plan.values(x) for _, x in unsure]
@@ -160,10 +172,10 @@ def confirm_optimum(
 def _most_likely(
     bench: Runner, emulator: Emulator, found: Sequence[SearchResult], meanwhile: Sequence[Task]
 ) -> ConfirmedOptimum:
-    """The most likely point, run and learnt until prediction and simulation agree, `ROUNDS` times at most."""
+    """The most likely point, run and learnt until prediction and simulation agree, `MAX_OPTIMUM_RUNS` times at most."""
     runs: list[Run] = []
     last = ConfirmedOptimum(emulator, (), None, None, False)
-    for k in range(ROUNDS):
+    for k in range(MAX_OPTIMUM_RUNS):
         plan = bench.around_failures(emulator.group.reference is not None).plan  # which the last run may have changed
         now = evidence(plan, emulator, found)
         best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
@@ -179,18 +191,19 @@ def _most_likely(
         whole = now.misfit.model.predict(best.x[None])[0]
         predicted = np.split(whole, np.cumsum([len(c) for c in curves])[:-1])
         sizes = np.array([np.abs(y).max() for y in curves])
-        sizes = np.maximum(sizes, NOISE * sizes.max())  # by symmetry a lateral force may be zero, or noise about it
+        # by symmetry a lateral force may be zero, or noise about it
+        sizes = np.maximum(sizes, NEGLIGIBLE_OUTPUT_SHARE * sizes.max())
         gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
         readings = np.concatenate([d.value for d in now.misfit.data])
         left = np.concatenate(curves) - readings
         chi2, bare = (float(np.sum(m.white(left) ** 2)) for m in (now.misfit, now.bare))
         off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
-        verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
+        verified = gap <= plan.study.verify.tolerance and off <= MAX_PREDICTION_GAP_CHI2 * _least(now, best)
         ν = now.misfit.n - len(best.x)
         p, p_bare = (chi2_p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
         last = ConfirmedOptimum(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
-        hidden = covered(p, p_bare) and bare > REFUTED**2 * ν
-        if (verified and not hidden) or k == ROUNDS - 1:
+        hidden = covered(p, p_bare) and bare > REFUTED_ERROR_RATIO**2 * ν
+        if (verified and not hidden) or k == MAX_OPTIMUM_RUNS - 1:
             break
         emulator = learn_more(bench, emulator, [outputs_sample(plan, values, outcomes)])
     if not runs[-1].done and not last.verified:
@@ -200,7 +213,7 @@ def _most_likely(
 
 def covered(p: float | None, p_bare: float | None) -> bool:
     """Whether a model agrees with the data only because of what the surrogates may be off by."""
-    return (p is None or p >= UNLIKELY) and p_bare is not None and p_bare < UNLIKELY
+    return (p is None or p >= REFUTED_FIT_CHANCE) and p_bare is not None and p_bare < REFUTED_FIT_CHANCE
 
 
 def _least(now: ConfirmedFit, best: Fit) -> float:
@@ -242,7 +255,8 @@ def _unsure(
 
     Ends of intervals, the other parameters following, where what the surrogates may be off by counts beside the errors
     of the data, among them that at the most likely point; and points of the ranges that they exclude, but not beyond
-    `DOUBTED` times their own standard deviation.  None of them is near one of the `runs` or of the others.
+    `MAX_SURROGATE_ERROR_SD` times their own standard deviation.  None of them is near one of the `runs` or of the
+    others.
     """
     emulator, now, d = _heard(bench, plan, emulator, found)
     box, least = now.misfit.model.box, _least(now, d.fit)
@@ -254,10 +268,10 @@ def _unsure(
             x = np.array([np.interp(at, p.at, p.path[:, j]) for j in range(box.d)])
             x[k] = at
             off = np.concatenate([band(_wide(plan, x[None])[0]) for band in bands])
-            if float(np.sum(now.misfit.white(off) ** 2)) > SURE * least:
+            if float(np.sum(now.misfit.white(off) ** 2)) > MAX_SURROGATE_CHI2 * least:
                 ends.append((f"the end of an interval, {_named(box, x)}", x))
-    limit = d.fit.chi2 + least * chi2_ppf(LEVEL, 1)
-    X = sobol_sequence(box.d, SCAN, plan.seed)
+    limit = d.fit.chi2 + least * chi2_ppf(CREDIBLE_LEVEL, 1)
+    X = sobol_sequence(box.d, N_DOUBTED_POINTS, plan.seed)
     X = X[(now.misfit.chi2(X) > limit) & (now.misfit.beyond(X).sum(axis=1) == 0.0)]
     hopeful = _hopeful(plan, emulator, now, X)
     open_ = np.argsort(hopeful)[: np.count_nonzero(hopeful <= limit)]
@@ -266,19 +280,20 @@ def _unsure(
     kept: list[tuple[str, np.ndarray]] = []
     for name, x in each:
         there = _wide(plan, x[None])[0]
-        if len(kept) < 2 * box.d and min(np.abs(there - t).max() for t in taken) >= BESIDE:
+        if len(kept) < 2 * box.d and min(np.abs(there - t).max() for t in taken) >= RUN_NEARBY_DISTANCE:
             taken.append(there)
             kept.append((name, there))
     return emulator, kept
 
 
 def _hopeful(plan: Plan, emulator: Emulator, now: ConfirmedFit, X: np.ndarray) -> np.ndarray:
-    """χ² (k,) at X (k, d) with the covariance C + R S² Rᵀ, S = diag(DOUBTED s), s the surrogates' deviations there:
+    """χ² (k,) at X (k, d) with the covariance C + R S² Rᵀ, S = diag(MAX_SURROGATE_ERROR_SD s), s the surrogates'
+    deviations there:
 
     |r|² − bᵀ (1 + S Vᵀ V S)⁻¹ b with W whitening by C, r = W (f − y), V = W R, b = S Vᵀ r (Woodbury).
     """
     each = [spread_of(emulator, place, _wide(plan, X)) for place in now.places]
-    S = DOUBTED * np.hstack([s for s, _ in each])
+    S = MAX_SURROGATE_ERROR_SD * np.hstack([s for s, _ in each])
     V = now.misfit.white(block_diag(*(R for _, R in each)).T).T
     r = now.misfit.residuals(X)[:, : len(V)]
     b = S * (r @ V)

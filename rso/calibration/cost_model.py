@@ -10,7 +10,7 @@ from rso.contract import Backend, Case, CostModel, capability, digest, plain
 from rso.evaluation import Task
 from rso.evaluation.store import Done, Failed, RunStore, StoreError
 
-GUESS = 10.0  # s of a simulation of which nothing is known
+UNKNOWN_SIMULATION_S = 10.0  # s of a simulation of which nothing is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +66,9 @@ def _cost(backend: Backend, values: Mapping[str, float], case: Case) -> float:
     """What the backend says that a run takes (s), or a guess where it does not or where the run is none of its own."""
     costs = capability(backend, CostModel)
     try:
-        return float(costs.cost(values, case)) if costs is not None else GUESS
+        return float(costs.cost(values, case)) if costs is not None else UNKNOWN_SIMULATION_S
     except (ValueError, TypeError, KeyError):
-        return GUESS
+        return UNKNOWN_SIMULATION_S
 
 
 def _canonical(backend: Backend, task: Task) -> tuple[Mapping[str, float], Case]:

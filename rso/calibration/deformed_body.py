@@ -20,8 +20,8 @@ from rso.core import disk
 from rso.evaluation import Source, WorkerPool
 from rso.evaluation.store import Done
 
-FILE = "deformed.json"
-DIGITS = 4  # of fields; of places as many of the size of the body
+DEFORMED_FILE = "deformed.json"
+FIELD_DIGITS = 4  # of fields; of places as many of the size of the body
 
 
 def fitted_values(found: Mapping[str, Any]) -> Mapping[str, float] | None:
@@ -39,7 +39,7 @@ def fitted_values(found: Mapping[str, Any]) -> Mapping[str, float] | None:
 def begin_deformed(bench: Runner, found: Mapping[str, Any], folder: Path) -> Future[Any] | None:
     """Let a worker draw the first fitted experiment with the fitted values; None where nobody can, or it is there."""
     plan, values = bench.plan, fitted_values(found)
-    path = folder / FILE
+    path = folder / DEFORMED_FILE
     name = next((e.name for e in plan.study.experiments if e.role == "fit" and e.kind == "force"), None)
     if values is None or name is None or capability(plan.backend, DeformedBodies) is None:
         path.unlink(missing_ok=True)  # that of an earlier state of the study
@@ -60,9 +60,9 @@ def write_deformed(future: Future[Any] | None, folder: Path) -> None:
     try:
         text = future.result()
     except Exception:  # of somebody's backend, or of a worker that died: the numbers stand without it
-        (folder / FILE).unlink(missing_ok=True)
+        (folder / DEFORMED_FILE).unlink(missing_ok=True)
         return
-    disk.replace(folder / FILE, text)
+    disk.replace(folder / DEFORMED_FILE, text)
 
 
 def draw_deformed(backend: Backend | Source, values: Mapping[str, float], case: Case, key: str, name: str) -> str:
@@ -110,7 +110,7 @@ def body_as_plain(body: DeformedBody) -> dict[str, Any]:
 
 def _rounded(v: np.ndarray) -> list[float]:
     size = float(np.abs(v).max(initial=0.0)) or 1.0
-    return [round(float(x), DIGITS - 1 - int(np.floor(np.log10(size)))) for x in v]
+    return [round(float(x), FIELD_DIGITS - 1 - int(np.floor(np.log10(size)))) for x in v]
 
 
 def _known(path: Path) -> str | None:

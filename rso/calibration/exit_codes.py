@@ -7,6 +7,7 @@ from typing import Any
 
 from rso.core.units import spaced
 
+# Documented in docs/cli.md; of several that apply the first in the order of :func:`exit_code_of` counts.
 EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED, EXIT_NOT_MET, EXIT_NOT_VALID = 0, 3, 4, 5, 6, 7
 
 Results = Mapping[str, Any]

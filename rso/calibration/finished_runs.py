@@ -13,7 +13,7 @@ from rso.emulation.emulator import Emulator, Sample
 from rso.evaluation.store import RunStore
 from rso.inference import CurvePlace, Misfit, Runs, outputs_of, readings_of, resample
 
-SCALES = 257  # values of the modulus that similarity makes of one run
+N_SCALED_MODULI = 257  # values of the modulus that similarity makes of one run
 
 
 def runs_with_curves(
@@ -68,7 +68,7 @@ def _scaled(
         return [(values, curve)]
     here = values[group.reference]
     low, high = (box.from_unit(np.full((1, box.d), e))[0][box.names.index(group.reference)] for e in (0.0, 1.0))
-    s = np.geomspace(max(low, 1e-12 * high), high, SCALES) / here
+    s = np.geomspace(max(low, 1e-12 * high), high, N_SCALED_MODULI) / here
     theta = np.stack([values[n] * s ** (1 if n == group.reference else group.exponents.get(n, 0)) for n in box.names])
     keep = np.all((theta.T >= box.low) & (theta.T <= box.high), axis=1)
     if not keep.any():

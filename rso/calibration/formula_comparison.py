@@ -10,10 +10,10 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.contract import FormulaCurve, Formulas, capability
 from rso.core.curves import loading
-from rso.study.cases import MISREAD, case_for
+from rso.study.cases import MISREAD_SETTING_ERRORS, case_for
 
-DEPTHS = 12  # at which they are compared, evenly spaced to the deepest reading
-LATERAL = ("Fx", "Fy")
+N_COMPARED_DEPTHS = 12  # at which they are compared, evenly spaced to the deepest reading
+LATERAL_FORCES = ("Fx", "Fy")
 
 
 def of_formulas(plan: Plan, found: Mapping[str, Any]) -> dict[str, Any]:
@@ -23,17 +23,17 @@ def of_formulas(plan: Plan, found: Mapping[str, Any]) -> dict[str, Any]:
         return {"formulas": []}
     rows = []
     for name, curve in (candidate.get("curves") or {}).items():
-        if name not in plan.case_of or plan.curves[name].channel in LATERAL or not len(curve["depth"]):
+        if name not in plan.case_of or plan.curves[name].channel in LATERAL_FORCES or not len(curve["depth"]):
             continue
         measured = plan.curves[name]
         if measured.back:  # formulas are those of the way there
             continue
         deepest = min(float(measured.depth.max()), float(np.max(curve["depth"])))
-        depth = np.linspace(deepest / DEPTHS, deepest, DEPTHS)
+        depth = np.linspace(deepest / N_COMPARED_DEPTHS, deepest, N_COMPARED_DEPTHS)
         simulated = loading(np.asarray(curve["depth"], float), np.asarray(curve["value"], float))
         try:
             forms = known.formulas(candidate["values"], case_for(plan.study, name, tuple(map(float, depth))))
-        except MISREAD:  # there is none of what the study describes
+        except MISREAD_SETTING_ERRORS:  # there is none of what the study describes
             continue
         keep = ~measured.held & (measured.depth > 0.0) & (measured.depth <= deepest * (1.0 + 1e-9))
         at, force = np.minimum(measured.depth[keep], deepest), measured.value[keep]
@@ -81,12 +81,12 @@ def stated_formulas(plan: Plan, name: str) -> list[str]:
     if known is None or name not in plan.case_of:
         return []
     deepest = float(plan.curves[name].depth.max())
-    depth = np.linspace(deepest / DEPTHS, deepest, DEPTHS)
+    depth = np.linspace(deepest / N_COMPARED_DEPTHS, deepest, N_COMPARED_DEPTHS)
     try:
         forms = known.formulas(
             plan.values(np.full(plan.box.d, 0.5)), case_for(plan.study, name, tuple(map(float, depth)))
         )
-    except MISREAD:
+    except MISREAD_SETTING_ERRORS:
         return []
     each = [f"{f.name}, {_range(depth, f.invalid)}" for f in forms]
     why = f": {forms[0].invalid[-1]}" if forms and all(forms[0].invalid) else ""

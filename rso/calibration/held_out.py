@@ -13,7 +13,7 @@ from rso.calibration.readings import measured, of_response
 from rso.contract import Case, Response
 from rso.core.curves import at_readings, first_loading, hold_rows, on_the_way_back
 from rso.evaluation import Task
-from rso.inference import SURFACE, CurvePlace, ModelErrors
+from rso.inference import SURFACE_CHANNEL, CurvePlace, ModelErrors
 from rso.study.cases import cloud_channels, mark_channel
 
 
@@ -94,7 +94,7 @@ def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
     """Every compared channel of an experiment; the components of a point cloud, whose errors go together, are one."""
     if (cloud := plan.clouds.get(name)) is not None:
         C, marks = cloud.covariance, cloud_channels(cloud)
-        return (HeldOutReadings(name, SURFACE, "mm", cloud.depth, cloud.value, C, marks, cloud.position),)
+        return (HeldOutReadings(name, SURFACE_CHANNEL, "mm", cloud.depth, cloud.value, C, marks, cloud.position),)
     found = []
     for channel in plan.study.experiment(name).compared:
         curve = measured(plan, name, channel)

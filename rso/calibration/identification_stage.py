@@ -45,12 +45,12 @@ from rso.inference.derived import is_known, rests_on
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.input_effects import BudgetEntry, uncertainty_budget
-from rso.inference.intervals import ON_BOUND
-from rso.inference.verdict import REFUTED, Word, physical
+from rso.inference.intervals import INTERVAL_BOUND_TOLERANCE
+from rso.inference.verdict import REFUTED_ERROR_RATIO, Word, physical
 from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
-NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
-METRICS = ("nrmse", "mre", "rrmse")
+MIN_MEASURED_SCATTER_SHARE = 1e-4  # of the largest value: readings that scatter less are computed ones
+REPORTED_METRICS = ("nrmse", "mre", "rrmse")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[SearchResult], stor
     now = evidence(plan, emulator, found)
     misfit, near = now.misfit, now.near
     model, data, seed = misfit.model, misfit.data, plan.seed
-    wanted = dict.fromkeys([plan.study.search.metric, *METRICS])
+    wanted = dict.fromkeys([plan.study.search.metric, *REPORTED_METRICS])
     minima = {
         m: minimise(curve_score(model, data, m), model.box, seed=seed, near=near, steps=downhill(model, data, m))
         for m in wanted
@@ -211,7 +211,7 @@ def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
 
 def is_trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether simulations confirm what the surrogates say, and the model does not miss the data widely."""
-    return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED
+    return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED_ERROR_RATIO
 
 
 def derived_quantities(plan: Plan, d: Determination, sure: bool = True) -> list[dict[str, Any]]:
@@ -315,7 +315,10 @@ def _asks_too_much(plan: Plan, d: Determination) -> str:
     both together are a sign that a stated dimension is wrong, or that the model lacks something.
     """
     stated, box = stated_ranges(plan), d.misfit.model.box
-    ends = [k.profile_interval.open and not ON_BOUND < x < 1 - ON_BOUND for k, x in zip(d.known, d.fit.x, strict=True)]
+    ends = [
+        k.profile_interval.open and not INTERVAL_BOUND_TOLERANCE < x < 1 - INTERVAL_BOUND_TOLERANCE
+        for k, x in zip(d.known, d.fit.x, strict=True)
+    ]
     beyond = [box.names[k] for k, known in enumerate(d.known) if ends[k] or _is_beyond(stated, box, k, known)]
     odd = [q["unlikely"] for q in derived_quantities(plan, d) if q["unlikely"]]
     if not beyond or not odd:
@@ -335,13 +338,13 @@ def _is_beyond(stated: Box, box: Box, k: int, known: Known) -> bool:
 
 def _hides_much(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether the model agrees with the data only by what the surrogates may be off by, and misses them widely."""
-    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED**2 * d.degrees
+    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED_ERROR_RATIO**2 * d.degrees
     return settled.verified and much and covered(d.p_value, settled.p_bare)
 
 
 def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
     """What is known, with no parameter called determined where simulations do not confirm what the surrogates say, or
-    where what these may be off by hides a misfit of more than `REFUTED` times the errors; no p-value where
+    where what these may be off by hides a misfit of more than `REFUTED_ERROR_RATIO` times the errors; no p-value where
     it hides any.
     """
     hidden = _hides_much(d, settled)
@@ -375,7 +378,7 @@ def _noiseless(plan: Plan, places: Sequence[CurvePlace], d: Determination) -> li
         shown, data = curve_data(plan, p).as_stated, data.as_stated
         largest = float(np.abs(data.value).max()) or 1.0
         seen, whole = (float(np.sqrt(np.mean(v.sigma**2))) / largest for v in (shown, data))
-        if np.isfinite(shown.freedom) and seen < NOISELESS and whole > 2.0 * seen:
+        if np.isfinite(shown.freedom) and seen < MIN_MEASURED_SCATTER_SHARE and whole > 2.0 * seen:
             said.append(
                 f"identification: the readings of {data.name} show no noise ({100 * seen:.1g} % of the largest "
                 f"value); the intervals count the numerical error of the curve instead, {100 * whole:.1g} %. Real "

@@ -17,8 +17,8 @@ from rso.calibration.stored_runs import Values, stored_points
 from rso.emulation.emulator import reduced_box
 from rso.evaluation.store import RunStore
 
-MOST = 200  # runs that join: kriging takes the third power of their number
-SLACK = 1e-9  # of the unit cube
+MAX_JOINED_RUNS = 200  # runs that join: kriging takes the third power of their number
+INSIDE_BOX_TOLERANCE = 1e-9  # of the unit cube
 
 
 @dataclass(frozen=True)
@@ -73,20 +73,20 @@ def _inside(plan: Plan, values: Values) -> bool:
     if plan.group.reference is not None and reduced is not None and values[plan.group.reference] > 0:
         theta = plan.group.reduce({n: values[n] for n in plan.box.names})[1]
         x = reduced.to_unit(np.array([[theta[n] for n in reduced.names]]))[0]
-        if np.all((x >= -SLACK) & (x <= 1 + SLACK)):
+        if np.all((x >= -INSIDE_BOX_TOLERANCE) & (x <= 1 + INSIDE_BOX_TOLERANCE)):
             return True
     within = all(lo <= v <= hi for lo, v, hi in zip(plan.box.low, row, plan.box.high, strict=True))
     return within and bool(plan.feasible(plan.box.to_unit(row[None]))[0])
 
 
 def _apart(plan: Plan, points: Sequence[Values]) -> list[Values]:
-    """At most `MOST` of the points, those that lie farthest apart, in their order."""
-    if len(points) <= MOST:
+    """At most `MAX_JOINED_RUNS` of the points, those that lie farthest apart, in their order."""
+    if len(points) <= MAX_JOINED_RUNS:
         return list(points)
     X = plan.box.to_unit(np.array([[v[n] for n in plan.box.names] for v in points]))
     chosen = [0]
     gap = np.linalg.norm(X - X[0], axis=1)
-    while len(chosen) < MOST:
+    while len(chosen) < MAX_JOINED_RUNS:
         chosen.append(int(gap.argmax()))
         gap = np.minimum(gap, np.linalg.norm(X - X[chosen[-1]], axis=1))
     return [points[k] for k in sorted(chosen)]

@@ -37,6 +37,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.range_extension import ExtendedRanges
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import Runner
+from rso.core.plain_results import RUN_STAGES
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people, spaced
 from rso.emulation import emulator as emulator_file
@@ -46,7 +47,7 @@ from rso.inference import Determination
 from rso.optimal_design import gains_of_repeats
 
 Say = Callable[[str], None]
-ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
+LARGE_NUMERICAL_ERROR_SHARE = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
 
 
 def run_study(
@@ -236,7 +237,7 @@ def _validate(
 ) -> dict[str, Any]:
     """The experiments kept for the end, and everything that is known only then; the whole results."""
     plan, found = bench.plan, notes.found
-    result_files.write_draws(notes.path.parent / result_files.POSTERIOR, determination)
+    result_files.write_draws(notes.path.parent / result_files.POSTERIOR_FILE, determination)
     picture = deformed_body.begin_deformed(bench, found, notes.path.parent)
     if plan.validation:
         say("validation: held-out experiments")
@@ -261,7 +262,7 @@ def _validate(
     found["warnings"] += [found["feasible"]["story"]] if found["feasible"]["story"] else []
     result_files.write_runs(notes.path.parent / "runs.csv", found)
     counts, before = notes.counts(plan), notes.before
-    if before is not None and before["stage"] == result_files.STAGES[-1] and counts["from_store"] == counts["fe_runs"]:
+    if before is not None and before["stage"] == RUN_STAGES[-1] and counts["from_store"] == counts["fe_runs"]:
         notes.clock.stop(before["timings"])
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
@@ -285,8 +286,8 @@ class _Notes:
         """Take the parts of a finished stage down; the file changes as soon as it shows more than it did before."""
         self.found.update(parts, stage=stage)
         self.clock.lap(stage)
-        reached = -1 if self.before is None else result_files.STAGES.index(self.before["stage"])
-        if end or result_files.STAGES.index(stage) >= reached:
+        reached = -1 if self.before is None else RUN_STAGES.index(self.before["stage"])
+        if end or RUN_STAGES.index(stage) >= reached:
             return result_files.write_results(self.path, self.found)
         return self.found
 
@@ -360,7 +361,7 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
         "agreement within errors says little. The contact is small against the elements: use a finer mesh.level or "
         "a smaller specimen"
         for name, share in worst.items()
-        if share > ROUGH
+        if share > LARGE_NUMERICAL_ERROR_SHARE
     ]
 
 

@@ -29,7 +29,7 @@ from rso.data import (
 from rso.doe import Box, Condition
 from rso.emulation.emulator import Output, reduced_box
 from rso.evaluation import Source, Task
-from rso.inference import SURFACE
+from rso.inference import SURFACE_CHANNEL
 from rso.inference.input_effects import InputEffect
 from rso.optimise.targets import Constraint
 from rso.optimise.targets import Target as Goal
@@ -56,10 +56,11 @@ from rso.study.search_table import TargetTable
 from rso.study.sources import backend_of, needs_data
 from rso.study.sources import source_of as source_of
 
-MOST_POINTS = 20_000_000  # bytes of a file of points
-FEWEST = 8  # runs of a reduced design
-STRESS = "not applied: a force that is held sets a scale of stress"
-PROOFS = 2  # direct runs that prove similarity on the study itself
+MAX_POINTS_FILE_BYTES = 20_000_000  # of a file of points
+MIN_REDUCED_DESIGN_RUNS = 8  # runs of a reduced design
+STRESS_SCALE_REASON = "not applied: a force that is held sets a scale of stress"
+PROOF_MODULUS_RATIO = 1.25  # of the moduli of runs that prove similarity, where no derivatives do
+N_PROOF_RUNS = 2  # direct runs that prove similarity on the study itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +302,7 @@ def cloud_outputs(name: str, cloud: SurfaceCloud) -> list[Output]:
 
 def _with_surface(group: Group, outputs: Sequence[Output]) -> Group:
     """The similarity with the displacements of points of a surface: there is no stress in their unit."""
-    marks = dict.fromkeys((SURFACE, *(o.channel for o in outputs if o.on_surface)), 0)
+    marks = dict.fromkeys((SURFACE_CHANNEL, *(o.channel for o in outputs if o.on_surface)), 0)
     return dataclasses.replace(group, outputs={**group.outputs, **marks})
 
 
@@ -392,7 +393,9 @@ def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[d
         return [_back(plan, {})], []
     feasible = functools.partial(reduced_feasible, plan, reduced) if plan.conditions else None
     asked = len(full) - table.extend
-    count, total = (min(n, max(FEWEST, math.ceil(n ** (reduced.d / plan.box.d)))) for n in (asked, len(full)))
+    count, total = (
+        min(n, max(MIN_REDUCED_DESIGN_RUNS, math.ceil(n ** (reduced.d / plan.box.d)))) for n in (asked, len(full))
+    )
     if reduced.d == 1 and feasible is None:
         X = np.linspace(0.0, 1.0, count)[:, None]
         middles = 0.5 * (X[1:] + X[:-1])
@@ -449,7 +452,7 @@ def proofs(plan: Plan, design: list[dict[str, float]]) -> list[tuple[dict[str, f
             if inside and abs(math.log(s)) > apart:
                 pairs.append(({**theta, **plan.resolved.fixed}, design[i]))
                 break
-        if len(pairs) == PROOFS:
+        if len(pairs) == N_PROOF_RUNS:
             break
     return pairs
 
@@ -510,7 +513,7 @@ def _group(study: Study, backend: Backend, resolved: Resolved, box: Box, creeps:
     if found.reference is None:
         return found
     if creeps.followed:  # F = μ f(s) at a force that is held is no longer the same s
-        return dataclasses.replace(found, reference=None, why=STRESS)
+        return dataclasses.replace(found, reference=None, why=STRESS_SCALE_REASON)
     if not study.doe.reduce:
         return dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
     reduced = reduced_box(box, found)
@@ -600,7 +603,7 @@ def _from_file(plan: Plan, name: str) -> np.ndarray:
     """Points from a CSV whose header names the open parameters, in their units."""
     path = plan.study.folder / name
     try:
-        text = disk.read_bytes(path, MOST_POINTS).decode("utf-8-sig")
+        text = disk.read_bytes(path, MAX_POINTS_FILE_BYTES).decode("utf-8-sig")
         header = [h.strip() for h in text.splitlines()[0].split(",")]
         data = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
         theta = data[:, [header.index(n) for n in plan.box.names]]

@@ -26,16 +26,17 @@ from rso.core.curves import Metrics, metrics
 from rso.core.digits import significant
 from rso.doe import Box
 from rso.evaluation import Done, why
-from rso.inference import SURFACE, Determination
-from rso.inference.identifiability import WIDE
+from rso.inference import SURFACE_CHANNEL, Determination
+from rso.inference.identifiability import WIDE_ERROR_SHARE
 from rso.inference.least_squares import fit_at
 from rso.inference.output_derivatives import NoSlopes, jacobian
-from rso.inference.predictive_test import UNLIKELY, PredictiveTest, open_by, predictive_test
+from rso.inference.predictive_test import MISSED_PREDICTION_CHANCE, PredictiveTest, open_by, predictive_test
 from rso.optimal_design.gains import Gain, gain
 
-BESIDE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
-DIGITS = 6  # of the most likely values when they are run
-WORDS = ("yes", "among", "no")  # among: it agrees because the fit leaves the prediction open, by more than `WIDE`
+SAME_CANDIDATE_DISTANCE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
+LIKELIEST_VALUE_DIGITS = 6  # of the most likely values when they are run
+# among: it agrees because the fit leaves the prediction open, by more than `WIDE_ERROR_SHARE`
+PREDICTION_WORDS = ("yes", "among", "no")
 Values = Mapping[str, float]
 Evaluate = Callable[[Sequence[Values]], Sequence[Response | str]]  # values of axes → a response, or why there is none
 Slopes = Callable[[Values, Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]  # derivatives by knob → by axis
@@ -78,13 +79,13 @@ class PredictiveCheck:
 
     @property
     def verdict(self) -> str | None:
-        """Whether the experiment is predicted: one of `WORDS`, None where nobody can say."""
+        """Whether the experiment is predicted: one of `PREDICTION_WORDS`, None where nobody can say."""
         if self.test is None:
             return None
         if self.test.missed:
             return "no"
-        wide = any(float(c.spread.max()) > WIDE * float(np.abs(c.predicted).max()) for c in self.channels)
-        return "among" if wide and self.test.alone < UNLIKELY else "yes"
+        wide = any(float(c.spread.max()) > WIDE_ERROR_SHARE * float(np.abs(c.predicted).max()) for c in self.channels)
+        return "among" if wide and self.test.alone < MISSED_PREDICTION_CHANCE else "yes"
 
 
 def predictive_check(
@@ -159,9 +160,9 @@ def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[
     """Values that are run: the most likely ones, or those of a candidate next to them."""
     box = d.misfit.model.box
     for _, _, values in chosen:
-        if np.abs(box.to_unit(np.array([values[n] for n in box.names])) - d.fit.x).max() < BESIDE:
+        if np.abs(box.to_unit(np.array([values[n] for n in box.names])) - d.fit.x).max() < SAME_CANDIDATE_DISTANCE:
             return dict(values)
-    theta = [float(f"{v:.{DIGITS}g}") for v in d.fit.theta]
+    theta = [float(f"{v:.{LIKELIEST_VALUE_DIGITS}g}") for v in d.fit.theta]
     return {**dict(zip(box.names, theta, strict=True)), **plan.resolved.fixed}
 
 
@@ -243,7 +244,7 @@ def _row(v: PredictiveCheck) -> dict[str, Any]:
                 "unit": c.kept.unit,
                 "depth": c.kept.depth,
                 **c.kept.times,
-                **({"marks": c.kept.simulated.tolist()} if c.kept.channel == SURFACE else {}),
+                **({"marks": c.kept.simulated.tolist()} if c.kept.channel == SURFACE_CHANNEL else {}),
                 "measured": c.kept.value,
                 "sigma": c.kept.sigma,
                 "predicted": c.predicted,

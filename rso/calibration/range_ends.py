@@ -16,13 +16,13 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.contract import OrdinaryMaterials, capability
 from rso.doe import Condition, read_condition
-from rso.doe.constraints import FUNCTIONS
+from rso.doe.constraints import EXPRESSION_FUNCTIONS
 from rso.study.resolve import Axis
 
-STEP = 0.5  # of its width by which a range grows at a time, on its scale
-NAME = re.compile(r"\b[A-Za-z_]\w*")
-CLOSE = 1e-9  # by which rounding may break a condition
-HALVINGS = 40
+RANGE_GROWTH_SHARE = 0.5  # of its width by which a range grows at a time, on its scale
+PARAMETER_NAME = re.compile(r"\b[A-Za-z_]\w*")
+CONDITION_TOLERANCE = 1e-9  # by which rounding may break a condition
+N_BISECTIONS = 40  # of the step of an end: then it is known to 1e-12 of it
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def _kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: RangeEnd, fa
     if not what:
         return None
     good, bad = e.of(axes), far
-    for _ in range(HALVINGS):
+    for _ in range(N_BISECTIONS):
         middle = float(np.sqrt(good * bad)) if axes[e.j].scale == "log" else 0.5 * (good + bad)
         good, bad = (good, middle) if broken(conditions, with_ends(axes, {e: middle})) else (middle, bad)
     return good, f"is where the ranges still have {what} all over: who means more states more"
@@ -97,9 +97,9 @@ def moved_to(plan: Plan, axes: Sequence[Axis], stated: Stated, e: RangeEnd, shar
     out = -1 if e.side == 0 else 1
     now = (axis.low, axis.high)[e.side]
     if axis.scale == "log":
-        to = now * (axis.high / axis.low) ** (out * STEP * share)
+        to = now * (axis.high / axis.low) ** (out * RANGE_GROWTH_SHARE * share)
     else:
-        to = now + out * STEP * share * (axis.high - axis.low)
+        to = now + out * RANGE_GROWTH_SHARE * share * (axis.high - axis.low)
     return max(to, far) if e.side == 0 else min(to, far)
 
 
@@ -118,8 +118,8 @@ def ordinary(plan: Plan) -> tuple[Condition, ...]:
     fixed, axes = plan.resolved.fixed, plan.searches[0].axes
     found = []
     for text, words in said.items():
-        here = NAME.sub(lambda m: f"({fixed[m[0]]!r})" if m[0] in fixed else m[0], text)
-        names = set(NAME.findall(here)) - FUNCTIONS.keys()
+        here = PARAMETER_NAME.sub(lambda m: f"({fixed[m[0]]!r})" if m[0] in fixed else m[0], text)
+        names = set(PARAMETER_NAME.findall(here)) - EXPRESSION_FUNCTIONS.keys()
         if names and names <= {a.name for a in axes}:
             found.append(read_condition(here, [a.name for a in axes], words))
     return tuple(c for c in found if not broken([c], axes))
@@ -129,4 +129,4 @@ def broken(conditions: Sequence[Condition], axes: Sequence[Axis]) -> str:
     """What is said of the first condition that a corner of the ranges violates; empty where none does."""
     corners = np.array(list(itertools.product(*((a.low, a.high) for a in axes))))
     theta = dict(zip([a.name for a in axes], corners.T, strict=True))
-    return next((c.words or c.text for c in conditions if np.any(c.excess(theta) > CLOSE)), "")
+    return next((c.words or c.text for c in conditions if np.any(c.excess(theta) > CONDITION_TOLERANCE)), "")

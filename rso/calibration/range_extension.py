@@ -21,10 +21,10 @@ from rso.emulation.emulator import Emulator, reduced_box
 from rso.evaluation import Done, why
 from rso.study.resolve import Axis
 
-ROUNDS = 12  # at most; a range that grows by half its width each time is then a hundred times as wide
-AT_END = 0.01  # share of the width of a range that counts as its end
-WEAK = 0.1  # an end whose move would help less than this share of the best one stays where it is
-BATCH = 2  # new runs a round: at least this many, one more than there are parameters after similarity
+MAX_WIDENING_ROUNDS = 12  # at most; a range that grows by half its width each time is then a hundred times as wide
+RANGE_END_SHARE = 0.01  # share of the width of a range that counts as its end
+MIN_RELATIVE_GAIN = 0.1  # an end whose move would help less than this share of the best one stays where it is
+MIN_RUNS_PER_ROUND = 2  # new runs a round: at least this many, one more than there are parameters after similarity
 
 
 @dataclass(frozen=True)
@@ -72,12 +72,12 @@ def extend_ranges(
     audit: list[RangeStep] = []
     barred: dict[RangeEnd, str] = {}  # ends that came back, with what stands in the way
     proposal = None
-    for k in range(1, ROUNDS + 1):
+    for k in range(1, MAX_WIDENING_ROUNDS + 1):
         bench = bench.around_failures(design.similar)
         plan, axes = bench.plan, bench.plan.searches[0].axes
         proposal = proposal or propose(plan, plan.searches[0], fitted.emulator)
         moving, reason = _pressed(plan, proposal, stated, barred, fitted.emulator)
-        wider = _moved(plan, proposal, moving, stated) if k < ROUNDS else {}
+        wider = _moved(plan, proposal, moving, stated) if k < MAX_WIDENING_ROUNDS else {}
         if not wider:
             audit.append(RangeStep(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
@@ -113,7 +113,7 @@ def audit_afterwards(plan: Plan, audit: Sequence[RangeStep], X: np.ndarray) -> t
 
 def _ends_at(main: SearchPlan, X: np.ndarray) -> list[RangeEnd]:
     """Ends at which any of the points X (n, d) of the unit cube lies."""
-    close = AT_END * np.maximum(main.high - main.low, 1e-12)
+    close = RANGE_END_SHARE * np.maximum(main.high - main.low, 1e-12)
     at = [(X - main.low < close).any(axis=0), (main.high - X < close).any(axis=0)]
     return [RangeEnd(j, side) for j in range(len(main.low)) for side in (0, 1) if at[side][j]]
 
@@ -163,7 +163,7 @@ def _missed(
         return [], f"the best compromise misses {miss} and lies inside the ranges{edge}: wider ones would not help"
     gains = {e: _gain(plan, emulator, choice.X[0], e, choice.tolerance) for e in touched}
     best = max(gains.values())
-    useful = [e for e in touched if gains[e] > WEAK * best and gains[e] > 0]
+    useful = [e for e in touched if gains[e] > MIN_RELATIVE_GAIN * best and gains[e] > 0]
     moving = [e for e in useful if e in free]
     if not useful:
         return [], f"the best compromise misses {miss}, and no wider range would bring it nearer"
@@ -179,11 +179,11 @@ def _gain(plan: Plan, emulator: Emulator, x: np.ndarray, e: RangeEnd, tolerance:
     main = plan.searches[0]
     width = main.high[e.j] - main.low[e.j]
     inner = x.copy()
-    inner[e.j] += (1 if e.side == 0 else -1) * 2 * AT_END * width
+    inner[e.j] += (1 if e.side == 0 else -1) * 2 * RANGE_END_SHARE * width
     targets = np.array([g.value for g in main.goals])
     r = (emulator.means(main.outputs, np.stack([x, inner])) - targets) / tolerance
     size = np.sqrt((r**2).sum(axis=1))
-    return float(size[1] - size[0]) / (2 * AT_END)
+    return float(size[1] - size[0]) / (2 * RANGE_END_SHARE)
 
 
 def _miss(plan: Plan, proposal: Proposal) -> str:
@@ -252,8 +252,8 @@ def _grown(
     plan = _widened(bench.plan, with_ends(bench.plan.searches[0].axes, wider))
     grown = replace(bench, plan=plan).around_failures(design.similar)
     old = fitted.emulator
-    reduced, room = reduced_box(plan.box, old.group), max(plan.study.verify.max_infill, BATCH)
-    count = 0 if reduced is None else min(max(BATCH, reduced.d + 1), room)
+    reduced, room = reduced_box(plan.box, old.group), max(plan.study.verify.max_infill, MIN_RUNS_PER_ROUND)
+    count = 0 if reduced is None else min(max(MIN_RUNS_PER_ROUND, reduced.d + 1), room)
     points = stages.farthest_values(grown.plan, old.group, old.samples, count)
     first = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))
     new = [outputs_sample(plan, r.values, r.outcomes) for r in first if r.done]
@@ -307,7 +307,11 @@ def _obstacle(moving: Sequence[RangeEnd], k: int) -> str:
     """Why ends that are worth moving do not move."""
     if not moving:
         return ""
-    return f"; {k} rounds are enough" if k == ROUNDS else "; similarity would need values beyond the hard bounds"
+    return (
+        f"; {k} rounds are enough"
+        if k == MAX_WIDENING_ROUNDS
+        else "; similarity would need values beyond the hard bounds"
+    )
 
 
 def _back(row: RangeStep, reason: str) -> RangeStep:

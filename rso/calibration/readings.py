@@ -8,10 +8,10 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Response
-from rso.core.curves import CREEP, error_between_points, first_loading, hold_rows, on_the_way_back
+from rso.core.curves import CREEP_CHANNEL, error_between_points, first_loading, hold_rows, on_the_way_back
 from rso.data import MeasuredCurve, cloud_curve, combine
 from rso.emulation.emulator import Emulator, Output
-from rso.inference import SURFACE, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
+from rso.inference import SURFACE_CHANNEL, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
 from rso.inference.input_effects import with_effects
 from rso.study.cases import cloud_channels
 from rso.study.creep import loading_experiment
@@ -90,7 +90,7 @@ def with_input_errors(plan: Plan, place: CurvePlace, data: Data) -> Data:
 def cloud_place(plan: Plan, name: str) -> CurvePlace:
     """Where and when the readings of a point cloud were taken."""
     cloud = plan.clouds[name]
-    return CurvePlace(name, SURFACE, cloud.depth, marks=cloud_channels(cloud))
+    return CurvePlace(name, SURFACE_CHANNEL, cloud.depth, marks=cloud_channels(cloud))
 
 
 def cloud_data(plan: Plan, name: str) -> Data:
@@ -146,7 +146,7 @@ def model_errors(
         off = np.where(place.held, 0.0, error_between_points(travel, value, place.depth))
         spacing = float(np.median(np.diff(np.append(0.0, travel))))
     stated = np.zeros(len(off)) if response is None else numerical(response, place, readings)
-    depth = readings if place.channel == CREEP and place.since is not None else None
+    depth = readings if place.channel == CREEP_CHANNEL and place.since is not None else None
     return ModelErrors(stated, off if off.any() else None, spacing, emulator, depth)
 
 
@@ -174,7 +174,7 @@ def of_emulator(
 def numerical(response: Response, place: CurvePlace, readings: np.ndarray) -> np.ndarray:
     """Estimated numerical error (n,) at the measured depths, in proportion to the size of the `readings` (n,)."""
     error = error_at(response, place)
-    if place.channel == CREEP:  # of a depth that is found: no share of another
+    if place.channel == CREEP_CHANNEL:  # of a depth that is found: no share of another
         return error
     largest = float(np.abs(resample(response, place, "")).max())
     return error if largest == 0.0 else error * float(np.abs(readings).max()) / largest
@@ -190,8 +190,8 @@ def error_at(response: Response, place: CurvePlace) -> np.ndarray:
         errors = {c: response.curve(c).error for c in place.channels}
         return of_marks(response, place, errors)
     curve = response.curve(place.channel)
-    if place.channel == CREEP and place.since is not None:
-        return curve.error[hold_rows(CREEP, response.channels["time"], curve.travel_mm, 0.0, place.since)]
+    if place.channel == CREEP_CHANNEL and place.since is not None:
+        return curve.error[hold_rows(CREEP_CHANNEL, response.channels["time"], curve.travel_mm, 0.0, place.since)]
     if place.back:
         return on_the_way_back(curve.travel_mm, curve.error, place.depth)
     used = first_loading(curve.travel_mm)

@@ -9,8 +9,8 @@ from rso.calibration.plan import Plan, fe_design
 from rso.emulation.emulator import reduced_box
 from rso.study.errors import Problem, StudyError, study_error
 
-PLENTY = 3  # more runs than twice the terms of a polynomial: that many are never too few
-MOST = 64  # runs up to which it is tried how many are needed
+PLENTY_OF_RUNS_MARGIN = 3  # more runs than twice the terms of a polynomial: that many are never too few
+MAX_TRIED_RUNS = 64  # runs up to which it is tried how many are needed
 
 
 def too_few(plan: Plan) -> StudyError | None:
@@ -25,7 +25,7 @@ def too_few(plan: Plan) -> StudyError | None:
     n = len(fe_design(plan, similar)[0])
     if (why := _refused(plan, box.d, n)) is None:
         return None
-    needed = next((m for m in range(n + 1, MOST) if _refused(plan, box.d, m) is None), None)
+    needed = next((m for m in range(n + 1, MAX_TRIED_RUNS) if _refused(plan, box.d, m) is None), None)
     at_least = f"; at least {needed} are needed" if needed else ""
     what = "parameter" if box.d == 1 else "parameters"
     text = f"{n} runs are too few for surrogates of {box.d} {what} ({why}){at_least}"
@@ -36,7 +36,7 @@ def _refused(plan: Plan, d: int, n: int) -> str | None:
     """Why n points of d parameters cannot be fitted; None if they can."""
     table = plan.study.surrogate
     terms = len(emulation.common.monomial_exponents(d, table.degree or 1))
-    if n > 2 * terms + PLENTY:
+    if n > 2 * terms + PLENTY_OF_RUNS_MARGIN:
         return None
     kind = "auto" if table.kind == "whole_curve" else table.kind
     try:

@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from rso.core import disk
+from rso.core.plain_results import RUN_STAGES, written_cell
 from rso.core.plain_results import plainly as plainly
 from rso.core.plain_results import write_results as write_results
-from rso.core.plain_results import written_cell
 from rso.inference import Determination
 from rso.study.errors import StudyError
 
-POSTERIOR = "posterior.csv"
-OWNER = "study"  # file of a results folder that says whose they are
-STORE = "runs.sqlite"  # see rso.evaluation.store
-STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
+POSTERIOR_FILE = "posterior.csv"
+OWNER_FILE = "study"  # file of a results folder that says whose they are
+STORE_FILE = "runs.sqlite"  # see rso.evaluation.store
 
 
 def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -28,7 +27,7 @@ def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
         same &= _as_stated(found["parameters"]) == _as_stated(begun["parameters"])
         same &= all(found["backend"][k] == begun["backend"][k] for k in ("name", "numerics"))
         same &= all(found["provenance"][k] == begun["provenance"][k] for k in ("rso", "study_sha256", "data_sha256"))
-        return found if same and found["stage"] in STAGES and isinstance(found["timings"], dict) else None
+        return found if same and found["stage"] in RUN_STAGES and isinstance(found["timings"], dict) else None
     except (OSError, ValueError, LookupError, TypeError):  # there is none, or somebody wrote something else there
         return None
 
@@ -49,7 +48,7 @@ def claim(folder: Path, study: Path) -> None:
         raise StudyError([f"{study}: {words}: choose another --out; --store {folder} shares its simulations"])
     if owner != mine:
         folder.mkdir(parents=True, exist_ok=True)
-        disk.replace(folder / OWNER, mine + "\n")
+        disk.replace(folder / OWNER_FILE, mine + "\n")
 
 
 def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
@@ -61,8 +60,8 @@ def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
         why = f"holds the results of another study, {os.path.normpath(folder / owner)}"
     elif inside:
         why = f"holds {inside[0]}, from which the study is read"
-    elif not (owner or (folder / STORE).is_file()) and any(folder.iterdir()):
-        why = f"is no folder of results: it has neither {STORE} nor the note {OWNER!r}"
+    elif not (owner or (folder / STORE_FILE).is_file()) and any(folder.iterdir()):
+        why = f"is no folder of results: it has neither {STORE_FILE} nor the note {OWNER_FILE!r}"
     else:
         return
     raise StudyError(
@@ -73,7 +72,7 @@ def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
 def _owner(folder: Path) -> str:
     """The study file whose results a folder holds, as it is found from there; empty where nothing says so."""
     try:
-        return disk.read_bytes(folder / OWNER, 10_000).decode("utf-8").strip()
+        return disk.read_bytes(folder / OWNER_FILE, 10_000).decode("utf-8").strip()
     except (OSError, ValueError):
         return ""
 

@@ -30,16 +30,26 @@ from rso.evaluation import Done, Outcome, why
 from rso.study.cases import sketches
 from rso.study.schema import Study
 
-SCHEMA = 1
-GRID = 41  # points a side of a drawn response surface
-PACKAGES = ("numpy", "scipy", "scikit-learn", "pymoo", "scikit-fem", "pytetwild", "pymetis", "numba", "pypardiso")
+RUN_SCHEMA = 1  # of results.json; raised when keys change their meaning
+SURFACE_POINTS_PER_SIDE = 41  # points a side of a drawn response surface
+VERSIONED_PACKAGES = (
+    "numpy",
+    "scipy",
+    "scikit-learn",
+    "pymoo",
+    "scikit-fem",
+    "pytetwild",
+    "pymetis",
+    "numba",
+    "pypardiso",
+)
 
 
 def begun_results(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
     """The part that is known before anything runs."""
     study = plan.study
     return {
-        "schema": SCHEMA,
+        "schema": RUN_SCHEMA,
         "stage": "plan",
         "study": {
             "title": study.study.title,
@@ -164,7 +174,11 @@ def of_region(plan: Plan, region: FeasibleRegion | None, runs: list[dict[str, An
         if plan.box.d > 1:
             x, y, X = _grid(plan)
             theta = dict(zip(plan.box.names, plan.box.from_unit(X).T, strict=True))
-            shown["map"] = {"x": x, "y": y, "probability": region.probability(theta).reshape(GRID, GRID)}
+            shown["map"] = {
+                "x": x,
+                "y": y,
+                "probability": region.probability(theta).reshape(SURFACE_POINTS_PER_SIDE, SURFACE_POINTS_PER_SIDE),
+            }
     return {"feasible": shown}
 
 
@@ -278,8 +292,8 @@ def _surface(plan: Plan, emulator: Emulator, output: Output) -> dict[str, Any]:
         "unit": output.unit,
         "x": x,
         "y": y,
-        "mean": mean.reshape(-1, GRID),
-        "sd": sd.reshape(-1, GRID),
+        "mean": mean.reshape(-1, SURFACE_POINTS_PER_SIDE),
+        "sd": sd.reshape(-1, SURFACE_POINTS_PER_SIDE),
         "others": {box.names[k]: middle[k] for k in range(2, d)},
     }
 
@@ -287,11 +301,11 @@ def _surface(plan: Plan, emulator: Emulator, output: Output) -> dict[str, Any]:
 def _grid(plan: Plan) -> tuple[dict[str, Any], dict[str, Any] | None, np.ndarray]:
     """Ticks of the first two open parameters and all points (n, d) of the unit cube between them, a row per y."""
     box, d = plan.box, plan.box.d
-    t = np.linspace(0.0, 1.0, GRID)
-    X = np.full((GRID if d == 1 else GRID * GRID, d), 0.5)
-    X[:, 0] = t if d == 1 else np.tile(t, GRID)
+    t = np.linspace(0.0, 1.0, SURFACE_POINTS_PER_SIDE)
+    X = np.full((SURFACE_POINTS_PER_SIDE if d == 1 else SURFACE_POINTS_PER_SIDE * SURFACE_POINTS_PER_SIDE, d), 0.5)
+    X[:, 0] = t if d == 1 else np.tile(t, SURFACE_POINTS_PER_SIDE)
     if d > 1:
-        X[:, 1] = np.repeat(t, GRID)
+        X[:, 1] = np.repeat(t, SURFACE_POINTS_PER_SIDE)
     ticks = box.from_unit(np.tile(t[:, None], (1, d)))
     x, *y = ({"parameter": box.names[k], "values": ticks[:, k]} for k in range(min(d, 2)))
     return x, (y[0] if y else None), X
@@ -305,7 +319,7 @@ def _scores(scores: Scores | None) -> dict[str, Any] | None:
 
 def _versions() -> dict[str, str]:
     found = {}
-    for name in PACKAGES:
+    for name in VERSIONED_PACKAGES:
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

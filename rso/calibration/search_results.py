@@ -17,7 +17,8 @@ from rso.emulation.emulator import Emulator
 from rso.evaluation import Done, why
 from rso.optimise.targets import Checked, Target
 
-LOUD = 3.0  # times its noise: what a lateral force must be to count in the choice of the best candidate
+# times its noise: what a lateral force must be to count in the choice of the best candidate
+MIN_LATERAL_FORCE_TO_NOISE = 3.0
 
 
 def of_searches(plan: Plan, found: list[SearchResult], audit: Sequence[RangeStep]) -> dict[str, Any]:
@@ -92,7 +93,11 @@ def closest(found: Sequence[SearchResult]) -> tuple[str, int] | None:
 
 def _telling(plan: Plan) -> set[str]:
     """Curves that a relative error says something about: a lateral force that is only noise about zero is none."""
-    loud = {n for n, (_, c) in compared_curves(plan).items() if np.sum(c.value**2) > LOUD**2 * np.sum(c.sigma**2)}
+    loud = {
+        n
+        for n, (_, c) in compared_curves(plan).items()
+        if np.sum(c.value**2) > MIN_LATERAL_FORCE_TO_NOISE**2 * np.sum(c.sigma**2)
+    }
     return {*plan.case_of, *loud}
 
 

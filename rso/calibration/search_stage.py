@@ -14,7 +14,7 @@ from rso.calibration.plan import Plan, SearchPlan, limited
 from rso.calibration.readings import compared_curves, curve_place
 from rso.calibration.stages import Design, Runner, learn_more, outputs_sample
 from rso.contract import Curve
-from rso.core.curves import CREEP, Metrics, baseline, first_loading, hold_rows, metrics, way_back
+from rso.core.curves import CREEP_CHANNEL, Metrics, baseline, first_loading, hold_rows, metrics, way_back
 from rso.data import MeasuredCurve
 from rso.emulation.emulator import Emulator
 from rso.emulation.feasibility import FeasibleRegion
@@ -207,7 +207,7 @@ def done_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Every compared curve in runs that are done: loading over depth, and its hold over time where it has one."""
     found = {}
     for name, (experiment, record, curve) in curves_of_runs(plan, outcomes).items():
-        loading = first_loading(curve.travel_mm) & (curve.channel != CREEP)
+        loading = first_loading(curve.travel_mm) & (curve.channel != CREEP_CHANNEL)
         if record.back and len(back := way_back(curve.travel_mm)) > 1:
             loading = back[::-1]
         found[name] = {

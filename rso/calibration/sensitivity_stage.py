@@ -17,8 +17,8 @@ from rso.emulation import sensitivity
 from rso.emulation.emulator import Emulator, Output
 from rso.optimise.targets import violations
 
-ALONG = 128  # base points of the indices along a curve, at most
-CURVE = 21  # points of a local curve
+MAX_CURVE_BASE_POINTS = 128  # base points of the indices along a curve, at most
+N_LOCAL_CURVE_POINTS = 21  # points of a local curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def analyse(plan: Plan, fitted: FittedSurrogates, stated: Plan) -> Sensitivity:
         if (output.experiment, output.channel) in channels:
             bars = sensitivity.local(predict(output), np.full(d, 0.5), box.names, ranges) if table.local else ()
             known = sobol.get(output.id)
-            along.append(Along(output, bars, known or indices(output, min(table.samples, ALONG))))
+            along.append(Along(output, bars, known or indices(output, min(table.samples, MAX_CURVE_BASE_POINTS))))
     along.sort(key=lambda a: (a.output.experiment, a.output.channel, *a.output.order))
     return Sensitivity(
         ranges, searched, centre, local, curves, morris, sobol, tuple(along), inside is not None, refused
@@ -134,8 +134,8 @@ def _ranges(box: Box, low: np.ndarray, high: np.ndarray) -> Box:
 
 
 def _curve(predict: Callable[[np.ndarray], np.ndarray], j: int, d: int, ranges: Box) -> tuple[np.ndarray, np.ndarray]:
-    x, y = sensitivity.response_curve(predict, np.full(d, 0.5), j, n=CURVE)
-    U = np.full((CURVE, d), 0.5)
+    x, y = sensitivity.response_curve(predict, np.full(d, 0.5), j, n=N_LOCAL_CURVE_POINTS)
+    U = np.full((N_LOCAL_CURVE_POINTS, d), 0.5)
     U[:, j] = x
     return ranges.from_unit(U)[:, j], y
 

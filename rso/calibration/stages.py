@@ -20,10 +20,11 @@ from rso.emulation.emulator import Emulator, Output, Sample, learn_emulator, red
 from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Crashed, Done, Evaluator, Outcome, in_rows, why
 
-SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
-NOISE = 1e-4  # share of the largest output of its unit below which an output that nobody asked for is not learnt
-GROWN = 1.25  # times as many samples: kinds of surrogates may be chosen anew
-REASONS = 3  # reasons of failed runs that are told
+SIMILARITY_TOLERANCE = 1e-8  # relative difference up to which two runs count as the same by similarity
+# share of the largest output of its unit below which an output that nobody asked for is not learnt
+NEGLIGIBLE_OUTPUT_SHARE = 1e-4
+NEW_KIND_SAMPLES_RATIO = 1.25  # times as many samples: kinds of surrogates may be chosen anew
+MAX_TOLD_REASONS = 3  # reasons of failed runs that are told
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
@@ -163,13 +164,13 @@ def _run_design(bench: Runner) -> Design:
     runs = _runs(bench, points, held, [direct for direct, _ in pairs])
     proved = tuple(_proof(plan, pair, runs) for pair in pairs)
     differences = [p.relative_difference for p in proved if p.relative_difference is not None]
-    if differences and max(differences) <= SIMILAR_TO:
+    if differences and max(differences) <= SIMILARITY_TOLERANCE:
         return Design(asked, True, plan.group.why, proved, runs)
     if not any(r.done for r in runs):  # nothing says that the full design would do better
         return Design(asked, False, "not applied: no run was done", proved, runs)
     story = "not applied: none of the proof runs was done"
     if differences:
-        story = f"not applied: the proof runs differ by {max(differences):.1e}, more than {SIMILAR_TO:g}; "
+        story = f"not applied: the proof runs differ by {max(differences):.1e}, more than {SIMILARITY_TOLERANCE:g}; "
         story += "the backend is not similar"
     return Design(asked, False, story, proved, (*runs, *_runs(bench, *fe_design(plan, False), [])))
 
@@ -193,7 +194,7 @@ def _proof(plan: Plan, pair: tuple[dict, dict], runs: Sequence[Run]) -> Proof:
     difference = {
         o.id: abs(a.outputs[o.id] - scaled[o.id]) / abs(a.outputs[o.id])
         for o in every
-        if abs(a.outputs[o.id]) > NOISE * largest[o.unit]
+        if abs(a.outputs[o.id]) > NEGLIGIBLE_OUTPUT_SHARE * largest[o.unit]
     }
     if not difference:
         return Proof(pair[0], None, None, None)
@@ -259,7 +260,7 @@ def fit_surrogates(bench: Runner, design: Design) -> FittedSurrogates:
         emulator, scores, added = refine(bench, emulator, new, plan.study.verify.max_infill, "infill")
     except ValueError as error:
         reasons = [why(o)[1] or "" for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
-        shown = "; ".join(list(dict.fromkeys(reasons))[:REASONS]) or "none failed"
+        shown = "; ".join(list(dict.fromkeys(reasons))[:MAX_TOLD_REASONS]) or "none failed"
         done = sum(r.done for r in design.runs)
         raise NothingToFit(f"{error} ({done} of {len(design.runs)} runs done; the others: {shown})") from error
     return FittedSurrogates(emulator, scores, added)
@@ -284,12 +285,12 @@ def learn_more(bench: Runner, emulator: Emulator, new: Sequence[Sample]) -> Emul
     """The emulator with new samples in it, of the kinds that it has.
 
     Where one that a search or a metric rests on is not good enough by cross-validation, kinds are chosen again each
-    time that the samples have become `GROWN` times as many: what few runs chose need not suit many.
+    time that the samples have become `NEW_KIND_SAMPLES_RATIO` times as many: what few runs chose need not suit many.
     """
     plan = bench.plan
     more = relearn(emulator, new, seed=plan.seed)
     good = not tolerance_misses(plan, more, {i: more.surrogates[i].cv for i in decisive(plan) if i in more.surrogates})
-    before, now = (int(math.log(max(len(e.samples), 1), GROWN)) for e in (emulator, more))
+    before, now = (int(math.log(max(len(e.samples), 1), NEW_KIND_SAMPLES_RATIO)) for e in (emulator, more))
     if good or before == now:
         return more
     return learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.evaluator.each)
@@ -330,7 +331,9 @@ def worst(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
     unsure = np.zeros(len(pool))
     for i in decisive(plan):
         mean, sd = emulator.surrogates[i].predict(pool)
-        unsure = np.maximum(unsure, sd / np.maximum(np.abs(mean), NOISE * np.abs(mean).max() + 1e-300))
+        unsure = np.maximum(
+            unsure, sd / np.maximum(np.abs(mean), NEGLIGIBLE_OUTPUT_SHARE * np.abs(mean).max() + 1e-300)
+        )
     # The noise of a polynomial is the same everywhere: then the distance decides.
     unsure = np.where(_allowed(plan, emulator.group, emulator.reduced, pool), unsure, -1.0)
     weight = np.where(unsure >= 0, np.maximum(unsure, 1e-3 * unsure.max()) + 1e-300, -1.0)
@@ -384,4 +387,4 @@ def _worth_learning(plan: Plan, samples: Sequence[Sample]) -> list[Output]:
     constrained = {limited(c) for c in plan.constraints}
     largest = _largest(plan, samples)
     spread = {o: np.ptp([s.outputs[o.id] for s in samples]) if samples else 0.0 for o in plan.extras}
-    return [o for o in plan.extras if o in constrained or spread[o] > NOISE * largest[o.unit]]
+    return [o for o in plan.extras if o in constrained or spread[o] > NEGLIGIBLE_OUTPUT_SHARE * largest[o.unit]]

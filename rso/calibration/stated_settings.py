@@ -18,13 +18,13 @@ from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, 
 from rso.core.symbols import unit_text
 from rso.core.units import people
 from rso.doe import read_condition
-from rso.evaluation.joint import ROUTE
-from rso.study.cases import MISREAD, case_for, travels
+from rso.evaluation.joint import BACKEND_SETTING
+from rso.study.cases import MISREAD_SETTING_ERRORS, case_for, travels
 from rso.study.dimensions import dimension_errors
 from rso.study.schema import Study
 
-COARSE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
-MOST = 4096  # corners of the ranges that are looked at
+MAX_UNTOLD_MESH_ERROR_SHARE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
+MAX_RANGE_CORNERS = 4096  # corners of the ranges that are looked at
 
 
 def of_study(plan: Plan) -> list[str]:
@@ -69,7 +69,7 @@ def extraordinary(plan: Plan) -> list[str]:
     at: list[tuple[str, tuple[float, ...]]] = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
     at += [(name, (value,)) for name, value in plan.resolved.fixed.items()]
     names, lines = [name for name, _ in at], []
-    corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MOST])
+    corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MAX_RANGE_CORNERS])
     for text, words in said.items():
         if not set(re.findall(r"[A-Za-z_]\w*", text)) <= set(names):
             continue
@@ -93,7 +93,7 @@ def unresolved_experiments(plan: Plan) -> list[str]:
         deepest = float(plan.curves[e.name].depth.max())
         given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
         levels = list(meshes.resolution(settings, deepest, given).items())
-        if deepest <= 0.0 or not levels or levels[0][1] <= COARSE:
+        if deepest <= 0.0 or not levels or levels[0][1] <= MAX_UNTOLD_MESH_ERROR_SHARE:
             continue
         (own, error), *others = levels
         better = [f"{name} {100 * v:.2g} %" for name, v in others if v < 0.8 * error]
@@ -118,7 +118,7 @@ def uncalibrated_experiments(plan: Plan) -> list[str]:
 def of_experiment(plan: Plan, name: str) -> list[str]:
     """What the backend takes an experiment for where that differs from the study's settings."""
     if (other := plan.study.experiment(name).backend) is not None:
-        said = {k: v for k, v in _flat(plan.study.settings_of(name)).items() if k != ROUTE}
+        said = {k: v for k, v in _flat(plan.study.settings_of(name)).items() if k != BACKEND_SETTING}
         return _list(f"    answered by [backends.{other}]: ", [f"{k} = {json.dumps(v)}" for k, v in said.items()])
     own, shared = (_taken(plan, name, s) for s in (plan.study.settings_of(name), plan.study.backend.settings))
     if own is None or shared is None:
@@ -158,7 +158,7 @@ def _canonical(plan: Plan, name: str, settings: Mapping[str, Any]) -> dict[str, 
     case = Case(name, programme, {k: v for k, v in settings.items() if k != "unload"})
     try:
         values, case = plan.backend.canonical(given, case)
-    except MISREAD:
+    except MISREAD_SETTING_ERRORS:
         return None
     return _flat(plan.study.written(case.settings)) | {k: v for k, v in values.items() if k not in given}
 

@@ -13,7 +13,7 @@ from rso.evaluation import Done, why
 from rso.inference.input_effects import InputEffect
 from rso.study.resolve import UncertainInput
 
-DIGITS = 6  # of the values that are run: a study that goes on asks for the same runs
+INPUT_RUN_DIGITS = 6  # of the values that are run: a study that goes on asks for the same runs
 
 
 def learn_effects(bench: Runner, values: Mapping[str, float]) -> tuple[Runner, tuple[Run, ...], list[str]]:
@@ -26,7 +26,7 @@ def learn_effects(bench: Runner, values: Mapping[str, float]) -> tuple[Runner, t
     inputs = [i for i in plan.resolved.inputs if i.experiment in ("", *plan.case_of)]
     if not inputs:
         return bench, (), []
-    here = {n: float(f"{v:.{DIGITS}g}") if n in plan.box.names else v for n, v in values.items()}
+    here = {n: float(f"{v:.{INPUT_RUN_DIGITS}g}") if n in plan.box.names else v for n, v in values.items()}
     wanted = {("", 0.0): (here, tuple(range(len(plan.cases))))}
     for i in inputs:
         wanted |= {(i.name, s): (v, _cases(plan, i)) for s in (1.0, -1.0) if (v := _beside(plan, here, i, s))}

@@ -15,7 +15,7 @@ from rso.cli.commands import EXIT_BAD_INPUT, EXIT_BROKEN, EXIT_INTERRUPTED
 from rso.cli.output import wrapped
 from rso.core.printable import Printable, as_one_entry
 
-DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of explained
+TRACEBACK_VARIABLE = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of explained
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -77,7 +77,7 @@ def _guarded(call: Callable[[], int]) -> int:
         return EXIT_BROKEN
     except Exception as error:
         code, text = _foreseen(error)
-        if not text and os.environ.get(DEBUG):
+        if not text and os.environ.get(TRACEBACK_VARIABLE):
             raise
         _tell(text or _fault(error))
         return code
@@ -110,7 +110,7 @@ def _fault(error: Exception) -> str:
     said = as_one_entry(f"{type(error).__name__}: {error}")
     return (
         f"rso: a fault of the program{where}: {said[:800]}. Finished runs stay stored. Please report it, with what "
-        f"{DEBUG}=1 before the command prints"
+        f"{TRACEBACK_VARIABLE}=1 before the command prints"
     )
 
 

@@ -11,7 +11,7 @@ from rso.core.digits import estimate, interval_ends
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
 
-DERIVED = 2  # quantities that follow from the parameters, as many as on the first page of a report
+MAX_DERIVED_LINES = 2  # quantities that follow from the parameters, as many as on the first page of a report
 
 
 def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
@@ -24,7 +24,7 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
         if p.get("fixed") is None and row is not None:
             determined = row.get("verdict") == "determined"
             yield _quantity(symbol(p["name"]), row, p.get("unit", ""), determined, agrees)
-    for q in list(known.get("derived") or ())[:DERIVED]:
+    for q in list(known.get("derived") or ())[:MAX_DERIVED_LINES]:
         yield from _follows(q, agrees)
     for q in known.get("derived") or ():
         if q.get("unlikely"):
@@ -41,9 +41,9 @@ def _is_refuted(scale: float | None) -> bool:
     """Whether the model misses the data widely: nothing agrees with them then."""
     if scale is None or scale <= 1.0:
         return False
-    from rso.inference.verdict import REFUTED  # what it imports takes longer than all else of `rso status`
+    from rso.inference.verdict import REFUTED_ERROR_RATIO  # what it imports takes longer than all else of `rso status`
 
-    return scale > REFUTED
+    return scale > REFUTED_ERROR_RATIO
 
 
 def condensed(found: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,10 +12,10 @@ from typing import Any, NoReturn
 import rso
 from rso.cli import commands
 from rso.contract import NewStudies, Option, capability
-from rso.core.default_backend import USE, command_line
+from rso.core.default_backend import DEFAULT_BACKEND, command_line
 
-MOST_JOBS = 10_000  # as in [dispatch]
-LABORATORY = """a folder, for example:
+MAX_JOBS = 10_000  # as in [dispatch]
+LABORATORY_HELP = """a folder, for example:
   mp_load.csv       mp_ with anything, or a name with less than two numbers: a force curve at the top
   mp_cycle_30.csv   loaded and unloaded at the top with 30 mm/min
   point_20_0.csv    pressed at x = 20, y = 0 mm; point_2.5_-3.csv at (2.5, -3) mm
@@ -32,7 +32,7 @@ What is not understood is refused with what is. Other keys are not used, which i
 this means is in docs/data_for_a_diagnosis.md"""
 
 
-EXIT_CODES = """\
+EXIT_CODES_HELP = """\
 exit codes:
   0    done and verified
   1    the results folder or the workers cannot be used
@@ -81,7 +81,7 @@ def parser(arguments: Sequence[str] = ()) -> argparse.ArgumentParser:
     rso_ = Parser(
         prog="rso",
         description="Identify soft materials from indentation tests, and say what the model misses.",
-        epilog=EXIT_CODES,
+        epilog=EXIT_CODES_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     rso_.add_argument("--version", action="version", version=f"rso {rso.__version__}")
@@ -107,7 +107,7 @@ def _options() -> Sequence[Option]:
     """Options of `rso new` that the backend has."""
     from rso.evaluation.adapters import load_backend
 
-    studies = capability(load_backend(USE), NewStudies)
+    studies = capability(load_backend(DEFAULT_BACKEND), NewStudies)
     return () if studies is None else studies.options()
 
 
@@ -211,7 +211,7 @@ def _specimen(command: argparse.ArgumentParser) -> None:
     command.add_argument("--specimen", metavar="NAME", help="one of a study with many specimens, by its name")
 
 
-FORMATS = (
+EXPORT_FORMATS = (
     "febio",
     "abaqus",
     "cards",
@@ -229,7 +229,7 @@ def _in_and_out(known: Any) -> None:
     export = known.add_parser("export", help=text, description=text)
     export.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
     export.add_argument("formats", nargs="*", default=[], metavar="FORMAT", help="any format (none: which there are)")
-    for name in FORMATS:
+    for name in EXPORT_FORMATS:
         export.add_argument(f"--{name}", action="append_const", dest="options", const=name, help=f"format {name}")
     export.add_argument("--candidate", type=int, help="values of a candidate (default: the most likely ones)")
     export.add_argument("--experiment", help="whose simulation is written (default: the first that is fitted)")
@@ -256,7 +256,7 @@ def _blind(known: Any) -> None:
         "blind",
         help="diagnose laboratory folders (nominal.json, CSV)",
         description=words,
-        epilog=LABORATORY.replace("@example", own["example"]).replace("@ranges", own["ranges"]),
+        epilog=LABORATORY_HELP.replace("@example", own["example"]).replace("@ranges", own["ranges"]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
@@ -328,6 +328,6 @@ def _parsers(whole: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
 def _jobs(text: str) -> int:
     """A number of jobs; argparse turns the error into exit code 2."""
     number = int(text[:20]) if text.isdecimal() else 0  # Python reads no number of thousands of digits
-    if not 1 <= number <= MOST_JOBS:
-        raise argparse.ArgumentTypeError(f"{text[:40]}: a number from 1 to {MOST_JOBS} is needed")
+    if not 1 <= number <= MAX_JOBS:
+        raise argparse.ArgumentTypeError(f"{text[:40]}: a number from 1 to {MAX_JOBS} is needed")
     return number

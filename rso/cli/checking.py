@@ -12,7 +12,7 @@ import numpy as np
 from rso import discrepancy
 from rso.calibration import confirmed_optimum, formula_comparison, required_runs, stated_settings, uncertain_inputs
 from rso.calibration.cost_model import Pace, pace
-from rso.calibration.gauss_newton.iteration import ENDS
+from rso.calibration.gauss_newton.iteration import MAX_DESCENT_END_ROUNDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
 from rso.cli.answer import interval_in_unit
@@ -24,17 +24,17 @@ from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
 from rso.model_selection import ModelLevel
-from rso.model_selection.candidate_models import STUDY, axes_of, levels_of
+from rso.model_selection.candidate_models import STUDY_LEVEL, axes_of, levels_of
 from rso.next_experiment import study_design
 from rso.study import cases
 from rso.study.cases import contact_modulus
 from rso.study.errors import Problem, study_error
 from rso.study.schema import ExperimentTable, Study
 
-CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
-ENCRYPTED = ("tls://", "wss://")  # schemes of Dask's addresses
-MOST_FILLED = 30  # lines of a filled input file that are shown
-FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
+MAX_CORNER_PARAMETERS = 6  # open parameters up to which all corners of their ranges are looked at
+ENCRYPTED_SCHEMES = ("tls://", "wss://")  # schemes of Dask's addresses
+MAX_FILLED_LINES = 30  # lines of a filled input file that are shown
+FAR_MODULUS_RATIO = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
 def check_lines(
@@ -67,7 +67,7 @@ def check_lines(
     if "ladder" in study.model_fields_set:
         levels_of(plan)  # names of levels are known
     if "next" in study.model_fields_set:
-        study_design.asked(plan, axes_of(plan, ModelLevel(STUDY), {}))
+        study_design.asked(plan, axes_of(plan, ModelLevel(STUDY_LEVEL), {}))
     if (few := required_runs.too_few(plan)) is not None:
         raise few
     direct = study.search.method == "gauss_newton"
@@ -89,7 +89,7 @@ def check_lines(
     else:
         widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
         lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
-        points = confirmed_optimum.ENDS * (2 * plan.box.d + confirmed_optimum.ROUNDS)
+        points = confirmed_optimum.MAX_INTERVAL_END_ROUNDS * (2 * plan.box.d + confirmed_optimum.MAX_OPTIMUM_RUNS)
         lines.append(f"    and where these do not know what the data allow up to {points} points")
     known = pace(plan.backend, store or folder)
     jobs = jobs or study.dispatch.jobs
@@ -123,8 +123,8 @@ def _filled(plan: Plan) -> list[str]:
     lines = [f"  input files, not run, with {shown}:"]
     for name, text in inputs.filled(values, plan.cases[0]).items():
         own = [(number, line.rstrip()) for number, line, holds in text if holds]
-        lines += [f"    {name}:{number}: {line}" for number, line in own[:MOST_FILLED]]
-        left = len(own) - MOST_FILLED
+        lines += [f"    {name}:{number}: {line}" for number, line in own[:MAX_FILLED_LINES]]
+        left = len(own) - MAX_FILLED_LINES
         lines += [f"    {name}: {left} more lines are filled in"] if left > 0 else []
     return lines
 
@@ -135,7 +135,7 @@ def _open_to_others(study: Study) -> list[str]:
     Dask takes no scheme for tcp://.
     """
     address = study.dispatch.address
-    if address is None or address.startswith(ENCRYPTED):
+    if address is None or address.startswith(ENCRYPTED_SCHEMES):
         return []
     return [
         f"  warning: dispatch.address = {address!r} has no TLS, so neither encryption nor a password: whoever reaches",
@@ -200,7 +200,7 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "held out": cases * len(held),
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
-        "identification": 0 if exact else cases * confirmed_optimum.ROUNDS,
+        "identification": 0 if exact else cases * confirmed_optimum.MAX_OPTIMUM_RUNS,
         "uncertainty": uncertain_inputs.count(plan),
         "validation": candidates * len(plan.validation) + len(held_out_experiments(plan)),
     }
@@ -217,7 +217,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "iterates": points,
         "differences": points * reduced if differences else 0,
         "proof": cases * plan.group.saved if differences else 0,
-        "ends of intervals": cases * ENDS * 2 * plan.box.d,
+        "ends of intervals": cases * MAX_DESCENT_END_ROUNDS * 2 * plan.box.d,
         "uncertainty": uncertain_inputs.count(plan),
         "validation": len(plan.validation) + len(held_out_experiments(plan)),
     }
@@ -279,7 +279,7 @@ def _things(plan: Plan) -> list[str]:
 def _refused(plan: Plan) -> list[str]:
     """The first corner of the ranges that the backend refuses, and how many there are."""
     refusals = capability(plan.backend, Refusals)
-    if refusals is None or plan.box.d > CORNERS:
+    if refusals is None or plan.box.d > MAX_CORNER_PARAMETERS:
         return []
     corners = [plan.values(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=plan.box.d)]
     why = [next(filter(None, (refusals.refused(v, case) for case in plan.cases)), None) for v in corners]
@@ -347,7 +347,7 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         fixed = plan.resolved.fixed.get(knob)
         low, high = (axis.low, axis.high) if axis else (fixed, fixed)
-        if low is not None and high is not None and not low / FAR < value < high * FAR:
+        if low is not None and high is not None and not low / FAR_MODULUS_RATIO < value < high * FAR_MODULUS_RATIO:
             out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
     return out
 
@@ -379,7 +379,7 @@ def _usual(study: Study, e: ExperimentTable) -> str:
     sizes = {
         "gain": f"gain {100 * once.gain:.2g} %",
         "contact": f"contact {once.contact:.2g} mm",
-        "correlation": f"{100 * usual_errors.CORRELATED:g} % of the largest force along the depth",
+        "correlation": f"{100 * usual_errors.USUAL_CORRELATED_ERROR_SHARE:g} % of the largest force along the depth",
     }
     each = ", ".join(sizes[n] for n in noise.unstated)
     less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""

@@ -12,13 +12,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rso.calibration.exit_codes import EXIT_FAILED_RUNS
 from rso.cli import output
 from rso.contract import Option
 from rso.core import disk
-from rso.core.default_backend import USE
+from rso.core.default_backend import DEFAULT_BACKEND
 from rso.core.symbols import in_letters
 
-EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
+EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130  # docs/cli.md has the whole table
 
 
 def check(options: argparse.Namespace, command: str) -> int:
@@ -57,9 +58,9 @@ def new(options: argparse.Namespace, command: str) -> int:
         if options.specimens and options.validate:
             raise ValueError("--validate: of specimens a test to validate is a column data.NAME of their table")
         if options.specimens:
-            text, rows = specimens_texts(out, table, load_backend(USE), test, options.fit)
+            text, rows = specimens_texts(out, table, load_backend(DEFAULT_BACKEND), test, options.fit)
         else:
-            text = study_text(out, load_backend(USE), test, options.fit, options.validate)
+            text = study_text(out, load_backend(DEFAULT_BACKEND), test, options.fit, options.validate)
     except ValueError as error:
         output.complain(error)
         return EXIT_BAD_INPUT
@@ -153,8 +154,8 @@ def _number(place: str, word: str, unit: str) -> float:
         raise ValueError(f"{place}{error}") from error
 
 
-CODES = ("loading", "hold", "creep", "unloading", "skip")
-FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": "contact"}}
+SEGMENT_CODES = ("loading", "hold", "creep", "unloading", "skip")
+COLUMN_FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": "contact"}}
 
 
 def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
@@ -163,11 +164,11 @@ def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
     rest, table = list(words[:at]), {}
     if at < len(words):
         table["minus"] = _minus(words, words[at + 1 :])
-    codes = dict(word.rsplit("=", 1) for word in rest[2:] if word.rpartition("=")[2] in CODES)
+    codes = dict(word.rsplit("=", 1) for word in rest[2:] if word.rpartition("=")[2] in SEGMENT_CODES)
     if codes:
-        rest = rest[:2] + [word for word in rest[2:] if word.rpartition("=")[2] not in CODES]
+        rest = rest[:2] + [word for word in rest[2:] if word.rpartition("=")[2] not in SEGMENT_CODES]
         table["values"] = codes
-    table |= _flags(rest, 2, {**FLAGS, "stiffness": None})
+    table |= _flags(rest, 2, {**COLUMN_FLAGS, "stiffness": None})
     if len(rest) not in (2, 3):
         text = (
             "give NAME HEADER [UNIT] [stiffness K] [flip] [contact] [minus HEADER …], such as Fz Kraft N flip, or "
@@ -180,7 +181,7 @@ def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
 def _minus(words: Sequence[str], behind: Sequence[str]) -> dict[str, Any]:
     """What is subtracted of a column by the words behind minus: header, unit, whether its sign is turned, stiffness."""
     rest = list(behind)
-    table = _flags(rest, 1, {"flip": FLAGS["flip"], "stiffness": None, "compliance": None})
+    table = _flags(rest, 1, {"flip": COLUMN_FLAGS["flip"], "stiffness": None, "compliance": None})
     if len(rest) not in (1, 2):
         text = "behind minus give HEADER [UNIT] [stiffness K or compliance C] [flip], such as minus Deflection nm"
         raise ValueError(f"--column {shlex.join(words)}: {text}")
@@ -341,7 +342,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
 
 def _told_again(folder: Path, pages: Any) -> list[Path]:
     """The pages of a run that is there, now that a diagnosis says where its model is off."""
-    from rso.calibration.results import SCHEMA
+    from rso.calibration.results import RUN_SCHEMA
     from rso.report import render
 
     path = folder / "results.json"
@@ -349,11 +350,11 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
         found = disk.read_json(path)
     except (OSError, ValueError):  # there is none, or a damaged one, which the next run writes anew
         return []
-    return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == SCHEMA else []
+    return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == RUN_SCHEMA else []
 
 
 def ladder(options: argparse.Namespace, command: str) -> int:
-    from rso.model_selection.ladder_results import FILE, ladder_data, write_ladder
+    from rso.model_selection.ladder_results import LADDER_FILE, ladder_data, write_ladder
     from rso.model_selection.study_ladder import ladder_plan, run_ladder
 
     study = _study(options)
@@ -363,7 +364,7 @@ def ladder(options: argparse.Namespace, command: str) -> int:
         climbed = run_ladder(plan, store, pool, watch=progress.watch, say=progress.say)
     found = ladder_data(plan, climbed, command)
     write_ladder(folder, found)
-    files = [folder / FILE]
+    files = [folder / LADDER_FILE]
     if study.report.html or study.report.pdf:
         from rso.report.model_selection.report import render_ladder
 
@@ -421,7 +422,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
     bad = 0
     with (
         RunStore(options.out / "store") as store,
-        WorkerPool(options.jobs, source=Source(USE)) as pool,
+        WorkerPool(options.jobs, source=Source(DEFAULT_BACKEND)) as pool,
         Progress(options.quiet) as progress,
     ):
         found = diagnose_cases(
@@ -608,8 +609,8 @@ def first_steps(options: argparse.Namespace, command: str) -> int:
 
 
 def report(options: argparse.Namespace, command: str) -> int:
-    from rso.calibration.results import SCHEMA, data_hashes
-    from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
+    from rso.calibration.results import RUN_SCHEMA, data_hashes
+    from rso.discrepancy.diagnosis_results import DIAGNOSIS_SCHEMA as TOLD
     from rso.model_selection import ladder_results
     from rso.next_experiment import design_results
     from rso.objectives import results as pareto_results
@@ -622,13 +623,13 @@ def report(options: argparse.Namespace, command: str) -> int:
     study = _study(options)
     folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
-        ("results.json", SCHEMA, render, "run"),
+        ("results.json", RUN_SCHEMA, render, "run"),
         ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
-        (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
-        (design_results.FILE, design_results.SCHEMA, render_next, "next"),
+        (ladder_results.LADDER_FILE, ladder_results.LADDER_SCHEMA, render_ladder, "ladder"),
+        (design_results.NEXT_FILE, design_results.NEXT_SCHEMA, render_next, "next"),
     ]
     if study.objectives is not None:
-        shown = [("results.json", pareto_results.SCHEMA, render_pareto, "run")]
+        shown = [("results.json", pareto_results.PARETO_SCHEMA, render_pareto, "run")]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name

@@ -18,8 +18,8 @@ import rso
 from rso.cli import output
 from rso.cli.output import Mark
 
-LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "scikit-learn", "pandas", "pymoo", "matplotlib")
-LEAST_DISK, LEAST_MEMORY = 1e9, 2e9  # bytes: results of a study with its meshes; a simulation on a usual mesh
+EXAMINED_LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "scikit-learn", "pandas", "pymoo", "matplotlib")
+MIN_DISK_BYTES, MIN_MEMORY_BYTES = 1e9, 2e9  # bytes: results of a study with its meshes; a simulation on a usual mesh
 
 
 def doctor(options: argparse.Namespace) -> int:
@@ -41,7 +41,7 @@ def examined(simulate: bool) -> Iterator[tuple[Mark, str]]:
         "good" if sys.version_info >= (3, 11) else "bad",
         f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
     )
-    for name in LIBRARIES:
+    for name in EXAMINED_LIBRARIES:
         try:
             yield "good", f"{name} {importlib.metadata.version(name)}"
         except importlib.metadata.PackageNotFoundError:
@@ -61,12 +61,12 @@ def examined(simulate: bool) -> Iterator[tuple[Mark, str]]:
 
 def _room() -> Iterator[tuple[Mark, str]]:
     free = shutil.disk_usage(".").free
-    yield "good" if free > LEAST_DISK else "open", f"{free / 1e9:.1f} GB free on the disk of this folder"
+    yield "good" if free > MIN_DISK_BYTES else "open", f"{free / 1e9:.1f} GB free on the disk of this folder"
     if not os.access(".", os.W_OK):
         yield "bad", f"{Path.cwd()} is not writable: results go beside a study, or to --out FOLDER"
     if hasattr(os, "sysconf"):
         memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        yield "good" if memory > LEAST_MEMORY else "open", f"{memory / 1e9:.1f} GB of memory"
+        yield "good" if memory > MIN_MEMORY_BYTES else "open", f"{memory / 1e9:.1f} GB of memory"
 
 
 def _simulation() -> tuple[Mark, str]:

@@ -12,14 +12,14 @@ import rso
 from rso.cli import output
 from rso.study.errors import choices_text
 
-PARTS = ("study.toml", "README.md", "measured")  # what a study consists of
-PACKED = Path(rso.__file__).parent / "examples"  # in an installed package
-WORKED = Path(rso.__file__).parent.parent / "studies"  # in the repository
+EXAMPLE_PARTS = ("study.toml", "README.md", "measured")  # what a study consists of
+PACKED_EXAMPLES = Path(rso.__file__).parent / "examples"  # in an installed package
+REPOSITORY_STUDIES = Path(rso.__file__).parent.parent / "studies"  # in the repository
 
 
 def examples() -> dict[str, Path]:
     """Folders of the worked studies by name."""
-    place = PACKED if PACKED.is_dir() else WORKED
+    place = PACKED_EXAMPLES if PACKED_EXAMPLES.is_dir() else REPOSITORY_STUDIES
     return {f.parent.name: f.parent for f in sorted(place.glob("*/study.toml"))}
 
 
@@ -40,7 +40,7 @@ def write_example(options: argparse.Namespace) -> int:
         output.complain(f"{folder}: exists already; give another folder with --to")
         return 2
     folder.mkdir(parents=True)
-    for part in PARTS:
+    for part in EXAMPLE_PARTS:
         source = known[options.name] / part
         if source.is_dir():
             shutil.copytree(source, folder / part)

@@ -13,12 +13,12 @@ from rso.core.printable import as_one_entry, raw_stream
 from rso.core.symbols import in_units
 
 Mark = Literal["good", "open", "bad"]
-MARKS: dict[Mark, tuple[str, str, str]] = {  # sign, the same in ASCII, colour
+MARK_SIGNS: dict[Mark, tuple[str, str, str]] = {  # sign, the same in ASCII, colour
     "good": ("✓", "+", "32"),
     "open": ("?", "?", "33"),
     "bad": ("✗", "x", "31"),
 }
-WIDEST = 100  # characters of a sentence
+MAX_LINE_WIDTH = 100  # characters of a sentence
 
 
 def coloured(stream: Any) -> bool:
@@ -44,7 +44,7 @@ def lines(texts: Sequence[str]) -> None:
 
 def wrapped_sentences(texts: Sequence[str]) -> None:
     """Sentences below a title, each wrapped at words."""
-    width = min(_columns(), WIDEST)
+    width = min(_columns(), MAX_LINE_WIDTH)
     for text in texts:
         print(
             textwrap.fill(in_units(text), width, initial_indent="  ", subsequent_indent="    ", break_long_words=False)
@@ -53,7 +53,7 @@ def wrapped_sentences(texts: Sequence[str]) -> None:
 
 def marked_line(mark: Mark, text: str) -> None:
     """A line with its sign, coloured where that is wanted."""
-    sign, ascii_sign, colour = MARKS[mark]
+    sign, ascii_sign, colour = MARK_SIGNS[mark]
     try:
         sign.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
     except (UnicodeEncodeError, LookupError):

@@ -12,12 +12,12 @@ from rso.cli import output
 from rso.core import disk
 from rso.study.errors import choices_text
 
-PAGES = ("report", "specimens", "diagnosis", "ladder", "next")
+OPENED_PAGES = ("report", "specimens", "diagnosis", "ladder", "next")
 
 
 def open_page(options: argparse.Namespace, folder: Path) -> int:
     """Show a page of a study in the browser; 2 where it has not been written."""
-    there = [name for name in PAGES if (folder / f"{name}.html").is_file()]
+    there = [name for name in OPENED_PAGES if (folder / f"{name}.html").is_file()]
     name = options.page or next(iter(there), "report")
     path = folder / f"{name}.html"
     if not path.is_file():

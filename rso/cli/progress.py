@@ -10,7 +10,7 @@ from rso.core.printable import as_one_entry, raw_stream
 from rso.core.symbols import in_units
 from rso.evaluation import Event, Finished, Planned, Preparing, Retried
 
-EVERY_S = 20.0  # between plain lines
+PLAIN_LINE_PERIOD_S = 20.0  # between plain lines
 
 
 class Progress:
@@ -86,7 +86,7 @@ class Progress:
         now = time.monotonic()
         if self._first is None:
             self._first = (now, event.n_done)
-        if event.n_done == event.n_runs or now - self._last > EVERY_S or event.state != "done":
+        if event.n_done == event.n_runs or now - self._last > PLAIN_LINE_PERIOD_S or event.state != "done":
             self._last = now
             counts = ", ".join(f"{n} {state}" for state, n in self._counts.items() if n)
             print(f"  {event.n_done}/{event.n_runs} ({counts}){self._rest(event, now)}", flush=True)

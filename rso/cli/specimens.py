@@ -18,8 +18,8 @@ from rso.core import disk
 from rso.core.symbols import symbol
 from rso.population.plans import specimen_plans
 from rso.population.summary import (
-    FILE,
-    SCHEMA,
+    SPECIMENS_FILE,
+    SPECIMENS_SCHEMA,
     folder_of,
     is_finished,
     population_summary,
@@ -29,7 +29,7 @@ from rso.population.summary import (
 from rso.study.errors import Problem, study_error
 from rso.study.specimens import SpecimenStudies, load_specimens
 
-SHOWN = 12  # specimens that `rso check` lists
+MAX_SPECIMEN_LINES = 12  # specimens that `rso check` lists
 
 
 def check_specimens(options: argparse.Namespace, folder: Path) -> int:
@@ -56,14 +56,14 @@ def check_specimens(options: argparse.Namespace, folder: Path) -> int:
 def _things(found: SpecimenStudies, plans: Sequence[Plan]) -> list[str]:
     """Each specimen in a line: its tests and what is its own."""
     lines = []
-    for plan in plans[:SHOWN]:
+    for plan in plans[:MAX_SPECIMEN_LINES]:
         name = plan.study.specimen
         tests = ", ".join(
             f"{e.name} to {plan.curves[e.name].depth.max():.3g} mm" for e in plan.study.experiments if e.kind == "force"
         )
         own = ", ".join(f"{k} = {v}" for k, v in found.own[name].items())
         lines.append(f"  {name}: {tests}" + (f"; {own}" if own else ""))
-    left = len(plans) - SHOWN
+    left = len(plans) - MAX_SPECIMEN_LINES
     return [*lines, f"  and {left} more"] if left > 0 else lines
 
 
@@ -171,8 +171,8 @@ def status_of_many(options: argparse.Namespace, folder: Path) -> int:
     output.say(f"  {len(done)} of {len(states)} specimens are finished")
     rest = [f"{n} ({state})" for n, state in states.items() if state != "done"]
     if rest:
-        more = f" and {len(rest) - SHOWN} more" if len(rest) > SHOWN else ""
-        output.lines([f"  not finished: {', '.join(rest[:SHOWN])}{more}"])
+        more = f" and {len(rest) - MAX_SPECIMEN_LINES} more" if len(rest) > MAX_SPECIMEN_LINES else ""
+        output.lines([f"  not finished: {', '.join(rest[:MAX_SPECIMEN_LINES])}{more}"])
     if answer:
         output.wrapped_sentences(answer["words"])
         if answer["exit_code"]:
@@ -193,8 +193,8 @@ def _state(folder: Path, specimen: str, sha256: str) -> str:
 
 def _summary(folder: Path) -> dict[str, Any] | None:
     try:
-        found = disk.read_json(folder / FILE)
-        return found if found["schema"] == SCHEMA else None
+        found = disk.read_json(folder / SPECIMENS_FILE)
+        return found if found["schema"] == SPECIMENS_SCHEMA else None
     except (OSError, ValueError, LookupError, TypeError):
         return None
 
@@ -206,7 +206,7 @@ def report_of_many(options: argparse.Namespace, folder: Path) -> int:
     found = load_specimens(options.study)
     answer = _summary(folder)
     if answer is None:
-        output.complain(f"{folder / FILE}: is not there; run the study first: rso run {options.study}")
+        output.complain(f"{folder / SPECIMENS_FILE}: is not there; run the study first: rso run {options.study}")
         return 2
     for s in found.studies:
         one = specimen_results(folder, s.specimen, s.sha256)

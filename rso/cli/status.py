@@ -15,8 +15,8 @@ from rso.core import disk
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
 
-SHOWN = 5  # runs without an answer
-PAGES = ("report", "diagnosis", "ladder", "next")
+MAX_LOST_RUN_LINES = 5  # runs without an answer
+STATUS_PAGES = ("report", "diagnosis", "ladder", "next")
 
 
 def report_status(options: argparse.Namespace, file: Path, folder: Path, store: Path) -> int:
@@ -24,7 +24,7 @@ def report_status(options: argparse.Namespace, file: Path, folder: Path, store: 
     found = _results(folder)
     runs = _runs(found, store) if folder.exists() else []
     count = {state: sum(r["state"] == state for r in runs) for state in ("done", "failed", "crashed")}
-    pages = [folder / f"{name}.html" for name in PAGES if (folder / f"{name}.html").is_file()]
+    pages = [folder / f"{name}.html" for name in STATUS_PAGES if (folder / f"{name}.html").is_file()]
     then = _next(found, folder, options)
     if options.json:
         told = {"study": str(file), "results": str(folder), **condensed(found), "runs": count}
@@ -53,11 +53,11 @@ def _told(found: Mapping[str, Any], file: Path, runs: Sequence[Mapping[str, Any]
     output.say(f"  simulations, {every}")
     lost = [r for r in runs if r["state"] != "done"]
     units = {p["name"]: p.get("unit", "") for p in found.get("parameters") or ()}
-    for run in lost[:SHOWN]:
+    for run in lost[:MAX_LOST_RUN_LINES]:
         reason = next(iter(str(run.get("reason") or "").splitlines()), "no reason given")
         output.lines([f"  {run['state']} {run['key'][:12]} ({_values(run['values'], units)}): {reason}"])
-    if len(lost) > SHOWN:
-        output.say(f"  and {len(lost) - SHOWN} more without an answer: runs.csv has all of them")
+    if len(lost) > MAX_LOST_RUN_LINES:
+        output.say(f"  and {len(lost) - MAX_LOST_RUN_LINES} more without an answer: runs.csv has all of them")
 
 
 def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:

@@ -7,34 +7,34 @@ from typing import Any
 
 import numpy as np
 
-ROWS, COLUMNS, LEGEND = 11, 46, 34  # characters of the drawing and of a line of the legend
-TALL = 2.0  # height over width of a character
-MARKS = {"specimen": ".", "deepest": "+", "indenter": "#", "held": "/", "support": "/"}
-LAYERS = ":o=*%"  # one for each layer from the top, again from the first after the last
-FILLED = ("specimen", "layer", "deepest", "indenter")  # a later one covers an earlier one
+SKETCH_ROWS, SKETCH_COLUMNS, LEGEND_COLUMNS = 11, 46, 34  # characters of the drawing and of a line of the legend
+CHARACTER_ASPECT = 2.0  # height over width of a character
+ROLE_CHARACTERS = {"specimen": ".", "deepest": "+", "indenter": "#", "held": "/", "support": "/"}
+LAYER_CHARACTERS = ":o=*%"  # one for each layer from the top, again from the first after the last
+FILLED_ROLES = ("specimen", "layer", "deepest", "indenter")  # a later one covers an earlier one
 
 
 def text_sketch(sketch: Mapping[str, Any]) -> list[str]:
     """Lines of a section with its legend, each of at most 80 characters."""
     parts = [{**p, "points": np.asarray(p["points"], float)} for p in sketch["drawn"]]
-    shown = [p for p in parts if p["role"] in (*FILLED, "held", "support")]
+    shown = [p for p in parts if p["role"] in (*FILLED_ROLES, "held", "support")]
     if not shown:
         return []
     every = np.vstack([p["points"] for p in shown])
     low, high = every.min(0), every.max(0)
     # a row's height in mm, with a row below for what holds
-    row = max((high[1] - low[1]) / (ROWS - 1), TALL * (high[0] - low[0]) / (COLUMNS - 2))
-    column = row / TALL
+    row = max((high[1] - low[1]) / (SKETCH_ROWS - 1), CHARACTER_ASPECT * (high[0] - low[0]) / (SKETCH_COLUMNS - 2))
+    column = row / CHARACTER_ASPECT
     rows = max(int(np.ceil((high[1] - low[1]) / row - 1e-9)), 1)
     columns = 2 * max(int(np.ceil(0.5 * (high[0] - low[0]) / column - 0.5 - 1e-9)), 0) + 1  # one lies on the axis
     page = np.full((rows + 1, columns + 2), " ")
     x = 0.5 * (low[0] + high[0]) + (np.arange(columns + 2) - (columns + 1) // 2) * column
     z = low[1] + (rows - 0.5 - np.arange(rows + 1)) * row  # what holds lies right below
     legend: list[tuple[int, str]] = []
-    layers = iter(LAYERS * len(parts))
-    for role in FILLED:
+    layers = iter(LAYER_CHARACTERS * len(parts))
+    for role in FILLED_ROLES:
         for p in (p for p in parts if p["role"] == role):
-            mark = next(layers) if role == "layer" else MARKS[role]
+            mark = next(layers) if role == "layer" else ROLE_CHARACTERS[role]
             inside = _inside(p["points"], x, z)
             if not inside.any():  # too small for a middle of a character
                 inside = _inside(_grown(p["points"], x, z), x, z)
@@ -44,9 +44,11 @@ def text_sketch(sketch: Mapping[str, Any]) -> list[str]:
     for p in (p for p in parts if p["role"] in ("held", "support")):
         beside = _beside(p["points"], row, column)
         cells = _cells(beside, x, z)
-        page[cells & (page == " ")] = MARKS[p["role"]]
+        page[cells & (page == " ")] = ROLE_CHARACTERS[p["role"]]
         if p["text"]:
-            legend.append((int(np.flatnonzero(cells.any(1)).max(initial=0)), f"{MARKS[p['role']]} {p['text']}"))
+            legend.append(
+                (int(np.flatnonzero(cells.any(1)).max(initial=0)), f"{ROLE_CHARACTERS[p['role']]} {p['text']}")
+            )
     legend = [entry for entry in legend if entry[1][0] in page]  # what a later part covers has no mark
     lines = ["".join(line).rstrip() for line in page]
     return "\n".join(line.rstrip() for line in _with(legend, lines, columns + 2)).rstrip().split("\n")
@@ -57,7 +59,7 @@ def _with(legend: Sequence[tuple[int, str]], lines: Sequence[str], width: int) -
     out, entries = list(lines), sorted((entry for entry in legend if len(entry[1]) > 2), key=lambda e: e[0])
     at = -1
     for k, (row, text) in enumerate(entries):
-        words = [text] if len(text) <= LEGEND else _wrapped(text)
+        words = [text] if len(text) <= LEGEND_COLUMNS else _wrapped(text)
         at = max(at + 1, min(row, len(out) - sum(len(_wrapped(t)) for _, t in entries[k:])))
         for word in words:
             while at >= len(out):
@@ -72,7 +74,7 @@ def _wrapped(text: str) -> list[str]:
     """A text in lines of the legend."""
     lines = [""]
     for word in text.split():
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > LEGEND - 4:
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > LEGEND_COLUMNS - 4:
             lines.append("  " + word)
         else:
             lines[-1] = f"{lines[-1]} {word}".lstrip() if len(lines) == 1 else f"{lines[-1]} {word}"

@@ -465,7 +465,7 @@ class Fingerprint(Protocol):
         ...
 
 
-GROUPS: Mapping[str, tuple[type, ...]] = {
+CAPABILITY_GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy, Relaxation, ForceControl),
     "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
@@ -484,7 +484,7 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
-CAPABILITIES: tuple[type, ...] = tuple(kind for kinds in GROUPS.values() for kind in kinds)
+CAPABILITIES: tuple[type, ...] = tuple(kind for kinds in CAPABILITY_GROUPS.values() for kind in kinds)
 
 
 def capability(backend: object, kind: Callable[..., C]) -> C | None:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-_ATOMS = (float, str, int, bool, type(None))  # most of all data, seen without asking for what they are kinds of
+_PLAIN_KINDS = (float, str, int, bool, type(None))  # most of all data, seen without asking for what they are kinds of
 
 
 def plain(data: Any) -> Any:
     """Plain JSON data (dicts with string keys, lists, str, int, float, bool, None); ValueError for the rest."""
-    if type(data) in _ATOMS:
+    if type(data) in _PLAIN_KINDS:
         return data
     if isinstance(data, Mapping | MappingProxyType):
         return {str(k): plain(v) for k, v in data.items()}
@@ -42,7 +42,7 @@ def digest(data: Any) -> str:
             return {str(k): normal(v) for k, v in x.items()}
         if kind is list or kind is tuple:
             return [normal(v) for v in x]
-        if kind in _ATOMS:
+        if kind in _PLAIN_KINDS:
             return x
         made = plain(x)
         if isinstance(made, dict | list):

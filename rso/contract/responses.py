@@ -12,6 +12,8 @@ import numpy as np
 from rso.contract.parameters import number
 from rso.contract.plain_data import plain
 
+ALWAYS_CHANNELS = {"time": "s", "travel": "mm"}  # channels that every response has, and their units
+FORCE_CHANNELS = ("Fx", "Fy", "Fz")  # of the channels, those that a load cell measures
 CAUSES = (
     "inversion",  # an element turned inside out and no smaller step helped
     "contact",  # the contact search or its multipliers did not settle

@@ -14,10 +14,10 @@ import numpy as np
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-CLOSE = 0.5  # of the gaps beside it: a smaller one is between two points of which one says what both do
+CLOSE_POINTS_RATIO = 0.5  # of the gaps beside it: a smaller one is between two points of which one says what both do
 # Beyond the last computed travel by this share of it is round-off, not extrapolation.
-_ROUND_OFF = 1e-9
-CREEP = "travel"  # the channel that is read over the time of a hold at a force
+_ROUND_OFF_TRAVEL_SHARE = 1e-9
+CREEP_CHANNEL = "travel"  # the channel that is read over the time of a hold at a force
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Resampling:
     def _root(self, at: np.ndarray | float) -> np.ndarray:
         u = np.asarray(at, float)
         last = self.travel[-1]
-        if not np.all(u <= last * (1 + _ROUND_OFF)):
+        if not np.all(u <= last * (1 + _ROUND_OFF_TRAVEL_SHARE)):
             raise ValueError(f"travel {np.max(u):g} mm lies beyond the last point of the curve, {last:g} mm")
         return np.sqrt(np.clip(u, 0.0, last))
 
@@ -114,7 +114,7 @@ def on_the_way_back(travel: np.ndarray, value: np.ndarray, depth: np.ndarray) ->
         found[depth > 0.0] = loading(u, y)(depth[depth > 0.0])
         return found
     s, f = u[rows][::-1], y[rows][::-1]
-    if depth.min() < s[0] - _ROUND_OFF * s[-1] or depth.max() > s[-1] * (1.0 + _ROUND_OFF):
+    if depth.min() < s[0] - _ROUND_OFF_TRAVEL_SHARE * s[-1] or depth.max() > s[-1] * (1.0 + _ROUND_OFF_TRAVEL_SHARE):
         raise ValueError(
             f"depths {depth.min():g} to {depth.max():g} mm lie beyond the unloading, {s[0]:g} to {s[-1]:g} mm"
         )
@@ -144,8 +144,9 @@ def rests(time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray)
 
 
 def hold_rows(channel: str, time: np.ndarray, travel: np.ndarray, depth: float, since: np.ndarray) -> np.ndarray:
-    """Rows of a response over time (m,) s that lie `since` (n,) s after a hold began, at a depth (mm) or of CREEP."""
-    return creep_rows(time, since) if channel == CREEP else rests(time, travel, depth, since)
+    """Rows of a response over time (m,) s that lie `since` (n,) s after a hold began, at a depth (mm) or of
+    CREEP_CHANNEL."""
+    return creep_rows(time, since) if channel == CREEP_CHANNEL else rests(time, travel, depth, since)
 
 
 def creep_rows(time: np.ndarray, since: np.ndarray) -> np.ndarray:
@@ -175,9 +176,10 @@ def at_readings(
     """Values of a response at readings (n,): of loading by depth (mm), of a hold by the time `since` it began (s).
 
     `since` is 0 on the way there, None where no reading is one of a hold; readings of a hold are all at its depth, but
-    for those of the `channel` CREEP, which are of a hold at a force.  `back`: all are readings of the unloading.
+    for those of the `channel` CREEP_CHANNEL, which are of a hold at a force.  `back`: all are readings of the
+    unloading.
     """
-    if channel == CREEP and since is not None:
+    if channel == CREEP_CHANNEL and since is not None:
         return np.asarray(value)[creep_rows(time, since)]
     if back:
         return on_the_way_back(travel, value, depth)
@@ -220,7 +222,7 @@ def error_between_points(travel: np.ndarray, value: np.ndarray, at: np.ndarray) 
     largest = [float(off[(fine >= a) & (fine <= b)].max()) for a, b in itertools.pairwise(knots)]
     where = np.clip(np.searchsorted(knots, at, side="left") - 1, 0, len(largest) - 1)
     at = np.asarray(at, float)
-    computed = np.min(np.abs(np.subtract.outer(at, knots)), axis=-1) <= _ROUND_OFF * knots[-1]
+    computed = np.min(np.abs(np.subtract.outer(at, knots)), axis=-1) <= _ROUND_OFF_TRAVEL_SHARE * knots[-1]
     return np.where((at > 0.0) & ~computed, np.array(largest)[where], 0.0)
 
 
@@ -232,7 +234,7 @@ def _apart(s: np.ndarray) -> np.ndarray:
         gap = np.diff(s[kept])
         beside = np.minimum(np.append(gap[1:], math.inf), np.append(math.inf, gap[:-1]))
         close = gap[1:] / beside[1:]  # contact is no computed point
-        if not len(close) or close.min() >= CLOSE:
+        if not len(close) or close.min() >= CLOSE_POINTS_RATIO:
             break
         k = 1 + int(np.argmin(close))
         apart[kept[k if k + 2 == len(kept) else k + 1]] = False

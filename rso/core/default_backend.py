@@ -6,9 +6,9 @@ import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypedDict, cast
 
-PACKAGE = "fem_backend"
-USE = f"{PACKAGE}.backend:BACKEND"  # what a new study says under [backend]
-COMMAND_LINE = f"{PACKAGE}.adapter.command_line"  # plain data: nothing that computes is loaded for it
+BACKEND_PACKAGE = "fem_backend"
+DEFAULT_BACKEND = f"{BACKEND_PACKAGE}.backend:BACKEND"  # what a new study says under [backend]
+COMMAND_LINE_MODULE = f"{BACKEND_PACKAGE}.adapter.command_line"  # plain data: nothing that computes is loaded for it
 
 
 class Part(TypedDict):
@@ -48,11 +48,11 @@ class Laboratory(TypedDict):
 
 
 class CommandLine(Protocol):
-    """The module COMMAND_LINE."""
+    """The module COMMAND_LINE_MODULE."""
 
     LABORATORY: Laboratory
 
 
 def command_line() -> CommandLine:
     """What the command line asks of the backend."""
-    return cast(CommandLine, importlib.import_module(COMMAND_LINE))
+    return cast(CommandLine, importlib.import_module(COMMAND_LINE_MODULE))

@@ -9,8 +9,9 @@ from rso.core.symbols import superscript
 
 DASH = "–"
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
-NARROW = 0.5  # of its larger end: an interval that is less wide is written to the digits of its half-width
-MOST = 5  # significant digits of a number that is known however well
+# of its larger end: an interval that is less wide is written to the digits of its half-width
+NARROW_INTERVAL_RATIO = 0.5
+MAX_SIGNIFICANT_DIGITS = 5  # significant digits of a number that is known however well
 
 
 def known(x: object) -> TypeGuard[float]:
@@ -57,7 +58,7 @@ def rounded(x: float | None, half_width: float | None) -> str:
     if decimals < 0:
         return fixed(round(x, decimals), 0)
     # A half-width far below 1e-4 of x claims more digits than a reader can use.
-    return fixed(x, min(decimals, max(places(x, MOST), 0)))
+    return fixed(x, min(decimals, max(places(x, MAX_SIGNIFICANT_DIGITS), 0)))
 
 
 def interval_ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
@@ -68,5 +69,5 @@ def interval_ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
 
 def estimate(value: float, low: float, high: float, digits: int = 3) -> str:
     """A value written as the ends of its interval are, so that it lies in what is written, too."""
-    narrow = 0.0 < high - low < NARROW * max(abs(low), abs(high))
+    narrow = 0.0 < high - low < NARROW_INTERVAL_RATIO * max(abs(low), abs(high))
     return rounded(value, 0.5 * (high - low)) if narrow else significant(value, digits)

@@ -10,8 +10,8 @@ import stat
 from pathlib import Path
 from typing import Any
 
-MOST = 512 * 1024 * 1024  # bytes; a sparse file may claim more than any disk holds
-_PART = re.compile(r"\..*\.(\d+)\.part")
+MAX_READ_BYTES = 512 * 1024 * 1024  # bytes; a sparse file may claim more than any disk holds
+_PART_FILE = re.compile(r"\..*\.(\d+)\.part")
 
 
 def replace(path: Path, content: bytes | str, *, durably: bool = False) -> Path:
@@ -42,7 +42,7 @@ def _new(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
 
 
-def read_bytes(path: Path, most: int = MOST) -> bytes:
+def read_bytes(path: Path, most: int = MAX_READ_BYTES) -> bytes:
     """All bytes of a regular file; OSError for anything else (a device, a pipe) and for more than `most` bytes."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe without a writer must not wait
     with open(descriptor, "rb") as file:
@@ -55,7 +55,7 @@ def read_bytes(path: Path, most: int = MOST) -> bytes:
         return data
 
 
-def read_json(path: Path, most: int = MOST) -> Any:
+def read_json(path: Path, most: int = MAX_READ_BYTES) -> Any:
     """Data of a JSON file; OSError as of :func:`read_bytes`, ValueError where it is none."""
     try:
         return json.loads(read_bytes(path, most).decode("utf-8-sig"))
@@ -87,7 +87,7 @@ def only(path: Path) -> None:
 def without_leftovers(path: Path) -> None:
     """Remove the temporary files of :func:`replace` that a killed process left in a folder."""
     for part in path.glob(".*.part"):
-        match = _PART.fullmatch(part.name)
+        match = _PART_FILE.fullmatch(part.name)
         if match and not running(match[1]):
             part.unlink(missing_ok=True)
 

@@ -11,7 +11,9 @@ from typing import Any
 from rso.contract import plain
 from rso.core import disk
 
-_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
+# What `stage` of results.json may be, in the order of a run.
+RUN_STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
+_FORMULA_BEGINS = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 
 
 def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
@@ -44,7 +46,7 @@ def _line(data: Any) -> str:
 
 def written_cell(value: Any) -> Any:
     """A cell that no spreadsheet takes for a formula: text that begins like one has an apostrophe before it."""
-    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(_FORMULA) else value
+    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(_FORMULA_BEGINS) else value
 
 
 def _finite(data: Any) -> Any:

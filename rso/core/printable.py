@@ -6,8 +6,9 @@ import re
 import unicodedata
 from typing import Any, TextIO
 
-_KEPT = frozenset("\n\t")
-_UNSEEN = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))  # controls, marks of direction, lone surrogates, line ends
+_KEPT_CONTROLS = frozenset("\n\t")
+# controls, marks of direction, lone surrogates, line ends
+_UNSEEN_CATEGORIES = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
 
 
 def printable(text: str) -> str:
@@ -18,7 +19,7 @@ def printable(text: str) -> str:
 
 
 def _shown(c: str) -> str:
-    if c.isprintable() or c in _KEPT or unicodedata.category(c) not in _UNSEEN:
+    if c.isprintable() or c in _KEPT_CONTROLS or unicodedata.category(c) not in _UNSEEN_CATEGORIES:
         return c
     return f"\\x{ord(c):02x}" if ord(c) < 256 else f"\\u{ord(c):04x}" if ord(c) < 65536 else f"\\U{ord(c):08x}"
 

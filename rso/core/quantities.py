@@ -14,12 +14,12 @@ import numpy as np
 from rso.contract import FreeCurve, Response
 from rso.core.units import value_in_unit
 
-ROUNDED = 1e-9  # of the whole abscissa: an end that is missed by less is reached
-_NAME = r"[A-Za-z_]\w*"
-_CALL = re.compile(rf"({_NAME})\s*\(([^()]*)\)")
-_SIGNS = re.compile(r"(<=|>=|<|>)")
-_WRITTEN = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*\S)\s*")
-LONGEST = 200
+ABSCISSA_TOLERANCE = 1e-9  # of the whole abscissa: an end that is missed by less is reached
+_OUTPUT_NAME = r"[A-Za-z_]\w*"
+_REDUCTION_CALL = re.compile(rf"({_OUTPUT_NAME})\s*\(([^()]*)\)")
+_LIMIT_SIGNS = re.compile(r"(<=|>=|<|>)")
+_WRITTEN_LIMIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*\S)\s*")
+MAX_QUANTITY_CHARACTERS = 200  # of a quantity or a limit as somebody writes it: more is none
 
 
 class Unread(ValueError):
@@ -66,7 +66,7 @@ class OutputQuantity:
         curve = self.curve(response)
         at, value = curve.at, curve.value
         asked = self.abscissae(curve.over_unit)
-        slack = ROUNDED * float(np.ptp(at))
+        slack = ABSCISSA_TOLERANCE * float(np.ptp(at))
         if asked and not (at[0] - slack <= min(asked) and max(asked) <= at[-1] + slack):
             raise Unread(f"{self.text}: the curve is there from {at[0]:g} to {at[-1]:g} {curve.over_unit}")
         if self.how == "at":
@@ -112,11 +112,11 @@ class Limits:
 def read_quantity(text: str) -> OutputQuantity:
     """``cost``, ``stress(1.2)``, ``max(stress)``, ``max(stress, 0, 1.2)``; ValueError saying what there is."""
     written = text.strip()
-    if len(written) > LONGEST:
-        raise ValueError(f"a quantity has at most {LONGEST} characters, not {len(written)}")
-    if re.fullmatch(_NAME, written):
+    if len(written) > MAX_QUANTITY_CHARACTERS:
+        raise ValueError(f"a quantity has at most {MAX_QUANTITY_CHARACTERS} characters, not {len(written)}")
+    if re.fullmatch(_OUTPUT_NAME, written):
         return OutputQuantity(written, written)
-    match = _CALL.fullmatch(written)
+    match = _REDUCTION_CALL.fullmatch(written)
     forms = f"an output such as cost, a value at an abscissa such as stress(1.2), or {', '.join(REDUCTIONS)} of a curve"
     if match is None:
         raise ValueError(f"{written!r} is no quantity: expected is {forms}")
@@ -126,7 +126,7 @@ def read_quantity(text: str) -> OutputQuantity:
             raise ValueError(f"{written!r}: one abscissa is expected, such as {word}(1.2); or {forms}")
         return OutputQuantity(written, word, "at", (_number(inner[0]),))
     name, *ends = inner
-    if not re.fullmatch(_NAME, name) or len(ends) not in (0, 2):
+    if not re.fullmatch(_OUTPUT_NAME, name) or len(ends) not in (0, 2):
         raise ValueError(f"{written!r}: expected is {word}(CURVE) or {word}(CURVE, FROM, TO)")
     at = tuple(_number(e) for e in ends)
     if len(at) == 2 and all(isinstance(v, float) for v in at) and not float(at[0]) < float(at[1]):
@@ -137,9 +137,9 @@ def read_quantity(text: str) -> OutputQuantity:
 def read_limits(text: str) -> Limits:
     """``max(stress) <= 250 MPa``, ``0.1 <= gap <= 0.3``; ValueError for anything else."""
     written = text.strip()
-    if len(written) > LONGEST:
-        raise ValueError(f"a constraint has at most {LONGEST} characters, not {len(written)}")
-    parts = [p.strip() for p in _SIGNS.split(written)]
+    if len(written) > MAX_QUANTITY_CHARACTERS:
+        raise ValueError(f"a constraint has at most {MAX_QUANTITY_CHARACTERS} characters, not {len(written)}")
+    parts = [p.strip() for p in _LIMIT_SIGNS.split(written)]
     values, signs = parts[::2], parts[1::2]
     good = len(signs) in (1, 2) and all(values) and len({s[0] for s in signs}) == 1
     if not good:
@@ -176,5 +176,5 @@ def limit_in_unit(value: str | float | None, unit: str, otherwise: float) -> flo
     """An end of limits in the unit of its quantity, also one that no table of units has; ValueError for another."""
     if value is None:
         return otherwise
-    match = _WRITTEN.fullmatch(value) if isinstance(value, str) else None
+    match = _WRITTEN_LIMIT.fullmatch(value) if isinstance(value, str) else None
     return float(match[1]) if match and match[2] == unit else value_in_unit(value, unit)

@@ -21,9 +21,29 @@ import numpy as np
 
 from rso.contract import Parameter
 
-_FORCE = ("N", "mN", "uN", "µN", "kN", "Pa", "kPa", "MPa", "GPa", "J", "mJ", "kg", "g", "t", "tonne")
-_OTHER = ("1", "-", "%", "mm", "um", "µm", "cm", "m", "s", "ms", "min", "h", "Hz", "rad", "deg", "°", "K", "degC", "°C")
-_TOKEN = re.compile(r"\s*(\*\*|\^|[*/·()]|[-+]?\d+(?:\.\d+)?|[^\W\d_]+|[°%µ-][A-Za-z]*)")
+_UNITS_WITH_FORCE = ("N", "mN", "uN", "µN", "kN", "Pa", "kPa", "MPa", "GPa", "J", "mJ", "kg", "g", "t", "tonne")
+_UNITS_WITHOUT_FORCE = (
+    "1",
+    "-",
+    "%",
+    "mm",
+    "um",
+    "µm",
+    "cm",
+    "m",
+    "s",
+    "ms",
+    "min",
+    "h",
+    "Hz",
+    "rad",
+    "deg",
+    "°",
+    "K",
+    "degC",
+    "°C",
+)
+_UNIT_TOKEN = re.compile(r"\s*(\*\*|\^|[*/·()]|[-+]?\d+(?:\.\d+)?|[^\W\d_]+|[°%µ-][A-Za-z]*)")
 
 
 def stress_exponent(unit: str) -> int:
@@ -37,7 +57,7 @@ def stress_exponent(unit: str) -> int:
         return 0
     tokens, at = [], 0
     while at < len(text):
-        match = _TOKEN.match(text, at)
+        match = _UNIT_TOKEN.match(text, at)
         if match is None:
             raise ValueError(f"unit {unit!r}: cannot read {text[at:]!r}")
         tokens.append(match.group(1))
@@ -68,12 +88,14 @@ def _factor(tokens: list[str], unit: str) -> float:
         base = _product(tokens, unit)
         if not tokens or tokens.pop(0) != ")":
             raise ValueError(f"unit {unit!r}: a bracket is not closed")
-    elif token in _FORCE:
+    elif token in _UNITS_WITH_FORCE:
         base = 1.0
-    elif token in _OTHER or re.fullmatch(r"\d+(\.\d+)?", token):
+    elif token in _UNITS_WITHOUT_FORCE or re.fullmatch(r"\d+(\.\d+)?", token):
         base = 0.0
     else:
-        raise ValueError(f"unit {unit!r}: unknown {token!r}; known: {', '.join(_FORCE + _OTHER)}")
+        raise ValueError(
+            f"unit {unit!r}: unknown {token!r}; known: {', '.join(_UNITS_WITH_FORCE + _UNITS_WITHOUT_FORCE)}"
+        )
     if tokens and tokens[0] in ("^", "**"):
         tokens.pop(0)
         bracket = bool(tokens) and tokens[0] == "("

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pint
 
 # What the columns of a measured file mean, and the unit in which everything behind the door sees them.
-COLUMNS = MappingProxyType(
+COLUMN_UNITS = MappingProxyType(
     {
         "depth": "mm",
         "time": "s",
@@ -33,21 +33,21 @@ COLUMNS = MappingProxyType(
         "uz": "mm",
     }
 )
-CHANNELS = MappingProxyType(  # of a response, whose values meet those of the columns as they are
-    {"time": "s", "travel": "mm", **{c: COLUMNS[c] for c in ("Fx", "Fy", "Fz", "ux", "uy", "uz")}}
+CHANNEL_UNITS = MappingProxyType(  # of a response, whose values meet those of the columns as they are
+    {"time": "s", "travel": "mm", **{c: COLUMN_UNITS[c] for c in ("Fx", "Fy", "Fz", "ux", "uy", "uz")}}
 )
 BARE_COLUMNS = ("repeat", "segment")
-LADDERS = {
+UNIT_LADDERS = {
     "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
     "N": (("N", 1.0), ("mN", 1e3), ("µN", 1e6), ("nN", 1e9)),
     "mm": (("mm", 1.0), ("µm", 1e3), ("nm", 1e6)),
 }
-COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS if name != "z"), *BARE_COLUMNS)
-UNITS = MappingProxyType(
+COLUMN_NAMES = (*COLUMN_UNITS, *(f"{name}_sigma" for name in COLUMN_UNITS if name != "z"), *BARE_COLUMNS)
+UNITS_OF_KIND = MappingProxyType(
     {"mm": "mm, um, nm, m, inch", "s": "s, ms, min", "N": "N, mN, uN, nN, kN, gf, lbf"}
 )  # of each kind, some
-WEIGHTS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
-_WORDS = MappingProxyType(  # the same, written out
+WEIGHT_UNITS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
+_WEIGHT_WORDS = MappingProxyType(  # the same, written out
     {
         "gram": "gf",
         "gramme": "gf",
@@ -60,7 +60,7 @@ _WORDS = MappingProxyType(  # the same, written out
     }
 )
 
-_EXAMPLES = {
+_UNIT_EXAMPLES = {
     "MPa": '0.0032, "3.2 kPa" or "3200 Pa"',
     "1/MPa": '5.8, "5.8 1/MPa" or "0.0058 1/kPa"',
     "mm": '0.02, "0.02 mm" or "20 um"',
@@ -72,30 +72,36 @@ _EXAMPLES = {
     "1": '0.01 or "1 %"',
 }
 # Exponents are short and only plain factors are let through: pint evaluates powers, and 9**9**9 never ends.
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(.*)", re.DOTALL)
-_FACTOR = r"(?:1|%|‰|[A-Za-zµμΩ°]+)(?:(?:\*\*|\^)-?[1-9]|[²³])?"
-_UNIT = re.compile(rf"{_FACTOR}(?:\s*[*·/ ]\s*{_FACTOR})*")
-_HEADER = re.compile(r"([A-Za-z]+)(_sigma)?_([^\s_]+)")
-_ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+))", re.DOTALL)
-_GROUP = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
-_COMMA = re.compile(r"(.*\S)\s*,\s*([^\s,]+)\s*", re.DOTALL)  # "Fz, gf"
-_LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
-_LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
-_LONGEST = 80
+_NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(.*)", re.DOTALL)
+_UNIT_FACTOR = r"(?:1|%|‰|[A-Za-zµμΩ°]+)(?:(?:\*\*|\^)-?[1-9]|[²³])?"
+_UNIT_PRODUCT = re.compile(rf"{_UNIT_FACTOR}(?:\s*[*·/ ]\s*{_UNIT_FACTOR})*")
+_HEADER_WITH_UNIT = re.compile(r"([A-Za-z]+)(_sigma)?_([^\s_]+)")
+_NAME_AND_ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+))", re.DOTALL)
+_BRACKETED_UNIT = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
+_NAME_COMMA_UNIT = re.compile(r"(.*\S)\s*,\s*([^\s,]+)\s*", re.DOTALL)  # "Fz, gf"
+_UNIT_BEHIND_LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
+_NAMES_BY_LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
+_MAX_UNIT_CHARACTERS = 80  # of a unit, or a value with one, that is looked at and shown
 
 # The units that nearly every study has, in m, kg, s, as pint knows them (tests/rso/test_units.py): others load pint,
 # which takes 0.4 s, a third of `rso check`.
-_LENGTH, _FORCE = (("meter", 1),), (("kilogram", 1), ("meter", 1), ("second", -2))
-_PRESSURE, _SPEED = (("kilogram", 1), ("meter", -1), ("second", -2)), (("meter", 1), ("second", -1))
-_COMPLIANCE = (("kilogram", -1), ("meter", 1), ("second", 2))
-_PLAIN = MappingProxyType(
+_LENGTH_DIMENSION, _FORCE_DIMENSION = (("meter", 1),), (("kilogram", 1), ("meter", 1), ("second", -2))
+_PRESSURE_DIMENSION, _SPEED_DIMENSION = (("kilogram", 1), ("meter", -1), ("second", -2)), (("meter", 1), ("second", -1))
+_COMPLIANCE_DIMENSION = (("kilogram", -1), ("meter", 1), ("second", 2))
+_PLAIN_UNITS = MappingProxyType(
     {
-        **{f"{p}m": (Fraction(10) ** k, _LENGTH) for p, k in (("", 0), ("m", -3), ("u", -6), ("µ", -6), ("n", -9))},
-        **{f"{p}N": (Fraction(10) ** k, _FORCE) for p, k in (("", 0), ("k", 3), ("m", -3), ("u", -6), ("n", -9))},
-        **{f"{p}Pa": (Fraction(10) ** k, _PRESSURE) for p, k in (("", 0), ("k", 3), ("M", 6), ("G", 9))},
-        **{f"1/{p}Pa": (Fraction(10) ** -k, _COMPLIANCE) for p, k in (("", 0), ("k", 3), ("M", 6))},
-        "mm/s": (Fraction(1, 1000), _SPEED),
-        "mm/min": (Fraction(1, 60000), _SPEED),
+        **{
+            f"{p}m": (Fraction(10) ** k, _LENGTH_DIMENSION)
+            for p, k in (("", 0), ("m", -3), ("u", -6), ("µ", -6), ("n", -9))
+        },
+        **{
+            f"{p}N": (Fraction(10) ** k, _FORCE_DIMENSION)
+            for p, k in (("", 0), ("k", 3), ("m", -3), ("u", -6), ("n", -9))
+        },
+        **{f"{p}Pa": (Fraction(10) ** k, _PRESSURE_DIMENSION) for p, k in (("", 0), ("k", 3), ("M", 6), ("G", 9))},
+        **{f"1/{p}Pa": (Fraction(10) ** -k, _COMPLIANCE_DIMENSION) for p, k in (("", 0), ("k", 3), ("M", 6))},
+        "mm/s": (Fraction(1, 1000), _SPEED_DIMENSION),
+        "mm/min": (Fraction(1, 60000), _SPEED_DIMENSION),
         "s": (Fraction(1), (("second", 1),)),
         "%": (Fraction(1, 100), ()),
         "1": (Fraction(1), ()),
@@ -115,13 +121,13 @@ def _registry() -> pint.UnitRegistry:
 def _scale(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
     """A unit in m, kg, s, …, exactly, and its kind as their powers; ValueError if there is no such unit."""
     written = unit.strip()
-    return _PLAIN[written] if written in _PLAIN else _by_pint(written)
+    return _PLAIN_UNITS[written] if written in _PLAIN_UNITS else _by_pint(written)
 
 
 def _by_pint(written: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
     """The same of any unit that pint knows."""
-    if len(written) > _LONGEST or not _UNIT.fullmatch(written):
-        raise ValueError(f"{written[:_LONGEST]!r} is not a unit")
+    if len(written) > _MAX_UNIT_CHARACTERS or not _UNIT_PRODUCT.fullmatch(written):
+        raise ValueError(f"{written[:_MAX_UNIT_CHARACTERS]!r} is not a unit")
     if "px" in written:  # pint's are those of a screen
         raise ValueError(f"{written!r} is a pixel, no length of a body: multiply by the length of one")
     import pint
@@ -170,7 +176,7 @@ def unit_or_count_factor(unit: str, base: str) -> Fraction:
 
     ValueError as :func:`conversion_factor`, and for what is not positive.
     """
-    match = _NUMBER.fullmatch(unit) if is_counted(unit) else None
+    match = _NUMBER_AND_UNIT.fullmatch(unit) if is_counted(unit) else None
     if match is None:
         return conversion_factor(unit, base)
     if Fraction(match[1]) <= 0:
@@ -180,7 +186,7 @@ def unit_or_count_factor(unit: str, base: str) -> Fraction:
 
 def is_counted(unit: str | None) -> bool:
     """Whether a unit says what one count is: a number with a unit."""
-    return unit is not None and len(unit) <= _LONGEST and _NUMBER.fullmatch(unit) is not None
+    return unit is not None and len(unit) <= _MAX_UNIT_CHARACTERS and _NUMBER_AND_UNIT.fullmatch(unit) is not None
 
 
 def is_unit(text: str) -> bool:
@@ -200,7 +206,7 @@ def value_in_unit(value: str | float, unit: str) -> float:
     Raises ValueError for text without a unit, a unit of another dimension, NaN, infinity and booleans; the
     message holds the value, the expected unit and examples.
     """
-    examples = _EXAMPLES.get(unit, f'1.5 or "1.5 {unit}"')
+    examples = _UNIT_EXAMPLES.get(unit, f'1.5 or "1.5 {unit}"')
     expected = f"expected {'a pure number' if unit == '1' else f'a number in {unit}'}, for example {examples}"
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         try:
@@ -208,13 +214,13 @@ def value_in_unit(value: str | float, unit: str) -> float:
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            raise ValueError(f"{str(value)[:_LONGEST]} is not finite; {expected}")
+            raise ValueError(f"{str(value)[:_MAX_UNIT_CHARACTERS]} is not finite; {expected}")
         return number
     if not isinstance(value, str):
-        raise ValueError(f"{str(value)[:_LONGEST]!r} is no number with a unit; {expected}")
-    match = _NUMBER.fullmatch(value) if len(value) <= _LONGEST else None
+        raise ValueError(f"{str(value)[:_MAX_UNIT_CHARACTERS]!r} is no number with a unit; {expected}")
+    match = _NUMBER_AND_UNIT.fullmatch(value) if len(value) <= _MAX_UNIT_CHARACTERS else None
     if match is None:
-        raise ValueError(f"{value[:_LONGEST]!r} does not start with a finite number; {expected}")
+        raise ValueError(f"{value[:_MAX_UNIT_CHARACTERS]!r} does not start with a finite number; {expected}")
     digits, written = match.groups()
     if not written.strip():
         raise ValueError(f"{value!r} is text without a unit; {expected}")
@@ -234,17 +240,17 @@ def in_base(text: str) -> tuple[float, str]:
     Angles stay in degrees where they are given so; a unit of another kind stays as it is.  ValueError as
     :func:`value_in_unit`.
     """
-    match = _NUMBER.fullmatch(text) if len(text) <= _LONGEST else None
+    match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= _MAX_UNIT_CHARACTERS else None
     unit = match[2].strip() if match else ""
     if not unit:
-        raise ValueError(f"{text[:_LONGEST]!r} is no number with a unit")
-    base = unit if unit in ("deg", "°") else next((b for b in _EXAMPLES if is_of(b, unit)), unit)
+        raise ValueError(f"{text[:_MAX_UNIT_CHARACTERS]!r} is no number with a unit")
+    base = unit if unit in ("deg", "°") else next((b for b in _UNIT_EXAMPLES if is_of(b, unit)), unit)
     return value_in_unit(text, base), base
 
 
 def people(unit: str, size: float) -> tuple[str, float]:
     """The unit that people use for a quantity of this size, and the factor to it: 0.014 MPa is 14 kPa."""
-    ladder = LADDERS.get(unit, ((unit, 1.0),))
+    ladder = UNIT_LADDERS.get(unit, ((unit, 1.0),))
     return next(((label, k) for label, k in ladder if abs(size) * k >= 0.1), ladder[-1]) if size else ladder[0]
 
 
@@ -258,33 +264,33 @@ def header(text: str) -> tuple[str, str]:
     written = text.strip()
     if written.lower() in BARE_COLUMNS:
         return written.lower(), ""
-    low_line, ending = _HEADER.fullmatch(written), _ending(written)
+    low_line, ending = _HEADER_WITH_UNIT.fullmatch(written), _ending(written)
     name, unit = None, ""
-    if low_line and low_line[1] in COLUMNS:
+    if low_line and low_line[1] in COLUMN_UNITS:
         name, unit = low_line[1] + (low_line[2] or ""), low_line[3]
     elif ending:
-        name, unit = _LOWER.get(ending[0].lower()), ending[1]
+        name, unit = _NAMES_BY_LOWER.get(ending[0].lower()), ending[1]
     if name is None or name in BARE_COLUMNS:
-        what = "column {} has no unit" if written.lower() in _LOWER else "unknown column {}"
-        raise ValueError(f"{what.format(repr(written[:_LONGEST]))}; {_meant(written)}{_understood()}")
+        what = "column {} has no unit" if written.lower() in _NAMES_BY_LOWER else "unknown column {}"
+        raise ValueError(f"{what.format(repr(written[:_MAX_UNIT_CHARACTERS]))}; {_meant(written)}{_understood()}")
     try:
         conversion_factor(unit, kind_of(name))
     except ValueError as error:
-        raise ValueError(f"column {written[:_LONGEST]!r}: {error}; {_understood()}") from error
+        raise ValueError(f"column {written[:_MAX_UNIT_CHARACTERS]!r}: {error}; {_understood()}") from error
     return name, unit
 
 
 @functools.lru_cache  # a table of many columns asks the same of each
 def _meant(written: str) -> str:
     """The nearest column to one that is written nearly so."""
-    usual = [f"{k}_{u}" for k, u in COLUMNS.items()]
-    near = difflib.get_close_matches(written[:_LONGEST], [*usual, *BARE_COLUMNS], n=1)
+    usual = [f"{k}_{u}" for k, u in COLUMN_UNITS.items()]
+    near = difflib.get_close_matches(written[:_MAX_UNIT_CHARACTERS], [*usual, *BARE_COLUMNS], n=1)
     return f"did you mean {near[0]}? " if near else ""
 
 
 @functools.cache
 def _understood() -> str:
-    columns = ", ".join(f"{k}_{u}" for k, u in COLUMNS.items())
+    columns = ", ".join(f"{k}_{u}" for k, u in COLUMN_UNITS.items())
     return (
         f"understood are {columns} (or another unit of the same kind), Fz_sigma_N and its like for stated "
         f"uncertainties, and {', '.join(BARE_COLUMNS)} without unit"
@@ -293,7 +299,7 @@ def _understood() -> str:
 
 def _ending(text: str) -> tuple[str, str] | None:
     """``"Weg [mm]"``, ``"Weg (mm)"`` or ``"Weg/mm"`` → ``("Weg", "mm")``."""
-    match = _ENDING.fullmatch(text) if len(text) <= _LONGEST else None
+    match = _NAME_AND_ENDING.fullmatch(text) if len(text) <= _MAX_UNIT_CHARACTERS else None
     return (match[1], (match[2] or match[3] or match[4] or "").strip()) if match else None
 
 
@@ -307,13 +313,17 @@ def unit_in(text: str, name: str) -> str | None:
     if (ending := _ending(written)) and is_unit(ending[1]):
         return ending[1]
     base = kind_of(name)
-    for unit in reversed(["".join(group).strip() for group in _GROUP.findall(written)]):
+    for unit in reversed(["".join(group).strip() for group in _BRACKETED_UNIT.findall(written)]):
         # KN is no unit, but says that N is not meant.
-        if is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and weight(unit)):
+        if (
+            is_of(base, unit)
+            or unit.lower() in UNITS_OF_KIND[base].lower().split(", ")
+            or (base == "N" and weight(unit))
+        ):
             return unit
-    if (comma := _COMMA.fullmatch(written)) and (is_of(base, comma[2]) or (base == "N" and weight(comma[2]))):
+    if (comma := _NAME_COMMA_UNIT.fullmatch(written)) and (is_of(base, comma[2]) or (base == "N" and weight(comma[2]))):
         return comma[2]
-    low_line = _LOW_LINE.fullmatch(_GROUP.sub("", written).strip())
+    low_line = _UNIT_BEHIND_LOW_LINE.fullmatch(_BRACKETED_UNIT.sub("", written).strip())
     return low_line[1] if low_line and is_of(base, low_line[1]) else None
 
 
@@ -325,7 +335,7 @@ def bracketed(text: str, name: str) -> str | None:
     """
     if unit_in(text, name) is not None:
         return None
-    for square, *other in _GROUP.findall(text):
+    for square, *other in _BRACKETED_UNIT.findall(text):
         words = "".join(other).strip()
         told = re.findall(r"[A-Za-zµμ]+|%", words)
         if square.strip() or any(word == "%" or is_of(kind_of(name), word) for word in told):
@@ -335,7 +345,7 @@ def bracketed(text: str, name: str) -> str | None:
 
 def weight(unit: str) -> str | None:
     """The force that a mass stands for where only a force can be: gf for g, gram and Grams; None for what is none."""
-    return WEIGHTS.get(unit) or _WORDS.get(unit.lower().removesuffix("s"))
+    return WEIGHT_UNITS.get(unit) or _WEIGHT_WORDS.get(unit.lower().removesuffix("s"))
 
 
 def is_of(base: str, unit: str) -> bool:
@@ -348,7 +358,7 @@ def is_of(base: str, unit: str) -> bool:
 
 def kind_of(name: str) -> str:
     """The unit behind the door of a column of :func:`header`; empty for those without."""
-    return COLUMNS.get(name.removesuffix("_sigma"), "")
+    return COLUMN_UNITS.get(name.removesuffix("_sigma"), "")
 
 
 def column_factor(name: str, unit: str) -> float:

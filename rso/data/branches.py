@@ -9,14 +9,14 @@ import numpy as np
 from rso.data import curve_shape, plausibility
 
 SEGMENTS = ("loading", "hold", "creep", "unloading")
-SKIP = "skip"  # what a study calls a segment of a file that is not of the test: an approach, a preload
-_SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
-_SAME_START = 0.1  # of the stroke: where the cycles of a record begin
-_SHOWN = 8  # cycles that a message lists
+SKIP_SEGMENT = "skip"  # what a study calls a segment of a file that is not of the test: an approach, a preload
+_SECOND_TURN_SHARE = 0.2  # of the stroke: a second turn by more means several tests in one
+_SAME_START_SHARE = 0.1  # of the stroke: where the cycles of a record begin
+_MAX_LISTED_CYCLES = 8  # cycles that a message lists
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
-_REST, _LONG = 0.0025, 4.0
-_SETTLED = 0.0005  # of the deepest level: this near it a machine has arrived
-_AWAY = 0.05  # of the readings of a rest may lie outside it
+_REST_DEPTH_SHARE, _REST_DURATION_RATIO = 0.0025, 4.0
+_ARRIVAL_DEPTH_SHARE = 0.0005  # of the deepest level: this near it a machine has arrived
+_MAX_AWAY_SHARE = 0.05  # of the readings of a rest may lie outside it
 
 
 def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None) -> np.ndarray:
@@ -24,13 +24,13 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
     stroke = float(np.ptp(depth))
     k = int(np.argmax(depth))
     after = depth[k:]
-    if _turned(depth) > _SECOND_TURN * stroke:
+    if _turned(depth) > _SECOND_TURN_SHARE * stroke:
         below = -float(depth.min()) > float(depth.max())
-        sign = f"; column 'depth' is mostly negative: {plausibility.TURN}" if below else ""
-        if not below and _turned(-depth) <= _SECOND_TURN * stroke:
+        sign = f"; column 'depth' is mostly negative: {plausibility.TURN_SIGN_ADVICE}" if below else ""
+        if not below and _turned(-depth) <= _SECOND_TURN_SHARE * stroke:
             sign = (
                 f"; or column 'depth', which falls from {depth[0]:g} to {depth.min():g} mm and comes back, is a "
-                f"height: {plausibility.TURN} and {plausibility.ZERO}"
+                f"height: {plausibility.TURN_SIGN_ADVICE} and {plausibility.SUBTRACT_ZERO_ADVICE}"
             )
         raise ValueError(
             f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm{_cycles_in_words(path, depth)}. "
@@ -38,7 +38,7 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
             f"study. Or add 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
-    if depth[k] - after.min() > curve_shape.JITTER * stroke:
+    if depth[k] - after.min() > curve_shape.JITTER_STROKE_SHARE * stroke:
         segment[k + 1 :] = "unloading"
     if time is not None:
         segment[_at_rest(depth, time)] = "hold"
@@ -48,10 +48,10 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
 def cycles(depth: np.ndarray) -> list[slice]:
     """The tests of a record (n,) that goes down and up several times, each from where it turned upwards to the next.
 
-    A turn counts that is longer than `_SECOND_TURN` of the stroke.  Empty where there are less than two, or where one
-    begins elsewhere than the record: that one is no test from contact on.
+    A turn counts that is longer than `_SECOND_TURN_SHARE` of the stroke.  Empty where there are less than two, or where
+    one begins elsewhere than the record: that one is no test from contact on.
     """
-    least = _SECOND_TURN * float(np.ptp(depth))
+    least = _SECOND_TURN_SHARE * float(np.ptp(depth))
     falling, extreme, starts = False, 0, [0]
     for k, u in enumerate(depth):
         if (u < depth[extreme]) == falling and u != depth[extreme]:
@@ -60,7 +60,7 @@ def cycles(depth: np.ndarray) -> list[slice]:
             starts += [extreme] * falling
             falling, extreme = not falling, k
     ends = [*starts[1:], len(depth)]
-    alike = np.ptp(depth[starts]) <= _SAME_START * float(np.ptp(depth))
+    alike = np.ptp(depth[starts]) <= _SAME_START_SHARE * float(np.ptp(depth))
     return [slice(a, b) for a, b in zip(starts, ends, strict=True)] if len(starts) > 1 and alike else []
 
 
@@ -80,8 +80,8 @@ def _cycles_in_words(path: Path, depth: np.ndarray) -> str:
     found = [(n, float(depth[part].max())) for n, part in enumerate(cycles(depth), 1)]
     if not found:
         return ""
-    each = ", ".join(f"{path.name}#{n} to {peak:.4g} mm" for n, peak in found[:_SHOWN])
-    return f": {len(found)} cycles. Name the one that is meant: {each}{', …' * (len(found) > _SHOWN)}"
+    each = ", ".join(f"{path.name}#{n} to {peak:.4g} mm" for n, peak in found[:_MAX_LISTED_CYCLES])
+    return f": {len(found)} cycles. Name the one that is meant: {each}{', …' * (len(found) > _MAX_LISTED_CYCLES)}"
 
 
 def _turned(depth: np.ndarray) -> float:
@@ -93,7 +93,8 @@ def _turned(depth: np.ndarray) -> float:
 
 
 def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
-    """Readings of a rest at the deepest point: there for _LONG times as long as the way just before and after it takes.
+    """Readings of a rest at the deepest point: there for _REST_DURATION_RATIO times as long as the way just before and
+    after it takes.
 
     There is within a share of the stroke or the noise; just before and after is from there to four times as far below.
     """
@@ -103,20 +104,20 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
     steps = np.abs(np.diff(on_the_way))
     coarse = len(steps) > 0 and np.median(steps) == 0.0  # an encoder, on whose steps readings stand even on the way
     step = float(steps[steps > 0].min(initial=np.inf)) if coarse else 0.0
-    width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
+    width = max(_REST_DEPTH_SHARE * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
     level = float(np.median(depth[depth >= top - width]))
     there = np.nonzero(depth >= level - width)[0]
     below = np.nonzero(depth < level - 4.0 * width)[0]
     before, after = below[below < there[0]], below[below > there[-1]]
     if len(there) < 2 or not len(before):
         return slice(0, 0)
-    if np.mean(depth[there[0] : there[-1] + 1] < level - width) > _AWAY:
+    if np.mean(depth[there[0] : there[-1] + 1] < level - width) > _MAX_AWAY_SHARE:
         return slice(0, 0)  # it went up in between
     beside = _between(time, depth, int(before[-1]), int(there[0]), level, width)
     beside += _between(time, depth, int(after[0]), int(there[-1]), level, width) if len(after) else beside
-    if time[there[-1]] - time[there[0]] <= _LONG * max(beside, 2.0 * float(np.median(np.diff(time)))):
+    if time[there[-1]] - time[there[0]] <= _REST_DURATION_RATIO * max(beside, 2.0 * float(np.median(np.diff(time)))):
         return slice(0, 0)
-    near = max(_SETTLED * top, 3.0 * float(np.median(np.abs(depth[there] - level))))
+    near = max(_ARRIVAL_DEPTH_SHARE * top, 3.0 * float(np.median(np.abs(depth[there] - level))))
     arrived = int(there[depth[there] >= level - near][0])
     waited = time[arrived] - _arrival(time[:arrived], depth[:arrived], level)
     late = waited > 0.5 * float(np.median(np.diff(time)))  # it had come to rest before: the body relaxes already

@@ -10,9 +10,10 @@ import numpy as np
 from rso.data.files.reading import Measurement
 from rso.data.measured_curve import MeasuredCurve, Noise
 
-POINTS = 30  # of a cloud that are compared unless the study says how many
-IMAGES = 8  # depths that are compared at most
-NEIGHBOURS = 9  # points over which displacements are averaged before they say where much moves: their noise must not
+N_CLOUD_POINTS = 30  # of a cloud that are compared unless the study says how many
+MAX_CLOUD_IMAGES = 8  # depths that are compared at most
+# points over which displacements are averaged before they say where much moves: their noise must not
+N_AVERAGED_NEIGHBOURS = 9
 
 
 class UnstatedNoise(ValueError):
@@ -85,7 +86,7 @@ def surface_cloud(measurement: Measurement, noise: Noise, components: Sequence[s
             "surface, the same at every depth; depth_mm is that of the image"
         )
     taken = len(images)
-    kept = np.unique(np.linspace(0, taken - 1, min(taken, IMAGES)).round().astype(int))
+    kept = np.unique(np.linspace(0, taken - 1, min(taken, MAX_CLOUD_IMAGES)).round().astype(int))
     images, table, seen = images[kept], table[:, kept][:, :, whole], places[whole]
     chosen = most_informative(seen, table[:, -1], [noise.of(c) for c in components], noise.surface_correlation, points)
     table, at = table[:, :, chosen], seen[chosen]
@@ -150,7 +151,7 @@ def most_informative(
         return np.arange(n)
     from scipy.spatial import cKDTree
 
-    near = cKDTree(places).query(places, k=min(NEIGHBOURS, n))[1]
+    near = cKDTree(places).query(places, k=min(N_AVERAGED_NEIGHBOURS, n))[1]
     w2 = np.sum((moved[:, near].mean(axis=2) / np.array(noise)[:, None]) ** 2, axis=0)
     w2 = np.maximum(w2, 1e-12 * w2.max() or 1.0)
     middle = np.average(places, axis=0, weights=w2)

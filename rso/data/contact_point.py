@@ -8,27 +8,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.core.power_law import FAMILIES, LEADING, ROUNDED, STIFFENS
+from rso.core.power_law import LEADING_EXPONENT, POWER_LAW_FAMILIES, ROUNDED_EXPONENTS, STIFFENING_EXPONENT
 
 # Priors of what a force does before contact: it stays, drifts, or relaxes over so much of the way from its start.
-STAYS, DRIFTS, CREEPS, RELAXES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
-BEFORE_MOST = 0.2  # of the range of the force that it does so by, at most
-CLEAR = 25.0  # fall of χ² with one number more that is no scatter
-UP_TO = 0.7  # of the largest force: what tells the contact
-SHARES = (UP_TO, 0.5 * UP_TO)
-BIAS = 0.005  # of the travel pressed up to there by which two powers miss the contact of a soft curved body
-SURE = 2.0  # standard deviations after the first reading
-LATE = 0.03  # of the travel: a contact this late is taken, or remarked upon, where nobody has asked for it
-STEEPEST = 4.0  # power beyond which no tissue stiffens; twice that is the β of the steepest e^{βt}
-MOST = 200  # means of readings that tell the shape of a curve
-STEPS = 181  # places of contact that are tried
-FURTHEST = 0.95  # of the way
-FEWEST = 6  # readings up to there
-BEFORE = 3  # readings in air, at least, that show that there was an approach
-DRIFT = 0.1  # of the range of the force, at most: a body that is pressed when the record begins is steeper
-DRIFTED = 4.0  # standard errors of the slope of an approach beyond which it drifts
-PULLS, SUDDEN = 0.1, 0.03  # of the range of force and of depth: a jump into contact
-REMEMBERS = 0.98  # correlation of a reading with the next, at most
+CONSTANT_FORCE_PRIOR, DRIFTING_FORCE_PRIOR, RELAXING_FORCE_PRIOR, RELAXING_WAY_SHARES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
+MAX_FORCE_BEFORE_CONTACT_SHARE = 0.2  # of the range of the force that it does so by, at most
+MIN_CHI2_FALL = 25.0  # fall of χ² with one number more that is no scatter
+MAX_CONTACT_FORCE_SHARE = 0.7  # of the largest force: what tells the contact
+# the whole of that and half of it, whose contacts are compared
+CONTACT_FORCE_SHARES = (MAX_CONTACT_FORCE_SHARE, 0.5 * MAX_CONTACT_FORCE_SHARE)
+# of the travel pressed up to there by which two powers miss the contact of a soft curved body
+CONTACT_BIAS_SHARE = 0.005
+MIN_APPROACH_SD = 2.0  # standard deviations after the first reading
+# of the travel: a contact this late is taken, or remarked upon, where nobody has asked for it
+LATE_CONTACT_SHARE = 0.03
+MAX_FORCE_POWER = 4.0  # power beyond which no tissue stiffens; twice that is the β of the steepest e^{βt}
+MAX_CONTACT_READINGS = 200  # means of readings that tell the shape of a curve
+N_CONTACT_CANDIDATES = 181  # places of contact that are tried
+MAX_CONTACT_WAY_SHARE = 0.95  # of the way
+MIN_READINGS_FOR_CONTACT = 6  # readings up to there
+MIN_AIR_READINGS = 3  # readings in air, at least, that show that there was an approach
+# of the range of the force, at most: a body that is pressed when the record begins is steeper
+MAX_DRIFT_FORCE_SHARE = 0.1
+MIN_DRIFT_STANDARD_ERRORS = 4.0  # standard errors of the slope of an approach beyond which it drifts
+SNAP_IN_FORCE_SHARE, SNAP_IN_DEPTH_SHARE = 0.1, 0.03  # of the range of force and of depth: a jump into contact
+MAX_NEIGHBOUR_CORRELATION = 0.98  # correlation of a reading with the next, at most
 
 
 @dataclass(frozen=True)
@@ -74,16 +78,16 @@ def contact_onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
 def _of_rounded(u: np.ndarray, F: np.ndarray) -> Onset | None:
     """The contact of a rounded tip by means u, F (n,); None where too few of them show it.
 
-    Least squares of F = b + Σ_p a_p (u − c)^p, p of ROUNDED, up to UP_TO of the largest force, for c from the first
-    reading on, with a drift b' u and a third power where they are clear; c is the mean, its scatter the standard
-    deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft body,
-    or by how much more than scatter the contact moves if half of the force shows it.
-    Valid for a rounded tip on a smooth body without adhesion, with what stiffens or softens beyond small depths.
+    Least squares of F = b + Σ_p a_p (u − c)^p, p of ROUNDED_EXPONENTS, up to MAX_CONTACT_FORCE_SHARE of the largest
+    force, for c from the first reading on, with a drift b' u and a third power where they are clear; c is the mean, its
+    scatter the standard deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on
+    a soft body, or by how much more than scatter the contact moves if half of the force shows it. Valid for a rounded
+    tip on a smooth body without adhesion, with what stiffens or softens beyond small depths.
     """
-    whole, half = (_fit(u, F, share) for share in SHARES)
+    whole, half = (_fit(u, F, share) for share in CONTACT_FORCE_SHARES)
     if whole is None:
         return None
-    bias = BIAS * (1.0 - whole.c) * whole.way
+    bias = CONTACT_BIAS_SHARE * (1.0 - whole.c) * whole.way
     if half is not None:
         moves = whole.c * whole.way - half.c * half.way
         scatter = sum(fit.spread * fit.way**2 for fit in (whole, half))
@@ -93,7 +97,7 @@ def _of_rounded(u: np.ndarray, F: np.ndarray) -> Onset | None:
 
 def _widened(contact: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
     """The same contact, by how much the alternatives say that it may be off beside its scatter."""
-    found = [average for share in SHARES if (average := _averaged(u, F, share)) is not None]
+    found = [average for share in CONTACT_FORCE_SHARES if (average := _averaged(u, F, share)) is not None]
     if not found:
         return contact
     (c, within, between, weight), less = found[0], found[1:]
@@ -107,21 +111,25 @@ def jump_in(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     """Where a body draws the indenter in after an approach in air: between two readings of a loading curve (n,) in mm
     and N; None without such a jump.
 
-    It falls by PULLS of its range from a level that it had in air up to there, within SUDDEN of the way.  A rigid
-    indenter without a reach of adhesion jumps at contact (Johnson, Kendall & Roberts, Proc. R. Soc. A 324 (1971) 301);
-    that reach is unknown and taken for 1 % of the way pressed.
+    It falls by SNAP_IN_FORCE_SHARE of its range from a level that it had in air up to there, within SNAP_IN_DEPTH_SHARE
+    of the way.  A rigid indenter without a reach of adhesion jumps at contact (Johnson, Kendall & Roberts, Proc. R.
+    Soc. A 324 (1971) 301); that reach is unknown and taken for 1 % of the way pressed.
     """
     order = np.argsort(depth, kind="stable")
     u, F = depth[order], force[order]
     least = int(np.argmin(F))
-    if least < BEFORE or u[-1] <= u[least]:
+    if least < MIN_AIR_READINGS or u[-1] <= u[least]:
         return None
     level = float(np.median(F[:least]))
     fall = level - float(F[least])
     first = int(np.nonzero(F[:least] > level - 0.5 * fall)[0][-1])  # the last reading in air
     air = F[: first + 1] - level
-    sudden = u[least] - u[first] <= SUDDEN * (u[-1] - u[0])
-    if len(air) < BEFORE or not sudden or fall < max(PULLS * float(np.ptp(F)), 5.0 * float(np.abs(air[:-1]).max())):
+    sudden = u[least] - u[first] <= SNAP_IN_DEPTH_SHARE * (u[-1] - u[0])
+    if (
+        len(air) < MIN_AIR_READINGS
+        or not sudden
+        or fall < max(SNAP_IN_FORCE_SHARE * float(np.ptp(F)), 5.0 * float(np.abs(air[:-1]).max()))
+    ):
         return None
     if not _rises(u[first + 1 :], F[first + 1 :], fall, u[-1] - u[0], float(np.abs(air[:-1]).max())):
         return None  # a cell that was tared in air falls as well, and stays
@@ -135,11 +143,13 @@ def _rises(u: np.ndarray, F: np.ndarray, fall: float, way: float, scatter: float
 
     A body that drew the indenter in has all of the fall back a₀²/3R further on, a₀ the contact without a load.
     """
-    least = int(np.argmin(F[u <= u[0] + SUDDEN * way]))
-    soon = np.nonzero(u <= u[least] + 2.0 * SUDDEN * way)[0]
-    if len(soon) - least < BEFORE:
+    least = int(np.argmin(F[u <= u[0] + SNAP_IN_DEPTH_SHARE * way]))
+    soon = np.nonzero(u <= u[least] + 2.0 * SNAP_IN_DEPTH_SHARE * way)[0]
+    if len(soon) - least < MIN_AIR_READINGS:
         return False
-    here, there = (float(np.median(F[part])) for part in (slice(least, least + BEFORE), soon[-BEFORE:]))
+    here, there = (
+        float(np.median(F[part])) for part in (slice(least, least + MIN_AIR_READINGS), soon[-MIN_AIR_READINGS:])
+    )
     return there - here > max(0.1 * fall, scatter)
 
 
@@ -147,8 +157,8 @@ def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
     """The contact of a loading curve that begins in air; ValueError where it does not show one."""
     if (jump := jump_in(depth, force)) is not None:
         return jump
-    u, F = _pressed(depth, force) if len(depth) >= FEWEST else (depth, force)
-    return _widened(_seen(depth, _of_rounded(u, F) if len(depth) >= FEWEST else None), u, F)
+    u, F = _pressed(depth, force) if len(depth) >= MIN_READINGS_FOR_CONTACT else (depth, force)
+    return _widened(_seen(depth, _of_rounded(u, F) if len(depth) >= MIN_READINGS_FOR_CONTACT else None), u, F)
 
 
 def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
@@ -156,7 +166,7 @@ def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
     if contact is None:
         raise ValueError("too few readings before 0.7 of the largest force to find the contact")
     before = int(np.sum(depth < contact.depth))
-    if before < BEFORE or contact.depth - float(depth.min()) < SURE * contact.deviation:
+    if before < MIN_AIR_READINGS or contact.depth - float(depth.min()) < MIN_APPROACH_SD * contact.deviation:
         where = f"{contact.depth:.3g} ± {contact.deviation:.2g} mm"
         raise ValueError(f"no approach is seen: {before} reading(s) before {where}, where the force begins to rise")
     return contact
@@ -165,24 +175,27 @@ def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
 def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     """Whether a loading curve (n,) has an approach beyond doubt: no curve that begins with it does as well.
 
-    Such are b + a t^p with p up to STEEPEST and b + a t^1.5 e^{βt}, t from the first reading: tissue that stiffens
-    much is no later contact.
+    Such are b + a t^p with p up to MAX_FORCE_POWER and b + a t^1.5 e^{βt}, t from the first reading: tissue that
+    stiffens much is no later contact.
     """
-    if len(depth) < FEWEST:
+    if len(depth) < MIN_READINGS_FOR_CONTACT:
         return False
     if (jump := jump_in(depth, force)) is not None:
-        return jump.depth - float(depth.min()) > LATE * float(np.ptp(depth))
+        return jump.depth - float(depth.min()) > LATE_CONTACT_SHARE * float(np.ptp(depth))
     u, F = _pressed(depth, force)
     try:
         found = _seen(depth, _of_rounded(u, F))
     except ValueError:
         return False
-    fit = _fit(u, F, UP_TO)
-    if fit is None or found.depth - float(depth.min()) < LATE * float(np.ptp(depth)):
+    fit = _fit(u, F, MAX_CONTACT_FORCE_SHARE)
+    if fit is None or found.depth - float(depth.min()) < LATE_CONTACT_SHARE * float(np.ptp(depth)):
         return False
-    shapes = [fit.t**p for p in np.linspace(1.0, STEEPEST, 61)]
-    shapes += [fit.t**LEADING * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * STEEPEST, 80)]
-    return min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes) > fit.left + CLEAR * fit.variance
+    shapes = [fit.t**p for p in np.linspace(1.0, MAX_FORCE_POWER, 61)]
+    shapes += [fit.t**LEADING_EXPONENT * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
+    return (
+        min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes)
+        > fit.left + MIN_CHI2_FALL * fit.variance
+    )
 
 
 def zeroed(
@@ -208,7 +221,7 @@ def _level(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
     """The force (N) that readings (n,) of an approach have come to at the contact (mm): by a line where they clearly
     drift, else their median."""
     n = len(depth)
-    if n < FEWEST or np.ptp(depth) == 0.0:
+    if n < MIN_READINGS_FOR_CONTACT or np.ptp(depth) == 0.0:
         return float(np.median(force))
     t = depth - contact
     A = np.stack([np.ones(n), t], axis=1)
@@ -216,7 +229,7 @@ def _level(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
     rest = force - A @ (level, slope)
     spread = float(np.sum((t - t.mean()) ** 2))
     error = math.sqrt(float(rest @ rest) / (n - 2) / spread / _own_share(rest, n))
-    return float(level) if abs(slope) > DRIFTED * error else float(np.median(force))
+    return float(level) if abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error else float(np.median(force))
 
 
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -232,8 +245,8 @@ def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most MOST means of readings u, F (n,) in their order."""
-    n = min(len(u), MOST)
+    """At most MAX_CONTACT_READINGS means of readings u, F (n,) in their order."""
+    n = min(len(u), MAX_CONTACT_READINGS)
     block = np.arange(len(u)) * n // len(u)
     count = np.bincount(block)
     return np.bincount(block, weights=u) / count, np.bincount(block, weights=F) / count
@@ -243,21 +256,24 @@ def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
     """The contact by the readings up to a share of the largest force."""
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
-    if n < FEWEST or u[n - 1] <= u[0]:
+    if n < MIN_READINGS_FOR_CONTACT or u[n - 1] <= u[0]:
         return None
     way, least = float(u[n - 1] - u[0]), (1e-3 * float(np.ptp(F))) ** 2
     t, F = (u[:n] - u[0]) / way, F[:n]
-    best, more = _profile(t, F, ROUNDED, False, least), [(ROUNDED, True), ((*ROUNDED, STIFFENS), False)]
-    while best is not None and more and n > FEWEST + 3:
+    best, more = (
+        _profile(t, F, ROUNDED_EXPONENTS, False, least),
+        [(ROUNDED_EXPONENTS, True), ((*ROUNDED_EXPONENTS, STIFFENING_EXPONENT), False)],
+    )
+    while best is not None and more and n > MIN_READINGS_FOR_CONTACT + 3:
         found = [p for terms in more if (p := _profile(t, F, *terms, least)) is not None]
         better = min(found, key=lambda p: p[1], default=None)
-        if better is None or best[1] - better[1] < CLEAR * better[2]:
+        if better is None or best[1] - better[1] < MIN_CHI2_FALL * better[2]:
             break
-        best, more = better, [((*ROUNDED, STIFFENS), True)] * (len(more) > 1)
+        best, more = better, [((*ROUNDED_EXPONENTS, STIFFENING_EXPONENT), True)] * (len(more) > 1)
     if best is None:
         return None
     left, smallest, variance = best
-    c = np.linspace(0.0, FURTHEST, STEPS)
+    c = np.linspace(0.0, MAX_CONTACT_WAY_SHARE, N_CONTACT_CANDIDATES)
     weight = np.exp(-0.5 * (left - smallest) / variance)
     mean = float(weight @ c / weight.sum())
     spread = float(weight @ (c - mean) ** 2 / weight.sum()) + (c[1] - c[0]) ** 2 / 12.0
@@ -273,12 +289,12 @@ def _profile(
     fit do so, too.
     """
     n, fixed = len(t), np.stack([np.ones_like(t), t] if drift else [np.ones_like(t)], axis=1)
-    left, rest = np.full(STEPS, np.inf), np.zeros((STEPS, n))
-    for k, c in enumerate(np.linspace(0.0, FURTHEST, STEPS)):
+    left, rest = np.full(N_CONTACT_CANDIDATES, np.inf), np.zeros((N_CONTACT_CANDIDATES, n))
+    for k, c in enumerate(np.linspace(0.0, MAX_CONTACT_WAY_SHARE, N_CONTACT_CANDIDATES)):
         x = np.maximum(t - c, 0.0)
         A = np.concatenate([np.stack([x**p for p in powers], axis=1), fixed], axis=1)
         a = np.linalg.lstsq(A, F, rcond=None)[0]
-        drifts = drift and abs(a[-1]) > DRIFT * np.ptp(F)
+        drifts = drift and abs(a[-1]) > MAX_DRIFT_FORCE_SHARE * np.ptp(F)
         if a[0] > 0.0 and sum(a[: len(powers)]) > 0.0 and not drifts:
             rest[k] = F - A @ a
             left[k] = float(rest[k] @ rest[k])
@@ -289,7 +305,7 @@ def _profile(
     if variance <= least:
         return left, float(left[k]), least
     r = float(rest[k][1:] @ rest[k][:-1]) / float(left[k])
-    r = min(max(r, 0.0), REMEMBERS)
+    r = min(max(r, 0.0), MAX_NEIGHBOUR_CORRELATION)
     return left, float(left[k]), max(variance * (1.0 + r) / (1.0 - r), least)
 
 
@@ -297,24 +313,24 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     """Contact (mm from the first reading), its variance within and between alternatives, and the weight of rounded
     tips, by the readings up to a share of the largest force; None where too few show it.
 
-    Mean and variance of c over all alternatives m, of FAMILIES beyond contact and of what the force does before it,
-    with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
+    Mean and variance of c over all alternatives m, of POWER_LAW_FAMILIES beyond contact and of what the force does
+    before it, with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
     """
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
-    if n < FEWEST or u[n - 1] <= u[0]:
+    if n < MIN_READINGS_FOR_CONTACT or u[n - 1] <= u[0]:
         return None
-    way, c = float(u[n - 1] - u[0]), np.linspace(0.0, FURTHEST, STEPS)
+    way, c = float(u[n - 1] - u[0]), np.linspace(0.0, MAX_CONTACT_WAY_SHARE, N_CONTACT_CANDIDATES)
     t, F = (u[:n] - u[0]) / way, F[:n]
     every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
     rounded: list[bool] = []
     for prior, before in _before(t):
-        for share_of, family in FAMILIES:
+        for share_of, family in POWER_LAW_FAMILIES:
             for powers in family:
                 k = len(powers) + len(before)
                 if n > k + 2 and (fit := _squares(t, F, c, powers, before)) is not None:
                     every.append((prior * share_of / len(family), k, *fit))
-                    rounded.append(ROUNDED in family)
+                    rounded.append(ROUNDED_EXPONENTS in family)
     if not every:
         return None
     least = (1e-3 * float(np.ptp(F))) ** 2
@@ -339,15 +355,17 @@ def _own_share(rest: np.ndarray, n: int) -> float:
     """
     power = float(rest @ rest)
     r = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
-    r = min(max(r + (1.0 + 3.0 * r) / n, 0.0), REMEMBERS)
+    r = min(max(r + (1.0 + 3.0 * r) / n, 0.0), MAX_NEIGHBOUR_CORRELATION)
     return (1.0 - r) / (1.0 + r)
 
 
 def _before(t: np.ndarray) -> list[tuple[float, list[np.ndarray]]]:
     """What a force may do before contact, with its prior: columns (n,), the last of several bounded."""
     one = np.ones_like(t)
-    relaxes = [(CREEPS / len(RELAXES), [one, np.exp(-t / tau)]) for tau in RELAXES]
-    return [(STAYS, [one]), (DRIFTS, [one, t]), *relaxes]
+    relaxes = [
+        (RELAXING_FORCE_PRIOR / len(RELAXING_WAY_SHARES), [one, np.exp(-t / tau)]) for tau in RELAXING_WAY_SHARES
+    ]
+    return [(CONSTANT_FORCE_PRIOR, [one]), (DRIFTING_FORCE_PRIOR, [one, t]), *relaxes]
 
 
 def _squares(
@@ -365,7 +383,7 @@ def _squares(
     a = a[..., 0] / size
     good = (a[:, 0] > 0.0) & (a[:, : len(powers)].sum(axis=1) > 0.0)
     if len(before) > 1:
-        good &= np.abs(a[:, -1]) <= BEFORE_MOST * np.ptp(F)
+        good &= np.abs(a[:, -1]) <= MAX_FORCE_BEFORE_CONTACT_SHARE * np.ptp(F)
     left = np.where(good, (rest * rest).sum(axis=1), np.inf)
     k = int(np.argmin(left))
     return (left, rest[k]) if np.isfinite(left[k]) else None

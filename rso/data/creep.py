@@ -8,16 +8,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rso.core.power_law import LEADING
+from rso.core.power_law import LEADING_EXPONENT
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
-from rso.data.holds import FEWEST, SAME, SOONEST, AtRest, bins_between, relaxing_curve, times_between
+from rso.data.holds import (
+    FIRST_READING_SHARE,
+    MIN_HOLD_READINGS,
+    SAME_MOMENT_TOLERANCE,
+    AtRest,
+    bins_between,
+    relaxing_curve,
+    times_between,
+)
 from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.scatter import of_record
 
-ALIKE = 0.05  # of the force by which repeats may be held at others
-GROWS = 3.0  # standard errors by which the depth must grow to be said to
-LINEAR = 0.5  # of the share of a straight line in time that the other quantity leaves: that one was controlled
+SAME_HELD_FORCE_TOLERANCE = 0.05  # of the force by which repeats may be held at others
+MIN_GROWTH_STANDARD_ERRORS = 3.0  # standard errors by which the depth must grow to be said to
+# of the share of a straight line in time that the other quantity leaves: that one was controlled
+CONTROLLED_NONLINEARITY_RATIO = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +59,24 @@ def creep_of(measurement: Measurement, speed: float) -> CreepHold | str:
         return why or f"{len(held) - len(found)} of {len(held)} repeats are not held at a force"
     levels = [float(np.median(h.force)) for h in found]
     force = float(f"{np.mean(levels):.6g}")
-    if max(abs(v - force) for v in levels) > ALIKE * force:
+    if max(abs(v - force) for v in levels) > SAME_HELD_FORCE_TOLERANCE * force:
         return f"its repeats are held at {min(levels):.3g} to {max(levels):.3g} N"
     times = [_since(r, h, force) for r, h in zip(measurement.repeats, found, strict=True)]
-    if min(len(t) for t in times) < FEWEST:
-        return f"it has fewer than {FEWEST} readings"
+    if min(len(t) for t in times) < MIN_HOLD_READINGS:
+        return f"it has fewer than {MIN_HOLD_READINGS} readings"
     last = min(float(t[-1]) for t in times)
     if last <= 0.0:
         return "its repeats share no time"
-    first = max((float(t[t >= SOONEST * last][0]) for t in times), default=0.0)
+    first = max((float(t[t >= FIRST_READING_SHARE * last][0]) for t in times), default=0.0)
     if not 0.0 < first < last:
         return "its repeats share no time"
     spans = bins_between(times, first, last)
     spans = spans[[all(times_between(t, a, b).any() for t in times) for a, b in spans]]
     since = np.array([float(f"{times[0][times_between(times[0], a, b)].mean():.6g}") for a, b in spans])
-    apart = np.diff(since, prepend=-np.inf) > SAME * last
+    apart = np.diff(since, prepend=-np.inf) > SAME_MOMENT_TOLERANCE * last
     since, spans = since[apart], spans[apart]
-    if len(since) < FEWEST:
-        return f"its repeats share fewer than {FEWEST} moments"
+    if len(since) < MIN_HOLD_READINGS:
+        return f"its repeats share fewer than {MIN_HOLD_READINGS} moments"
     rises = [_rise(r, h, force) for r, h in zip(measurement.repeats, found, strict=True)]
     rise = float(f"{np.median(rises):.4g}")
     control = "force" if all(_by_force(r) for r in measurement.repeats) else "travel"
@@ -186,7 +195,7 @@ def _by_force(r: Repeat) -> bool:
     for v in (r.channels["Fz"][at], r.depth[at]):
         line = np.polyval(np.polyfit(r.time[at], v, 1), r.time[at])
         left.append(float(np.std(v - line)) / max(float(np.ptp(v)), 1e-300))
-    return left[0] < LINEAR * left[1]
+    return left[0] < CONTROLLED_NONLINEARITY_RATIO * left[1]
 
 
 def _power(r: Repeat, force: float) -> float:
@@ -195,7 +204,7 @@ def _power(r: Repeat, force: float) -> float:
     u, F = r.depth[at], r.channels["Fz"][at]
     near = (F > 0.3 * force) & (u > 0.0)
     if near.sum() < 3:
-        return LEADING
+        return LEADING_EXPONENT
     return float(np.clip(np.polyfit(np.log(u[near]), np.log(F[near]), 1)[0], 0.5, 4.0))
 
 
@@ -213,4 +222,4 @@ def _growth(depth: Sequence[float] | np.ndarray) -> float:
     jumps = np.diff(depth, 2)
     noise = float(np.sqrt(np.mean(jumps**2) / 6.0)) if len(jumps) > 2 else 0.0
     grows = float(depth[-1] - depth[0])
-    return grows if grows > GROWS * noise * 2.0**0.5 else 0.0
+    return grows if grows > MIN_GROWTH_STANDARD_ERRORS * noise * 2.0**0.5 else 0.0

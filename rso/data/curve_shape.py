@@ -6,29 +6,30 @@ import math
 
 import numpy as np
 
-from rso.data.contact_point import CLEAR, LATE, MOST
+from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_CONTACT_READINGS, MIN_CHI2_FALL
 
-FEW = 8  # readings: less is a table by hand, of which only order, sign and tare are looked at
-FEWEST = 4  # readings that tell these
-SLIPPED = 5.0  # times what the others say: a reading of a table by hand that may be mistyped
-EDGE = 0.05  # of the readings of loading: what counts as its start and its end
-POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
-MARKED = 50.0  # times all other readings: no force and no depth
-STUCK = 10  # readings at the deepest point that make a rest, where no times are known
-JITTER = 0.05  # of the stroke: a way back by less is jitter
-STILL = 0.0025  # of the stroke: less is a rest at one depth
-PAUSE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
-BESIDE = 8.0  # times the steps beside it: a step that is none of theirs
-FALL = 0.1  # of its range that a force of loading may fall before the deepest point
-FLAT = 5  # equal largest readings in a row: a sensor at its end
+MIN_MACHINE_READINGS = 8  # readings: less is a table by hand, of which only order, sign and tare are looked at
+MIN_HAND_READINGS = 4  # readings that tell these
+MISTYPED_READING_RATIO = 5.0  # times what the others say: a reading of a table by hand that may be mistyped
+CURVE_EDGE_SHARE = 0.05  # of the readings of loading: what counts as its start and its end
+CONTACT_POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
+PLACEHOLDER_RATIO = 50.0  # times all other readings: no force and no depth
+MIN_REST_READINGS = 10  # readings at the deepest point that make a rest, where no times are known
+JITTER_STROKE_SHARE = 0.05  # of the stroke: a way back by less is jitter
+REST_STROKE_SHARE = 0.0025  # of the stroke: less is a rest at one depth
+LONG_PAUSE_SHARE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
+ISOLATED_STEP_RATIO = 8.0  # times the steps beside it: a step that is none of theirs
+MAX_FORCE_FALL_SHARE = 0.1  # of its range that a force of loading may fall before the deepest point
+MIN_SATURATED_READINGS = 5  # equal largest readings in a row: a sensor at its end
 
 
 def placeholder_readings(values: np.ndarray) -> np.ndarray:
-    """Indices of a few readings of the same size, MARKED times that of any other: 9999 or −9999 where nothing was."""
+    """Indices of a few readings of the same size, PLACEHOLDER_RATIO times that of any other: 9999 or −9999 where
+    nothing was."""
     size = np.abs(values)
     far = np.nonzero(size == size.max())[0]
     others = np.delete(size, far)
-    return far if len(far) < len(others) and size.max() > MARKED * others.max() > 0.0 else far[:0]
+    return far if len(far) < len(others) and size.max() > PLACEHOLDER_RATIO * others.max() > 0.0 else far[:0]
 
 
 def while_moving(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -42,7 +43,7 @@ def while_moving(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return found
 
 
-def isolated_steps(size: np.ndarray, times: float = BESIDE) -> np.ndarray:
+def isolated_steps(size: np.ndarray, times: float = ISOLATED_STEP_RATIO) -> np.ndarray:
     """Which of the steps (n,) are so many times larger than the three on either side; none at the ends.
 
     Nor those of a coarse scale, on whose marks readings stand for a while: there all steps that are any are alike.
@@ -55,10 +56,11 @@ def isolated_steps(size: np.ndarray, times: float = BESIDE) -> np.ndarray:
 
 
 def slipped(depth: np.ndarray, force: np.ndarray) -> int | None:
-    """The one reading of a few whose force is SLIPPED times too large or small for the power of the depth that all
-    others follow closely, if there is one: a decimal point that has slipped in its force or its depth."""
+    """The one reading of a few whose force is MISTYPED_READING_RATIO times too large or small for the power of the
+    depth that all others follow closely, if there is one: a decimal point that has slipped in its force or its
+    depth."""
     pressed = np.nonzero((depth > 0.0) & (force > 0.0))[0]
-    if len(pressed) < FEWEST:
+    if len(pressed) < MIN_HAND_READINGS:
         return None
     x, y = np.log(depth[pressed]), np.log(force[pressed])
     found = []
@@ -68,7 +70,7 @@ def slipped(depth: np.ndarray, force: np.ndarray) -> int | None:
             continue
         p, a = np.polyfit(u, v, 1)
         away, rest = abs(y[k] - a - p * x[k]), float(np.max(np.abs(v - a - p * u)))
-        if POWERS[0] <= p <= POWERS[-1] and away > max(math.log(SLIPPED), 8.0 * rest):
+        if CONTACT_POWERS[0] <= p <= CONTACT_POWERS[-1] and away > max(math.log(MISTYPED_READING_RATIO), 8.0 * rest):
             found.append(int(pressed[k]))
     return found[0] if len(found) == 1 else None
 
@@ -77,7 +79,9 @@ def back(depth: np.ndarray) -> float:
     """By how much the indenter, once in contact, goes back before its deepest point; 0 where that may be jitter."""
     there = np.maximum(depth[: int(np.argmax(depth)) + 1], 0.0)
     back = float(np.max(np.maximum.accumulate(there) - there))
-    return back if back > max(JITTER * float(np.ptp(np.maximum(depth, 0.0))), 12.0 * noise_of(depth)) else 0.0
+    return (
+        back if back > max(JITTER_STROKE_SHARE * float(np.ptp(np.maximum(depth, 0.0))), 12.0 * noise_of(depth)) else 0.0
+    )
 
 
 def rest(depth: np.ndarray) -> int:
@@ -86,16 +90,18 @@ def rest(depth: np.ndarray) -> int:
     width = max(0.005 * stroke, 12.0 * noise_of(depth))
     near = int(np.sum(depth > depth.max() - width))
     passing = 2.0 * len(depth) * width / stroke  # there and back
-    return near if near > max(STUCK, 0.1 * len(depth), 3.0 * passing) else 0
+    return near if near > max(MIN_REST_READINGS, 0.1 * len(depth), 3.0 * passing) else 0
 
 
 def rest_on_the_way(depth: np.ndarray, time: np.ndarray) -> tuple[float, float] | None:
     """Duration (s) and depth (mm) of the longest rest before the deepest point; None where the way has no long one."""
     way = np.maximum.accumulate(depth[: int(np.argmax(depth)) + 1])
-    levels = np.linspace(max(EDGE * way[-1], way[0]), (1.0 - EDGE) * way[-1], MOST)
+    levels = np.linspace(
+        max(CURVE_EDGE_SHARE * way[-1], way[0]), (1.0 - CURVE_EDGE_SHARE) * way[-1], MAX_CONTACT_READINGS
+    )
     passing = np.diff(np.interp(levels, way, time[: len(way)]))
     k = int(np.argmax(passing))
-    long = max(PAUSE * (time[len(way) - 1] - time[0]), 20.0 * float(np.median(passing)))
+    long = max(LONG_PAUSE_SHARE * (time[len(way) - 1] - time[0]), 20.0 * float(np.median(passing)))
     return (float(passing[k]), float(levels[k])) if passing[k] > long else None
 
 
@@ -107,20 +113,20 @@ def noise_of(values: np.ndarray) -> float:
 def force_onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | None:
     """Depth from which the force rises (mm), its level at the start and its scatter (N); None where too few show it.
 
-    Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of POWERS; c is 0 unless
-    χ² falls by more than CLEAR with another.  The level is what the start has beyond a (u − c)^p.
+    Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of CONTACT_POWERS; c is 0
+    unless χ² falls by more than MIN_CHI2_FALL with another.  The level is what the start has beyond a (u − c)^p.
     """
     order = np.argsort(depth, kind="stable")
-    blocks = np.array_split(order, min(len(order), MOST))
+    blocks = np.array_split(order, min(len(order), MAX_CONTACT_READINGS))
     u, F = (np.array([v[b].mean() for b in blocks]) for v in (depth, force))
     low, high = (float(np.median(v)) for v in (F[:3], F[-3:]))
     n = int(np.sum(F < 0.5 * (low + high)))  # a count: a reading out of line moves it by one
     if n < 6 or u[n - 1] <= 0.0:
         return None
-    near = u[:n] <= max(EDGE * float(depth.max()), float(u[0]))
+    near = u[:n] <= max(CURVE_EDGE_SHARE * float(depth.max()), float(u[0]))
     u, F = u[:n], F[:n]
     c = np.linspace(0.0, 0.9, 91) * u[-1]
-    shape = (np.maximum(u - c[:, None], 0.0) / u[-1])[:, None] ** POWERS[:, None]  # (c, p, n)
+    shape = (np.maximum(u - c[:, None], 0.0) / u[-1])[:, None] ** CONTACT_POWERS[:, None]  # (c, p, n)
     away, rise = shape - shape.mean(axis=2, keepdims=True), F - F.mean()
     a = away @ rise / np.sum(away**2, axis=2)
     left = np.where(a > 0.0, rise @ rise - a * (away @ rise), np.inf)
@@ -128,33 +134,34 @@ def force_onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, flo
     if not np.isfinite(left[0]).any():
         return None
     variance = max(float(left[i, j]) / (n - 4), (1e-3 * float(np.ptp(force))) ** 2)
-    if left[0].min() - left[i, j] < CLEAR * variance:
+    if left[0].min() - left[i, j] < MIN_CHI2_FALL * variance:
         i, j = 0, int(np.argmin(left[0]))
     level = float(np.median((F - a[i, j] * shape[i, j])[near]))
     return float(c[i]), level, math.sqrt(variance)
 
 
 def flat_top(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
-    """How many readings in a row have the largest force while the indenter moves by EDGE of its stroke; 0 if few."""
+    """How many readings in a row have the largest force while the indenter moves by CURVE_EDGE_SHARE of its stroke; 0
+    if few."""
     at = np.nonzero(force == force.max())[0]
     run = max(np.split(at, np.nonzero(np.diff(at) > 1)[0] + 1), key=len)
-    return len(run) if len(run) >= FLAT and np.ptp(depth[run]) > EDGE * stroke else 0
+    return len(run) if len(run) >= MIN_SATURATED_READINGS and np.ptp(depth[run]) > CURVE_EDGE_SHARE * stroke else 0
 
 
 def before_contact(depth: np.ndarray, force: np.ndarray) -> float | None:
     """By how much (N) the force has grown where the depth says contact, None where it has not or nothing is before."""
-    if depth.min() > -EDGE * depth.max():
+    if depth.min() > -CURVE_EDGE_SHARE * depth.max():
         return None
     before, near = force[depth < 0.0], np.argsort(np.abs(depth), kind="stable")[:3]
     start = float(np.median(before[: max(3, len(before) // 10)]))
     grown = float(np.median(force[near])) - start
-    return grown if grown > max(LATE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
+    return grown if grown > max(LATE_CONTACT_SHARE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
 
 
 def loading_power(depth: np.ndarray, force: np.ndarray) -> float | None:
     """The power of the depth that the force of loading follows closely, None where it follows none."""
-    pressed = (depth > 2.0 * EDGE * depth.max()) & (force > 0.0)
-    if np.sum(pressed) < max(FEW, 0.6 * len(depth)) or np.ptp(depth[pressed]) == 0.0:
+    pressed = (depth > 2.0 * CURVE_EDGE_SHARE * depth.max()) & (force > 0.0)
+    if np.sum(pressed) < max(MIN_MACHINE_READINGS, 0.6 * len(depth)) or np.ptp(depth[pressed]) == 0.0:
         return None
     x, y = np.log(depth[pressed]), np.log(force[pressed])
     p, a = np.polyfit(x, y, 1)
@@ -167,7 +174,7 @@ def padding(depth: np.ndarray, force: np.ndarray | None, stroke: float) -> int:
     last = int(np.nonzero(other)[0][-1])
     n, jump = len(depth) - 1 - last, abs(float(depth[last] - depth[-1]))
     usual = float(np.median(np.abs(np.diff(depth[: last + 1])))) if last else 0.0
-    return n if n >= 3 and jump > max(2.0 * EDGE * stroke, 8.0 * usual) else 0
+    return n if n >= 3 and jump > max(2.0 * CURVE_EDGE_SHARE * stroke, 8.0 * usual) else 0
 
 
 def creep(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None = None) -> tuple[float, float] | None:
@@ -182,15 +189,18 @@ def creep(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None = None) 
         return None
     first, most = float(depth[away[-1] + 1]), float(depth.max())
     usual = most * width / (0.9 * end)
-    far = most - first > EDGE * float(np.ptp(depth)) + 2.0 * usual
+    far = most - first > CURVE_EDGE_SHARE * float(np.ptp(depth)) + 2.0 * usual
     if time is not None:
-        long = time[-1] - time[away[-1] + 1] > (PAUSE + 2.0 * width / end) * (time[-1] - time[0])
-        far |= bool(long) and most - first > 2.0 * STILL * float(np.ptp(depth))
+        long = time[-1] - time[away[-1] + 1] > (LONG_PAUSE_SHARE + 2.0 * width / end) * (time[-1] - time[0])
+        far |= bool(long) and most - first > 2.0 * REST_STROKE_SHARE * float(np.ptp(depth))
     return (first, end) if far else None
 
 
 def fall(force: np.ndarray) -> tuple[int, float] | None:
-    """Index of the largest force of loading and the last one (N) where it fell by FALL of its range, else None."""
+    """Index of the largest force of loading and the last one (N) where it fell by MAX_FORCE_FALL_SHARE of its range,
+    else None."""
     calm = np.r_[force[0], np.median([force[:-2], force[1:-1], force[2:]], axis=0), force[-1]]  # without spikes
     top, low = int(np.argmax(calm)), float(calm[-1])
-    return (top, low) if calm[top] - low > max(FALL * float(np.ptp(calm)), 8.0 * noise_of(force)) else None
+    return (
+        (top, low) if calm[top] - low > max(MAX_FORCE_FALL_SHARE * float(np.ptp(calm)), 8.0 * noise_of(force)) else None
+    )

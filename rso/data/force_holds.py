@@ -8,10 +8,11 @@ import numpy as np
 
 from rso.data import curve_shape
 
-CONSTANT = 0.02  # of its range that a force may change while it is held
-CREEPS = 0.005  # of the stroke that the depth changes in a hold at constant force, at least
-KEEPS = 0.8  # of its speed of loading that a drive keeps, at least, where only the sensor has come to its end
-STEADY = 0.05  # of the force that it may be off by in a hold that a file says to be one
+MAX_HELD_FORCE_CHANGE_SHARE = 0.02  # of its range that a force may change while it is held
+MIN_CREEP_STROKE_SHARE = 0.005  # of the stroke that the depth changes in a hold at constant force, at least
+# of its speed of loading that a drive keeps, at least, where only the sensor has come to its end
+MIN_KEPT_SPEED_SHARE = 0.8
+HELD_FORCE_TOLERANCE = 0.05  # of the force that it may be off by in a hold that a file says to be one
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +36,13 @@ def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment
     if len(said):
         return int(said[0]), _words(depth[said], force[said])
     hold = np.nonzero(segment == "hold")[0]
-    creeps = len(hold) > 5 and _drift(depth[hold]) > max(CREEPS * stroke, 6.0 * curve_shape.noise_of(depth))
-    if creeps and np.ptp(force[hold]) < CONSTANT * np.ptp(force):
+    creeps = len(hold) > 5 and _drift(depth[hold]) > max(
+        MIN_CREEP_STROKE_SHARE * stroke, 6.0 * curve_shape.noise_of(depth)
+    )
+    if creeps and np.ptp(force[hold]) < MAX_HELD_FORCE_CHANGE_SHARE * np.ptp(force):
         return int(hold[0]), _words(depth[hold], force[hold])
     loading = np.nonzero(segment == "loading")[0]
-    if len(loading) < curve_shape.FEW or len(hold):
+    if len(loading) < curve_shape.MIN_MACHINE_READINGS or len(hold):
         return None
     d, F = depth[loading], force[loading]
     found = curve_shape.creep(d, F, None if time is None else time[loading])
@@ -60,10 +63,14 @@ def hold_readings(
     at = slice(first, first + int(other[0]) if len(other) else len(depth))
     if kind == "loading":  # as its end tells, where the force may still settle
         end = float(np.median(force[at]))
-        at = slice(first, first + int(np.nonzero(np.abs(force[at] - end) <= STEADY * abs(end))[0][-1]) + 1)
+        at = slice(
+            first, first + int(np.nonzero(np.abs(force[at] - end) <= HELD_FORCE_TOLERANCE * abs(end))[0][-1]) + 1
+        )
     level = float(np.median(force[at])) if at.stop > at.start else 0.0
     off = float(np.abs(force[at] - level).max()) if level > 0.0 else np.inf
-    if not off <= max(STEADY * level, 6.0 * curve_shape.noise_of(force[at]) if at.stop - at.start > 5 else 0.0):
+    if not off <= max(
+        HELD_FORCE_TOLERANCE * level, 6.0 * curve_shape.noise_of(force[at]) if at.stop - at.start > 5 else 0.0
+    ):
         return f"the force there is off its level of {level:.3g} N by up to {off:.2g} N"
     return HeldForce(time[at], depth[at], force[at], sigma[at])
 
@@ -79,7 +86,7 @@ def at_its_end(depth: np.ndarray, time: np.ndarray | None, segment: np.ndarray, 
         return False
     before, end = slice(max(first - rest, 0), first), slice(len(depth) - rest // 2, len(depth))
     speeds = [float(np.polyfit(time[part], depth[part], 1)[0]) for part in (before, end)]
-    return speeds[1] > KEEPS * speeds[0] > 0.0
+    return speeds[1] > MIN_KEPT_SPEED_SHARE * speeds[0] > 0.0
 
 
 def _drift(depth: np.ndarray) -> float:

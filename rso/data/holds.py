@@ -13,14 +13,14 @@ import numpy as np
 
 from rso.data.files.reading import Measurement, Repeat
 
-BINS = 14  # of a hold: what a curve of one or two relaxation times can tell
-SOONEST = 1e-3  # of a hold: readings before that are those of the end of loading
-SAME = 1e-5  # of a hold: moments nearer than this are one
-STILL = 0.02  # of the depth that the indenter may move in a hold
-FEWEST = 4  # readings of a hold that tell a share and a time
-TIMES = 16  # relaxation times of the curve along which readings of a bin are carried to its moment
-POWERS = 0.5, 4.0  # of force over depth, by which readings of a hold are carried to its depth
-FALLS = 3.0  # standard errors by which the force must fall to be said to
+N_HOLD_BINS = 14  # of a hold: what a curve of one or two relaxation times can tell
+FIRST_READING_SHARE = 1e-3  # of a hold: readings before that are those of the end of loading
+SAME_MOMENT_TOLERANCE = 1e-5  # of a hold: moments nearer than this are one
+MAX_HOLD_TRAVEL_SHARE = 0.02  # of the depth that the indenter may move in a hold
+MIN_HOLD_READINGS = 4  # readings of a hold that tell a share and a time
+N_RELAXATION_TIMES = 16  # relaxation times of the curve along which readings of a bin are carried to its moment
+HOLD_POWER_RANGE = 0.5, 4.0  # of force over depth, by which readings of a hold are carried to its depth
+MIN_FALL_STANDARD_ERRORS = 3.0  # standard errors by which the force must fall to be said to
 
 
 class AtRest:
@@ -74,12 +74,12 @@ def stop_time(r: Repeat, time: np.ndarray, speed: float) -> float:
     return min(came, float(held[0])) if len(held) else came
 
 
-def edges(since: np.ndarray, bins: int = BINS) -> np.ndarray:
+def edges(since: np.ndarray, bins: int = N_HOLD_BINS) -> np.ndarray:
     """Inner edges of bins that are even in the logarithm of the times `since` (n,) a hold began; the times themselves
     where they are few."""
     if len(since) <= bins:
         return since
-    return np.geomspace(max(since[0], SOONEST * since[-1]), since[-1], bins + 1)[1:-1]
+    return np.geomspace(max(since[0], FIRST_READING_SHARE * since[-1]), since[-1], bins + 1)[1:-1]
 
 
 def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | str:
@@ -89,36 +89,37 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
     if any(r.time is None for r in measurement.repeats):
         return "the record has no times"
     rows = [at_peak(r) for r in measurement.repeats]
-    few = sum(len(at) < FEWEST for at in rows)
+    few = sum(len(at) < MIN_HOLD_READINGS for at in rows)
     if few == len(rows):
-        return f"it has fewer than {FEWEST} readings at the deepest point"
+        return f"it has fewer than {MIN_HOLD_READINGS} readings at the deepest point"
     if few:
         return f"{few} of {len(rows)} repeats do not rest at the deepest point"
     times = [_since(r, at, speed) for r, at in zip(measurement.repeats, rows, strict=True)]
     last = min(float(s[-1]) for s in times)
-    first = max(float(s[s >= SOONEST * last][0]) for s in times)
+    first = max(float(s[s >= FIRST_READING_SHARE * last][0]) for s in times)
     if not 0.0 < first < last:
         return "its repeats share no time"
     spans = bins_between(times, first, last)
     mine = [[times_between(s, a, b) for s in times] for a, b in spans]
     filled = np.array([all(m.any() for m in each) for each in mine])
-    if filled.sum() < FEWEST:
-        return f"its repeats share fewer than {FEWEST} moments"
+    if filled.sum() < MIN_HOLD_READINGS:
+        return f"its repeats share fewer than {MIN_HOLD_READINGS} moments"
     spans = spans[filled]
     since = np.array([float(f"{times[0][times_between(times[0], a, b)].mean():.6g}") for a, b in spans])
-    apart = np.diff(since, prepend=-np.inf) > SAME * since[-1]  # a reading beside another is no moment of its own
+    # a reading beside another is no moment of its own
+    apart = np.diff(since, prepend=-np.inf) > SAME_MOMENT_TOLERANCE * since[-1]
     since, spans = since[apart], spans[apart]
-    if len(since) < FEWEST:
-        return f"it has fewer than {FEWEST} moments"
+    if len(since) < MIN_HOLD_READINGS:
+        return f"it has fewer than {MIN_HOLD_READINGS} moments"
     depths = [
         np.array([r.depth[at][times_between(s, a, b)].mean() for a, b in spans])
         for r, at, s in _each(measurement, times)
     ]
     level = float(np.mean([np.median(d) for d in depths]))
     moved = max(float(np.abs(d - level).max()) for d in depths)
-    if moved > STILL * level:
+    if moved > MAX_HOLD_TRAVEL_SHARE * level:
         return f"the depth changes there by {100 * moved / level:.2g} %"
-    if level < (1.0 - STILL) * deepest:
+    if level < (1.0 - MAX_HOLD_TRAVEL_SHARE) * deepest:
         return f"it is at {level:.3g} mm, not at the deepest point"
     depth = deepest if level <= deepest else max(float(f"{level:.6g}"), deepest)
     found = Hold(depth, since, spans, speed)
@@ -137,7 +138,7 @@ def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray,
     bins = [times_between(s, a, b) for a, b in hold.spans]
     bins = [b if b.any() else np.abs(s - t) == np.abs(s - t).min() for b, t in zip(bins, hold.since, strict=True)]
     mean = lambda v: np.array([v[b].mean() for b in bins])  # noqa: E731
-    power = float(np.clip(power, *POWERS))
+    power = float(np.clip(power, *HOLD_POWER_RANGE))
     value = mean(y * (hold.depth / depth) ** power)
     along = relaxing_curve([s[b] for b in bins], value)
     bias = np.array([along(s[b]).mean() for b in bins]) - along(hold.since)
@@ -147,13 +148,13 @@ def held(r: Repeat, hold: Hold, channel: str, power: float) -> tuple[np.ndarray,
 def relaxing_curve(times: Sequence[np.ndarray], y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """A smooth curve c + Σ_k a_k exp(−t/τ_k), all a_k of one sign, whose means over `times` (m of (k,) s) are y (m,).
 
-    Non-negative least squares over `TIMES` times τ: a discrete relaxation spectrum (Baumgaertel & Winter, Rheol. Acta
-    28 (1989) 511), which neither overshoots nor rings where a polynomial does.
+    Non-negative least squares over `N_RELAXATION_TIMES` times τ: a discrete relaxation spectrum (Baumgaertel & Winter,
+    Rheol. Acta 28 (1989) 511), which neither overshoots nor rings where a polynomial does.
     """
     from scipy.optimize import nnls  # 0.1 s of start-up that only holds need
 
     first, last = float(np.min(times[0])), float(np.max(times[-1]))
-    spectrum = np.geomspace(max(0.5 * first, 0.1 * SOONEST * last), 3.0 * last, TIMES)
+    spectrum = np.geomspace(max(0.5 * first, 0.1 * FIRST_READING_SHARE * last), 3.0 * last, N_RELAXATION_TIMES)
 
     def terms(t: np.ndarray) -> np.ndarray:
         ones = np.ones((len(t), 1))
@@ -183,7 +184,9 @@ def times_between(s: np.ndarray, a: float, b: float) -> np.ndarray:
 def bins_between(times: list[np.ndarray], first: float, last: float) -> np.ndarray:
     """Bins (m, 2) s between two times: even in ln t, or about the readings of the first repeat where they are few."""
     mine = times[0][times_between(times[0], first, last)]
-    inner = np.geomspace(first, last, BINS + 1)[1:-1] if len(mine) > BINS else np.sqrt(mine[1:] * mine[:-1])
+    inner = (
+        np.geomspace(first, last, N_HOLD_BINS + 1)[1:-1] if len(mine) > N_HOLD_BINS else np.sqrt(mine[1:] * mine[:-1])
+    )
     ends = np.concatenate([[first], inner, [last]])
     return np.stack([np.append(ends[0], np.nextafter(ends[1:-1], np.inf)), ends[1:]], axis=1)
 
@@ -196,4 +199,4 @@ def _fall(measurement: Measurement, hold: Hold) -> float:
     jumps = np.diff(y, 2)
     noise = float(np.sqrt(np.mean(jumps**2) / 6.0)) if len(jumps) > 2 else 0.0
     fall = float(y[0] - y[-1])
-    return fall / float(y[0]) if y[0] > 0.0 and fall > FALLS * noise * 2.0**0.5 else 0.0
+    return fall / float(y[0]) if y[0] > 0.0 and fall > MIN_FALL_STANDARD_ERRORS * noise * 2.0**0.5 else 0.0

@@ -233,10 +233,10 @@ class Chain:
             parameter.check(getattr(self, parameter.name))
 
 
-_NEUTRAL: Mapping[str, float] = vars(Chain())
-CROSS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
-TIMED = ("drift", "lag", "lag_filter", "creep")  # knobs that ask for the time of each reading
-LATERAL = ("turn", "bias_side")  # and those that act on Fx and Fy alone
+_NEUTRAL_KNOBS: Mapping[str, float] = vars(Chain())
+CROSS_KNOBS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
+TIMED_KNOBS = ("drift", "lag", "lag_filter", "creep")  # knobs that ask for the time of each reading
+LATERAL_KNOBS = ("turn", "bias_side")  # and those that act on Fx and Fy alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,12 +277,12 @@ def recorded_curve(
     earlier: float = 0.0,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
-    k = {name: knobs.get(name, start) for name, start in _NEUTRAL.items()}
+    k = {name: knobs.get(name, start) for name, start in _NEUTRAL_KNOBS.items()}
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     Fz = late["Fz"]
     zero = _zero(k["bias_side"], k["bias_angle"])
-    out = {c: v + k[CROSS[c]] * Fz + zero[c] for c, v in _turned(late, k["turn"]).items()}
+    out = {c: v + k[CROSS_KNOBS[c]] * Fz + zero[c] for c, v in _turned(late, k["turn"]).items()}
     out["Fz"] = k["gain"] * (1.0 + k["nonlinearity"] * Fz) * Fz + k["bias"] + k["drift"] * t
     depth = (1.0 + k["depth_scale"]) * (u - k["offset"]) + k["permanent_set"] * earlier
     return depth + yielded(k, t, F["Fz"]) - k["backlash"] * _returning(u), out
@@ -315,7 +315,7 @@ def correct(
         raise ValueError(f"no force makes a cell with nonlinearity = {k:g} 1/N read {most:g} N")
     late = {"Fz": 2.0 * linear / (1.0 + np.sqrt(1.0 + 4.0 * chain.nonlinearity * linear))}
     zero = _zero(chain.bias_side, chain.bias_angle)
-    lateral = {k: v - getattr(chain, CROSS[k]) * late["Fz"] - zero[k] for k, v in R.items() if k != "Fz"}
+    lateral = {k: v - getattr(chain, CROSS_KNOBS[k]) * late["Fz"] - zero[k] for k, v in R.items() if k != "Fz"}
     late |= _turned(lateral, -chain.turn)
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
     by = 1.0 + chain.depth_scale
@@ -375,7 +375,7 @@ def _checked(
     F = {k: np.asarray(v, float) for k, v in forces.items()}
     if "Fz" not in F or not set(F) <= {"Fx", "Fy", "Fz"}:
         raise ValueError(f"the measurement chain needs Fz and knows Fx, Fy, Fz; got {', '.join(F) or 'nothing'}")
-    timed = [p for p in parameters_of(Chain) if p.name in TIMED and getattr(chain, p.name) != p.neutral]
+    timed = [p for p in parameters_of(Chain) if p.name in TIMED_KNOBS and getattr(chain, p.name) != p.neutral]
     if time is None and timed:
         each = " and ".join(f"{p.name} = {getattr(chain, p.name):g} {p.unit}" for p in timed)
         raise ValueError(f"{each}: the time of each reading is needed")

@@ -83,7 +83,7 @@ class Noise:
 
     def of_test(self, deepest: float) -> StatedNoise:
         """The same with what is usual of one test to the depth `deepest` (mm) where nothing is stated."""
-        each = {"gain": usual_errors.GAIN, "contact": usual_errors.CONTACT * deepest}
+        each = {"gain": usual_errors.USUAL_GAIN_ERROR, "contact": usual_errors.USUAL_CONTACT_ERROR_SHARE * deepest}
         return replace(self.stated, **{n: v for n, v in each.items() if n in self.unstated})
 
 

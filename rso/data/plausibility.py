@@ -12,26 +12,29 @@ from pathlib import Path
 import numpy as np
 
 from rso.data import curve_shape
-from rso.data.contact_point import LATE, STEEPEST, begins_in_air
+from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air
 from rso.data.scatter import step_of_scale
 
-FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
-UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
-DOUBTFUL = 0.01  # the same, from which on it is remarked upon where it is no scatter
-STROKE = 0.5  # of the stroke that loading must cover
-SEEN = 20.0  # times the noise: a force that tells its sign and unit
-SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
-UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
-DRIFTS = 0.01  # of all that the force changes by: a sensor may drift by as much in air
-FLATTEST = 0.8  # power below which no force of a pressed body grows
-JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
-LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
-POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
-TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
-ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
-COARSE = 0.01  # of its range: steps of a force that are remarked upon
-UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
-BEYOND = 2.0  # times the deepest travel: no mark goes as far
+MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
+MAX_UNTARED_FORCE_SHARE = 0.5  # of its range that a force may have where the indenter begins to press
+DOUBTED_UNTARED_FORCE_SHARE = 0.01  # the same, from which on it is remarked upon where it is no scatter
+MIN_LOADING_STROKE_SHARE = 0.5  # of the stroke that loading must cover
+MIN_FORCE_TO_NOISE = 20.0  # times the noise: a force that tells its sign and unit
+MAX_REPEAT_FORCE_RATIO = 5.0  # ratio of the largest forces of two repeats to one depth
+ASSUMED_SCATTER_SHARE = 0.03  # of its range that a force may scatter where too few readings tell it
+MAX_AIR_DRIFT_SHARE = 0.01  # of all that the force changes by: a sensor may drift by as much in air
+MIN_FORCE_POWER = 0.8  # power below which no force of a pressed body grows
+MAX_JUMP_STROKE_SHARE = 0.05  # of the stroke: a single depth this far out of line is a mistake
+# of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
+REMARKED_STEP_STROKE_SHARE = 0.02
+# of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
+MAX_FIRST_DEPTH_SHARE = 0.5
+TURN_SIGN_ADVICE = "turn its sign (flip = true in [columns] of the study, or without it)"
+SUBTRACT_ZERO_ADVICE = "subtract the reading at contact (zero = … in [columns] of the study)"
+COARSE_FORCE_STEP_SHARE = 0.01  # of its range: steps of a force that are remarked upon
+# of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
+MAX_RISING_MARK_SHARE = 0.1
+MAX_MARK_TRAVEL_RATIO = 2.0  # times the deepest travel: no mark goes as far
 
 
 def check_repeat(
@@ -51,8 +54,8 @@ def check_repeat(
     `found` where depth counts from a contact that was found in this record.
     """
     who = f"{path}: repeat {label!r}"
-    few = len(depth) < curve_shape.FEW
-    if len(depth) < curve_shape.FEWEST:
+    few = len(depth) < curve_shape.MIN_MACHINE_READINGS
+    if len(depth) < curve_shape.MIN_HAND_READINGS:
         return []
     for name, unit, values in (("depth", "mm", depth), ("Fz", "N", force)):
         if values is not None and not few and len(wild := curve_shape.placeholder_readings(values)):
@@ -87,9 +90,9 @@ def check_repeat(
     if depth.max() <= 0.0:
         raise ValueError(
             f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
-            f"contact is: {ZERO}"
+            f"contact is: {SUBTRACT_ZERO_ADVICE}"
         )
-    if force is not None and np.sum(loading) >= curve_shape.FEWEST:
+    if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
         try:
             notes += _of_force(who, label, depth, force, time, loading, found)
         except ValueError as error:  # a cell that was tared on the way makes a force that no zero mends
@@ -101,10 +104,13 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
     """Remarks on the order of readings whose segments were not given; ValueError where they do not press."""
     notes: list[str] = []
     pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
-    if np.sum(loading) < (2 if len(depth) < curve_shape.FEW else 3) or np.ptp(depth[loading]) < STROKE * pressed:
+    if (
+        np.sum(loading) < (2 if len(depth) < curve_shape.MIN_MACHINE_READINGS else 3)
+        or np.ptp(depth[loading]) < MIN_LOADING_STROKE_SHARE * pressed
+    ):
         raise ValueError(
             f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and hardly rises anywhere. It must "
-            f"grow from 0 at contact while the indenter goes deeper: {TURN} or subtract its start"
+            f"grow from 0 at contact while the indenter goes deeper: {TURN_SIGN_ADVICE} or subtract its start"
         )
     if back := curve_shape.back(depth):
         notes.append(
@@ -138,13 +144,15 @@ def _of_force(
     span = float(np.ptp(force))
     start = _force_at_start(who, d, F, span)
     notes: list[str] = []
-    late, level, scatter = curve_shape.force_onset(d, F) or (0.0, start, UNSEEN * span)
-    if d[0] <= curve_shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
+    late, level, scatter = curve_shape.force_onset(d, F) or (0.0, start, ASSUMED_SCATTER_SHARE * span)
+    if d[0] <= curve_shape.CURVE_EDGE_SHARE * d.max() and abs(level) > max(
+        DOUBTED_UNTARED_FORCE_SHARE * span, 5.0 * scatter
+    ):
         notes.append(
             f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before? "
             "(depth that counts from a preload: preload of the experiment says it)"
         )
-    if not found and late > LATE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
+    if not found and late > LATE_CONTACT_SHARE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm: up to there it stays within "
             f"its scatter of {scatter:.1g} N. Depth must count from contact: subtract the travel in air (zero = … "
@@ -160,9 +168,9 @@ def _of_force(
     elif grown := curve_shape.before_contact(d, F):
         notes.append(
             f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
-            f"must count from contact: {ZERO}"
+            f"must count from contact: {SUBTRACT_ZERO_ADVICE}"
         )
-    if not notes and (power := curve_shape.loading_power(d, F)) is not None and power < FLATTEST:
+    if not notes and (power := curve_shape.loading_power(d, F)) is not None and power < MIN_FORCE_POWER:
         notes.append(
             f"repeat {label}: Fz grows only as the power {power:.2g} of depth, a pressed body's at least in "
             "proportion; are the columns depth and Fz exchanged?"
@@ -177,7 +185,7 @@ def _of_force(
             f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm. Was it held at "
             "constant force, did the sensor saturate, or did the indenter sink in?"
         )
-    if (step := step_of_scale(F)) > COARSE * span:
+    if (step := step_of_scale(F)) > COARSE_FORCE_STEP_SHARE * span:
         notes.append(
             f"repeat {label}: Fz comes in steps of {step:.3g} N, {100.0 * step / span:.2g} % of its range; what they "
             "round off counts as noise"
@@ -201,27 +209,28 @@ def _presses_before(late: float, d: np.ndarray, F: np.ndarray) -> bool:
     line, cov = np.polyfit(d[air], F[air], 1, cov="unscaled")
     left = F[air] - np.polyval(line, d[air])
     error = np.sqrt(cov[0, 0] * float(left @ left) / (len(left) - 2))
-    return bool(line[0] > max(4.0 * error, DRIFTS * float(np.ptp(F)) / np.ptp(d[air])))
+    return bool(line[0] > max(4.0 * error, MAX_AIR_DRIFT_SHARE * float(np.ptp(F)) / np.ptp(d[air])))
 
 
 def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:
     """The force (N) where loading begins; ValueError where it falls, is not tared, or depths are a machine's."""
-    n = max(3 if len(F) >= curve_shape.FEW else 1, int(curve_shape.EDGE * len(F)))
-    shallow = d <= max(curve_shape.EDGE * d.max(), float(d.min()))
+    n = max(3 if len(F) >= curve_shape.MIN_MACHINE_READINGS else 1, int(curve_shape.CURVE_EDGE_SHARE * len(F)))
+    shallow = d <= max(curve_shape.CURVE_EDGE_SHARE * d.max(), float(d.min()))
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
-    if end < start - FALLS * span:
+    if end < start - MAX_FALL_TO_DEEPEST_SHARE * span:
         raise ValueError(
             f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper. Fz is the "
-            f"force of the specimen on the indenter, positive upwards: {TURN}"
+            f"force of the specimen on the indenter, positive upwards: {TURN_SIGN_ADVICE}"
         )
-    if d[0] > POSITION * d.max() > 0.0:
-        least = (d[0] / d.max()) ** STEEPEST * end
-        if start < 0.5 * least and least > SEEN * curve_shape.noise_of(F):
+    if d[0] > MAX_FIRST_DEPTH_SHARE * d.max() > 0.0:
+        least = (d[0] / d.max()) ** MAX_FORCE_POWER * end
+        if start < 0.5 * least and least > MIN_FORCE_TO_NOISE * curve_shape.noise_of(F):
             raise ValueError(
                 f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
-                f"{end:.3g} N. A body pressed from 0 mm on has at least {least:.2g} N at the first of these: {ZERO}"
+                f"{end:.3g} N. A body pressed from 0 mm on has at least {least:.2g} N at the first of these: "
+                f"{SUBTRACT_ZERO_ADVICE}"
             )
-    if d[0] <= curve_shape.EDGE * d.max() and abs(start) > UNTARED * span:
+    if d[0] <= curve_shape.CURVE_EDGE_SHARE * d.max() and abs(start) > MAX_UNTARED_FORCE_SHARE * span:
         raise ValueError(
             f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
             "in all. Subtract the reading before contact (zero = … in [columns] of the study)"
@@ -231,19 +240,22 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
 
 
 def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
-    """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor SKEW."""
+    """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor
+    MAX_REPEAT_FORCE_RATIO."""
     deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
     ends = []
     for label, d, F in repeats:
         force = (
-            float(np.median(F[d > 0.95 * d.max()])) if len(d) >= curve_shape.FEW and d.max() > 0.8 * deepest else 0.0
+            float(np.median(F[d > 0.95 * d.max()]))
+            if len(d) >= curve_shape.MIN_MACHINE_READINGS and d.max() > 0.8 * deepest
+            else 0.0
         )
-        if abs(force) > SEEN * curve_shape.noise_of(F):
+        if abs(force) > MIN_FORCE_TO_NOISE * curve_shape.noise_of(F):
             ends.append((label, force))
     if len(ends) < 2:
         return
     low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
-    if low[1] * high[1] <= 0.0 or (high[1] / low[1] > SKEW and low[1] > 0.0):
+    if low[1] * high[1] <= 0.0 or (high[1] / low[1] > MAX_REPEAT_FORCE_RATIO and low[1] > 0.0):
         raise ValueError(
             f"{path}: the largest force of repeat {low[0]!r} is {low[1]:.3g} N, that of repeat {high[0]!r} "
             f"{high[1]:.3g} N, to about the same depth. One of them has another sign, unit or tare"
@@ -253,15 +265,15 @@ def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]
 def check_profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
     """Remarks on the vertical displacements uz (n,) mm of one repeat of a profile, recorded at `depth` (n,) mm."""
     deepest, most, least = float(depth.max()), float(uz.max()), float(uz.min())
-    if max(most, -least) > BEYOND * deepest:
+    if max(most, -least) > MAX_MARK_TRAVEL_RATIO * deepest:
         return [
             f"repeat {label}: uz goes from {least:.3g} to {most:.3g} mm at depths to {deepest:.3g} mm, further than "
             "the indenter. uz is the displacement, not the height, of a mark: is its unit right?"
         ]
-    if most > max(UP * deepest, -least):
+    if most > max(MAX_RISING_MARK_SHARE * deepest, -least):
         return [
             f"repeat {label}: marks go up by {most:.3g} mm while the indenter goes {deepest:.3g} mm down; uz is "
-            f"positive upwards: {TURN}"
+            f"positive upwards: {TURN_SIGN_ADVICE}"
         ]
     return []
 
@@ -272,7 +284,7 @@ def check_common_depths(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
     if len(ways) < 2:
         return []
     deepest, first = max(end for _, _, end in ways), min(start for _, start, _ in ways)
-    slack, notes = curve_shape.EDGE * deepest, []
+    slack, notes = curve_shape.CURVE_EDGE_SHARE * deepest, []
     for label, start, end in ways:
         if end < deepest - slack:
             notes.append(f"repeat {label} ends at {end:.3g} mm, others go to {deepest:.3g} mm: the mean ends there")
@@ -287,14 +299,14 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
     before, at, after = depth[1:-3], depth[2:-2], depth[3:-1]
     beside = np.minimum(np.abs(at - before), np.abs(at - after))
     near = np.maximum(step[:-3], step[3:])  # of the readings on both sides, among themselves
-    alone = (beside > np.maximum(JUMP * stroke, 8.0 * near)) & ((at - before) * (at - after) > 0.0)
+    alone = (beside > np.maximum(MAX_JUMP_STROKE_SHARE * stroke, 8.0 * near)) & ((at - before) * (at - after) > 0.0)
     if alone.any():
         k = int(np.argmax(alone)) + 2
         raise ValueError(
             f"{path}:{lines[k]}: column 'depth' jumps to {depth[k]:g} mm for a single reading, between "
             f"{depth[k - 1]:g} and {depth[k + 1]:g} mm: leave the row out"
         )
-    if step[-1] > max(JUMP * stroke, 8.0 * step[:-1].max()):
+    if step[-1] > max(MAX_JUMP_STROKE_SHARE * stroke, 8.0 * step[:-1].max()):
         raise ValueError(
             f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
             f"{depth[-2]:g} mm: leave the row out"
@@ -316,7 +328,7 @@ def _breaks(
     """
     notes, step = [], np.diff(depth)
     far = curve_shape.isolated_steps(np.abs(step)) & (
-        np.abs(step) > max(LEAP * np.ptp(depth), 12.0 * curve_shape.noise_of(depth))
+        np.abs(step) > max(REMARKED_STEP_STROKE_SHARE * np.ptp(depth), 12.0 * curve_shape.noise_of(depth))
     )
     if time is not None:
         far &= curve_shape.isolated_steps(np.abs(step) / np.maximum(np.diff(time), 1e-12))
@@ -338,7 +350,7 @@ def _breaks(
             & loading[1:]
         )
         far = curve_shape.while_moving(
-            far & (np.abs(rise) > max(JUMP * np.ptp(force), 12.0 * curve_shape.noise_of(force))), depth
+            far & (np.abs(rise) > max(MAX_JUMP_STROKE_SHARE * np.ptp(force), 12.0 * curve_shape.noise_of(force))), depth
         )
         if far.any():
             k = int(np.argmax(np.abs(rise) * far))

@@ -10,13 +10,20 @@ import math
 
 import numpy as np
 
-from rso.core.power_law import FAMILIES
-from rso.data.contact_point import BIAS, FEWEST, SHARES, STEPS, Onset, means
+from rso.core.power_law import POWER_LAW_FAMILIES
+from rso.data.contact_point import (
+    CONTACT_BIAS_SHARE,
+    CONTACT_FORCE_SHARES,
+    MIN_READINGS_FOR_CONTACT,
+    N_CONTACT_CANDIDATES,
+    Onset,
+    means,
+)
 
-FURTHEST = 3.0  # ways of loading before the preload at which contact is looked for
-NEAR = 0.3  # of the preload by which the force at the zero of depth may be off, of it or of nothing
-GROWS_AT = 30  # places of the way at which it is looked whether the force grows
-LEAST = 1e-3  # of the range of the force: no reading is known better
+MAX_WAYS_BEFORE_PRELOAD = 3.0  # ways of loading before the preload at which contact is looked for
+PRELOAD_FORCE_TOLERANCE = 0.3  # of the preload by which the force at the zero of depth may be off, of it or of nothing
+N_GROWTH_PLACES = 30  # places of the way at which it is looked whether the force grows
+MIN_READING_SD_SHARE = 1e-3  # of the range of the force: no reading is known better
 
 
 def tared(depth: np.ndarray, force: np.ndarray, preload: float) -> bool:
@@ -24,7 +31,7 @@ def tared(depth: np.ndarray, force: np.ndarray, preload: float) -> bool:
     u, F = depth - depth[0], force
     near = u <= max(0.02 * float(u.max()), float(np.sort(u)[min(2, len(u) - 1)]))
     start = float(np.median(F[near]))
-    slack = NEAR * preload + 0.01 * float(np.ptp(F))
+    slack = PRELOAD_FORCE_TOLERANCE * preload + 0.01 * float(np.ptp(F))
     if abs(start) <= min(abs(start - preload), slack):
         return True
     if abs(start - preload) <= slack:
@@ -44,11 +51,13 @@ def contact(depth: np.ndarray, force: np.ndarray, preload: float) -> Onset:
     """
     order = np.argsort(depth, kind="stable")
     u, F = means(depth[order], force[order])
-    whole, half = (_averaged(u, F, share) for share in SHARES)
+    whole, half = (_averaged(u, F, share) for share in CONTACT_FORCE_SHARES)
     if whole is None:
-        raise ValueError(f"preload = {preload:.3g} N: fewer than {FEWEST} readings show the contact before it")
+        raise ValueError(
+            f"preload = {preload:.3g} N: fewer than {MIN_READINGS_FOR_CONTACT} readings show the contact before it"
+        )
     c, variance, way = whole
-    bias = BIAS * (way - c)
+    bias = CONTACT_BIAS_SHARE * (way - c)
     if half is not None:
         bias = math.hypot(bias, math.sqrt(max((c - half[0]) ** 2 - variance - half[1], 0.0)))
     return Onset(float(u[0]) + c, math.sqrt(variance), bias)
@@ -58,19 +67,19 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     """Contact (mm from the first reading, negative), its variance, and the way (mm) that tells it."""
     high = float(np.median(F[-3:]))
     n = int(np.sum(F < float(F[0]) + share * (high - float(F[0]))))
-    if n < FEWEST or u[n - 1] <= u[0]:
+    if n < MIN_READINGS_FOR_CONTACT or u[n - 1] <= u[0]:
         return None
     way = float(u[n - 1] - u[0])
     t, F = (u[:n] - u[0]) / way, F[:n]
-    c = -FURTHEST * np.linspace(0.0, 1.0, STEPS) ** 2
+    c = -MAX_WAYS_BEFORE_PRELOAD * np.linspace(0.0, 1.0, N_CONTACT_CANDIDATES) ** 2
     every: list[tuple[float, int, np.ndarray]] = []
-    for prior, family in FAMILIES:
+    for prior, family in POWER_LAW_FAMILIES:
         for powers in family:
             if n > len(powers) + 2:
                 every.append((prior / len(family), len(powers), _squares(t, F, c, powers)))
     if not any(np.isfinite(left).any() for *_, left in every):
         return None
-    least = (LEAST * float(np.ptp(F))) ** 2
+    least = (MIN_READING_SD_SHARE * float(np.ptp(F))) ** 2
     variance = max(min(float(left.min()) / max(n - 1 - k, 1) for _, k, left in every), least)
     loss = np.stack([left / variance + k * math.log(n) - 2.0 * math.log(p) for p, k, left in every])
     weight = np.exp(-0.5 * (loss - loss.min())) * np.gradient(-c)
@@ -89,7 +98,7 @@ def _squares(t: np.ndarray, F: np.ndarray, c: np.ndarray, powers: tuple[float, .
     for k, at in enumerate(c):
         A = np.stack([(t - at) ** p for p in powers], axis=1)
         a = np.linalg.lstsq(A, F, rcond=None)[0]
-        way = np.linspace(0.0, float(t[-1]) - at, GROWS_AT)[1:]
+        way = np.linspace(0.0, float(t[-1]) - at, N_GROWTH_PLACES)[1:]
         grows = sum(p * v * way ** (p - 1.0) for p, v in zip(powers, a, strict=True))
         if a[0] > 0.0 and np.all(grows > 0.0):
             left[k] = float(np.sum((F - A @ a) ** 2))

@@ -10,8 +10,8 @@ import numpy as np
 
 from rso.core.correlation import exponential
 from rso.core.distributions import student
-from rso.core.power_law import LEADING
-from rso.core.units import COLUMNS
+from rso.core.power_law import LEADING_EXPONENT
+from rso.core.units import COLUMN_UNITS
 from rso.data import usual_errors
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.holds import Hold, held, relaxing_curve
@@ -20,10 +20,10 @@ from rso.data.outliers import without_spikes
 from rso.data.scatter import White, beyond_said, of_record, of_scale, ratio_of, repeat_scatter, step_of_scale
 from rso.data.variance_components import variance_parts
 
-PULLS = 0.1  # of its range: a force that is negative by more pulls
-AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
+PULL_OFF_FORCE_SHARE = 0.1  # of its range: a force that is negative by more pulls
+KEPT_AIR_SHARE = 0.05  # of the deepest travel: so much before contact still tells where that is
 # Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
-MAX_POINTS = 200
+MAX_AVERAGED_POINTS = 200
 
 
 def combine(
@@ -90,7 +90,7 @@ def combine(
     sigma = np.sqrt(np.diag(covariance))
     return MeasuredCurve(
         channel,
-        COLUMNS[channel],
+        COLUMN_UNITS[channel],
         means.depth,
         y.mean(axis=0),
         sigma,
@@ -137,7 +137,7 @@ def _averaged(measurement: Measurement, channel: str, segment: str, hold: Hold |
     smooth, slope = _smooth(u, y.mean(axis=0))
     if hold is None:
         return _Means(u, y, many, power, smooth, slope, u, None, len(u))
-    exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING
+    exponent = float(slope[-1] * u[-1] / smooth[-1]) if smooth[-1] else LEADING_EXPONENT
     rows = [held(r, hold, channel, exponent) for r in measurement.repeats]
     y, power = (np.hstack([a, [b[k] for b in rows]]) for k, a in enumerate((y, power)))
     many = np.hstack([many, len(rows) * np.array([b[2] for b in rows])])
@@ -222,7 +222,7 @@ def _power_series(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.nda
 
     def terms(depth: np.ndarray) -> np.ndarray:
         s = np.maximum(depth, 0.0) / (np.abs(u).max() or 1.0)
-        return np.stack([s**LEADING, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
+        return np.stack([s**LEADING_EXPONENT, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
 
     c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
     return lambda depth: terms(depth) @ c
@@ -235,7 +235,7 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
     polynomial through the whole would bend for it.
     """
     rows = repeat.segment == segment
-    near = repeat.depth >= -AIR * max(float(repeat.depth[rows].max()), 0.0)
+    near = repeat.depth >= -KEPT_AIR_SHARE * max(float(repeat.depth[rows].max()), 0.0)
     if segment == "unloading":
         near = _adhering(repeat, channel, rows)
     rows = rows & near if np.sum(rows & near) > 1 else rows
@@ -243,8 +243,8 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...
     stated = repeat.sigma.get(channel, np.zeros_like(repeat.depth))[rows]
     block = np.unique(depth, return_inverse=True)[1].ravel()
     distinct = block.max() + 1
-    if distinct > MAX_POINTS:
-        block = block * MAX_POINTS // distinct
+    if distinct > MAX_AVERAGED_POINTS:
+        block = block * MAX_AVERAGED_POINTS // distinct
     count = np.bincount(block)
     each = (depth, repeat.channels[channel][rows], stated**2)
     return *(np.bincount(block, weights=v) / count for v in each), count
@@ -261,7 +261,7 @@ def pulls_off(measurement: Measurement) -> bool:
         if "Fz" not in r.channels or rows.sum() < 6:
             return False
         mean = np.convolve(r.channels["Fz"][rows], np.ones(3) / 3.0, mode="valid")
-        found.append(float(mean.min()) < -PULLS * float(np.ptp(mean)))
+        found.append(float(mean.min()) < -PULL_OFF_FORCE_SHARE * float(np.ptp(mean)))
     return bool(found) and all(found)
 
 
@@ -295,7 +295,7 @@ def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
 def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A smooth curve through the points and its dy/du; one point alone is taken as y ~ u^{3/2}."""
     if len(u) == 1:
-        return y, LEADING * y / u if u[0] > 0 else np.zeros(1)
+        return y, LEADING_EXPONENT * y / u if u[0] > 0 else np.zeros(1)
     # full=True: badly spread depths give the least-norm fit, without a warning.
     fit = np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0]
     return fit(u), fit.deriv()(u)
@@ -306,16 +306,16 @@ def _of_one(u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise, 
     those of `loading`."""
     there = u[:loading]
     sizes = {
-        "gain": usual_errors.GAIN,
-        "contact": usual_errors.CONTACT * float(there.max()),
+        "gain": usual_errors.USUAL_GAIN_ERROR,
+        "contact": usual_errors.USUAL_CONTACT_ERROR_SHARE * float(there.max()),
         "correlation": _correlated(smooth),
     }
-    length = usual_errors.OVER * float(np.ptp(there))
+    length = usual_errors.USUAL_CORRELATION_LENGTH_SHARE * float(np.ptp(there))
     return _parts(u, smooth, slope, {n: v for n, v in sizes.items() if n in noise.unstated}, length)
 
 
 def _correlated(smooth: np.ndarray) -> float:
-    return usual_errors.CORRELATED * float(np.abs(smooth).max())
+    return usual_errors.USUAL_CORRELATED_ERROR_SHARE * float(np.abs(smooth).max())
 
 
 def _parts(
@@ -324,7 +324,7 @@ def _parts(
     """U (n, q) of errors of these standard deviations; correlated ones over a length, usually of half the travel."""
     found = {n: sizes[n] * s[:, None] for n, s in (("gain", smooth), ("contact", slope)) if sizes.get(n, 0.0) > 0.0}
     if sizes.get("correlation", 0.0) > 0.0 and len(u) > 1:
-        length = length or usual_errors.OVER * float(np.ptp(u))
+        length = length or usual_errors.USUAL_CORRELATION_LENGTH_SHARE * float(np.ptp(u))
         found["correlation"] = sizes["correlation"] * _root(exponential(u, length))
     return found
 
@@ -358,7 +358,9 @@ def _scatter(
     contrasts = np.linalg.svd(np.eye(r) - 1.0 / r)[0][:, : r - 1].T @ y
     prior = {n: v for n, v in zip(("correlation", "gain", "contact"), _priors(u[:loading], smooth, noise), strict=True)}
     variance = np.maximum(found.variance, (1e-9 * float(np.abs(smooth).max() or 1.0)) ** 2)
-    p = variance_parts(u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual_errors.PRIOR)
+    p = variance_parts(
+        u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual_errors.USUAL_ERROR_FREEDOM
+    )
     ratio = p.white * ratio_of(y, smooth, slope, r * white_said)
     white = beyond_said(White(p.white * found.variance, found.freedom), ratio, r * white_said)
     mean = white.variance / r
@@ -368,11 +370,15 @@ def _scatter(
     shown, rest = {}, {}
     for name, v in (("gain", p.gain), ("contact", p.contact), ("correlation", p.correlated)):
         v0, k = prior[name], dof[name]
-        s2 = v if v0 is None else max(v * (usual_errors.PRIOR + k) - usual_errors.PRIOR * v0**2, 0.0) / k
+        s2 = (
+            v
+            if v0 is None
+            else max(v * (usual_errors.USUAL_ERROR_FREEDOM + k) - usual_errors.USUAL_ERROR_FREEDOM * v0**2, 0.0) / k
+        )
         a, b = (
             usual_errors.counted_variance(v0 or 0.0, k, s2)
             if v0 is not None
-            else (student(usual_errors.PRIOR + k) ** 2 * v, 0.0)
+            else (student(usual_errors.USUAL_ERROR_FREEDOM + k) ** 2 * v, 0.0)
         )
         stated = {"gain": noise.gain, "contact": noise.contact, "correlation": None}[name] or 0.0
         shown[name], rest[name] = max(a / r - stated**2, 0.0), math.sqrt(b / r) if name in noise.unstated else 0.0
@@ -388,7 +394,11 @@ def _scatter(
 
 def _priors(u: np.ndarray, smooth: np.ndarray, noise: Noise) -> tuple[float | None, float | None, float | None]:
     """Deviations of correlated noise, gain and contact of a test that are expected; None: nothing is known, or 0."""
-    sizes = (_correlated(smooth), usual_errors.GAIN, usual_errors.CONTACT * float(u.max()))
+    sizes = (
+        _correlated(smooth),
+        usual_errors.USUAL_GAIN_ERROR,
+        usual_errors.USUAL_CONTACT_ERROR_SHARE * float(u.max()),
+    )
     given = (None, noise.gain, noise.contact)
     names = ("correlation", "gain", "contact")
     return tuple(
@@ -419,7 +429,7 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
     freedom = scatter.freedom / share**2 if share > 0 else math.inf
     return MeasuredCurve(
         channel,
-        COLUMNS[channel],
+        COLUMN_UNITS[channel],
         places[:, 0],
         y.mean(axis=0),
         np.sqrt(variance),

@@ -10,13 +10,15 @@ import numpy as np
 from rso.core.correlation import of_neighbours, restored
 from rso.core.distributions import chi2_ppf
 
-FEWEST = 8  # readings of a record that tell its noise
-BEYOND = 0.05  # chance of a right statement to be overruled by the readings
-EVEN = 0.1  # share by which a stated variance may change along the curve and still say nothing of its shape
-VARIES = 0.01  # chance of even noise to be taken for one that changes along the curve
-REMEMBERS = 2.5  # standard errors of a correlation of neighbours: one case of white noise in 160 has more
-DEGREE = 2  # of its logarithm as a polynomial, at most
-FAINT = 0.01  # of the largest value: below it forces count as equally small
+MIN_READINGS_FOR_NOISE = 8  # readings of a record that tell its noise
+NOISE_OVERRULE_CHANCE = 0.05  # chance of a right statement to be overruled by the readings
+# share by which a stated variance may change along the curve and still say nothing of its shape
+EVEN_VARIANCE_TOLERANCE = 0.1
+VARYING_NOISE_CHANCE = 0.01  # chance of even noise to be taken for one that changes along the curve
+# standard errors of a correlation of neighbours: one case of white noise in 160 has more
+MIN_CORRELATION_STANDARD_ERRORS = 2.5
+MAX_LOG_NOISE_DEGREE = 2  # of its logarithm as a polynomial, at most
+FAINT_FORCE_SHARE = 0.01  # of the largest value: below it forces count as equally small
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +31,15 @@ class White:
 
 def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray) -> White:
     """White noise of a record beyond the covariance `said` (n, n) of what is stated: none, unless its readings clearly
-    scatter by more; none of fewer than `FEWEST` readings either.  y (n,) is what a smooth curve leaves of them at u.
+    scatter by more; none of fewer than `MIN_READINGS_FOR_NOISE` readings either.  y (n,) is what a smooth curve leaves
+    of them at u.
 
         q_j = (a_jᵀ y)²,   E q_j = a_jᵀ C a_j       with a_j the third divided difference at four readings, ‖a_j‖ = 1
 
     The mean of q_j/E q_j, which is χ²_m/m for m = (tr A Aᵀ)²/tr (A Aᵀ)², says whether they do.
     """
     n = len(u)
-    if n < FEWEST:
+    if n < MIN_READINGS_FOR_NOISE:
         return White(np.zeros(n), np.inf)
     four = np.lib.stride_tricks.sliding_window_view(np.arange(n), 4)
     apart = u[four][:, :, None] - u[four][:, None, :]
@@ -46,7 +49,7 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     jumps = A @ y
     q, expected = jumps**2, np.einsum("ji,ik,jk->j", A, said, A)
     m = (n - 3) ** 2 / float(np.sum((A @ A.T) ** 2))
-    if expected.min() > 0 and np.mean(q / expected) <= chi2_ppf(1 - BEYOND, m) / m:
+    if expected.min() > 0 and np.mean(q / expected) <= chi2_ppf(1 - NOISE_OVERRULE_CHANCE, m) / m:
         return White(np.zeros(n), np.inf)
     # White noise turns in three of four; what a curve itself leaves there is all at its beginning, and not noise.
     turns = np.mean(jumps[1:] * jumps[:-1] < 0) > 0.5
@@ -124,22 +127,23 @@ def beyond_said(seen: White, ratio: float, said: np.ndarray) -> White:
     """
     if said.min() <= 0.0 or not np.isfinite(seen.freedom):
         return White(np.maximum(seen.variance - said, 0.0), seen.freedom)
-    if ratio <= chi2_ppf(1 - BEYOND, seen.freedom) / seen.freedom:
+    if ratio <= chi2_ppf(1 - NOISE_OVERRULE_CHANCE, seen.freedom) / seen.freedom:
         return White(np.zeros(len(said)), np.inf)
-    even = np.ptp(said) <= EVEN * said.max()
+    even = np.ptp(said) <= EVEN_VARIANCE_TOLERANCE * said.max()
     return White(np.maximum(seen.variance - said, 0.0) if even else said * (ratio - 1.0), seen.freedom)
 
 
 def autocorrelation(rest: np.ndarray, independent: int = 1) -> float:
     """Correlation ρ of neighbours in deviations (n, r), as many of the r curves `independent`; 0 where it may be none.
 
-    It counts from `REMEMBERS` standard errors on; what taking out the mean and two shapes cost is put back.
+    It counts from `MIN_CORRELATION_STANDARD_ERRORS` standard errors on; what taking out the mean and two shapes cost is
+    put back.
     """
     n = len(rest)
     if n < 12:
         return 0.0
     ρ = of_neighbours(rest.T)
-    return min(restored(ρ, n), 0.98) if ρ > REMEMBERS / np.sqrt(n * independent) else 0.0
+    return min(restored(ρ, n), 0.98) if ρ > MIN_CORRELATION_STANDARD_ERRORS / np.sqrt(n * independent) else 0.0
 
 
 def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> White:
@@ -152,17 +156,17 @@ def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> Whi
     """
     mean, spread = float(q.mean()), float(np.ptp(t))
     even = White(np.full(len(at), mean), freedom)
-    if mean == 0.0 or spread < 1e-6 or len(q) < FEWEST:
+    if mean == 0.0 or spread < 1e-6 or len(q) < MIN_READINGS_FOR_NOISE:
         return even
 
     def terms(v: np.ndarray) -> np.ndarray:
-        return np.vander((v - t.mean()) / spread, DEGREE + 1, increasing=True)
+        return np.vander((v - t.mean()) / spread, MAX_LOG_NOISE_DEGREE + 1, increasing=True)
 
     X, ν, best = terms(t), freedom / len(q), even
     least, k = _deviance(X[:, :1], np.zeros(1), q / mean), 0
-    for d in range(1, DEGREE + 1):
+    for d in range(1, MAX_LOG_NOISE_DEGREE + 1):
         β, deviance = _gamma(X[:, : d + 1], q / mean)
-        if ν * (least - deviance) > chi2_ppf(1 - VARIES, d - k):
+        if ν * (least - deviance) > chi2_ppf(1 - VARYING_NOISE_CHANCE, d - k):
             least, k = deviance, d
             best = White(mean * np.exp(terms(at)[:, : d + 1] @ β), max(freedom - d, 1.0))
     return best
@@ -171,7 +175,7 @@ def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> Whi
 def _size(smooth: np.ndarray) -> np.ndarray:
     """ln(|ŷ| + a hundredth of its largest) (n,): noise in proportion to the force or to its slope is straight in it."""
     largest = float(np.abs(smooth).max())
-    return np.log(np.abs(smooth) / largest + FAINT) if largest > 0 else np.zeros(len(smooth))
+    return np.log(np.abs(smooth) / largest + FAINT_FORCE_SHARE) if largest > 0 else np.zeros(len(smooth))
 
 
 def _deviance(X: np.ndarray, β: np.ndarray, q: np.ndarray) -> float:

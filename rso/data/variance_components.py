@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LENGTHS = 5  # of correlation that are tried, from the spacing of readings to the whole travel
-POLISHED = 2  # of these are followed to their maximum, the likeliest from where they begin
-LOW = 1e-8  # of the white variance, at least: nothing
-FLAT = 1e-3  # weight of a prior that says nothing, so that a flat likelihood has a maximum
+N_CORRELATION_LENGTHS = 5  # of correlation that are tried, from the spacing of readings to the whole travel
+N_POLISHED_STARTS = 2  # of these are followed to their maximum, the likeliest from where they begin
+MIN_VARIANCE_RATIO = 1e-8  # of the white variance, at least: nothing
+FLAT_PRIOR_WEIGHT = 1e-3  # weight of a prior that says nothing, so that a flat likelihood has a maximum
 
 
 @dataclass(frozen=True)
@@ -56,24 +56,24 @@ def variance_parts(
     # in units in which each part is of the size of the white noise
     unit = np.array([float(np.mean(white)), *(1.0 / np.maximum(np.sum(Z[k:] ** 2, axis=1), 1e-300))])
     usual = np.array([0.0 if p is None else p**2 for p in priors]) / unit
-    held = np.array([FLAT if p is None else weight for p in priors])
-    usual = np.maximum(usual, LOW)
+    held = np.array([FLAT_PRIOR_WEIGHT if p is None else weight for p in priors])
+    usual = np.maximum(usual, MIN_VARIANCE_RATIO)
     starts = [np.r_[0.0, np.log(np.maximum(usual, 1e-2))], *_moments(Z[:k], Z[k:])]
-    bounds = [(np.log(max(least, 1e-6)), 12.0), *[(np.log(LOW), 25.0)] * 3]
+    bounds = [(np.log(max(least, 1e-6)), 12.0), *[(np.log(MIN_VARIANCE_RATIO), 25.0)] * 3]
     starts = [np.clip(s, *np.transpose(bounds)) for s in starts]
     tried = []
-    for length in np.geomspace(span / max(len(u) - 1, 1), span, LENGTHS):
+    for length in np.geomspace(span / max(len(u) - 1, 1), span, N_CORRELATION_LENGTHS):
         λ, Q = eigh(np.exp(-apart / length) * unit[0] / np.outer(root, root), check_finite=False)
         rotated = Z @ Q
         args = (np.maximum(λ, 0.0), rotated[:k] ** 2, rotated[:k], rotated[k:] * np.sqrt(unit[1:, None]), usual, held)
         tried.append((*min((float(_minus(s, *args)[0]), j) for j, s in enumerate(starts)), float(length), args))
-    for _, j, length, args in sorted(tried, key=lambda t: t[0])[:POLISHED]:
+    for _, j, length, args in sorted(tried, key=lambda t: t[0])[:N_POLISHED_STARTS]:
         result = minimize(
             _minus, starts[j], args, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-7}
         )
         if result.fun < best:
             best, v = result.fun, np.exp(result.x)
-            v[1:][v[1:] < 10 * LOW] = 0.0
+            v[1:][v[1:] < 10 * MIN_VARIANCE_RATIO] = 0.0
             found = Parts(float(v[0]), float(v[1] * unit[0]), length, *map(float, v[2:] * unit[1:]))
     return found
 
@@ -88,8 +88,8 @@ def _moments(E: np.ndarray, F: np.ndarray) -> list[np.ndarray]:
         A = np.linalg.lstsq(F[rows].T, E.T, rcond=1e-8)[0]
         rest = E - A.T @ F[rows]
         white = max(float(np.mean(rest**2)), 1e-6)
-        each = np.full(2, LOW)
-        each[rows] = np.maximum(np.mean(A**2, axis=1) * np.sum(F[rows] ** 2, axis=1), LOW)
+        each = np.full(2, MIN_VARIANCE_RATIO)
+        each[rows] = np.maximum(np.mean(A**2, axis=1) * np.sum(F[rows] ** 2, axis=1), MIN_VARIANCE_RATIO)
         found.append(np.log(np.r_[white, 0.1 * white, each]))
     return found
 

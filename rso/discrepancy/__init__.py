@@ -24,10 +24,10 @@ from rso.discrepancy.library.simulations import Base, BaseAxis
 from rso.discrepancy.library.tables import Library, LibraryUnanswered, build_library
 from rso.discrepancy.library.test_plan import Experiment, TestPlan, make_test_plan
 from rso.discrepancy.proposals import planned_tests
-from rso.discrepancy.rerun import CLOSE, RerunCheck, corrected_library, finalists, planned_rerun
+from rso.discrepancy.rerun import LIBRARY_TOLERANCE, RerunCheck, corrected_library, finalists, planned_rerun
 
 __all__ = [
-    "CLOSE",
+    "LIBRARY_TOLERANCE",
     "Base",
     "BaseAxis",
     "Diagnosis",

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.readings import as_data
+from rso.contract.responses import FORCE_CHANNELS
 from rso.data import combine
 from rso.discrepancy.library.prediction import predict
-from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, Test
+from rso.discrepancy.library.test_plan import LOADING_BRANCH, Test
 from rso.doe import Box
 from rso.inference import (
     Data,
@@ -32,7 +32,7 @@ from rso.inference import (
     with_model_errors,
 )
 from rso.inference.error_model import shares
-from rso.inference.identifiability import RARE
+from rso.inference.identifiability import UNDECIDED_FIT_CHANCE
 from rso.inference.verdict import physical
 from rso.study.schema import Study
 
@@ -78,7 +78,7 @@ def fitted_tests(study: Study, library: Library) -> list[tuple[Test, Data]]:
                 channels=(channel,),
                 depth=data.depth,
                 time=data.depth / like.speed,
-                branch=np.full(n, LOADING),
+                branch=np.full(n, LOADING_BRANCH),
                 count=np.ones(n),
                 values={channel: data.value},
                 since=np.zeros(n),
@@ -101,7 +101,7 @@ def _predicted(library: Library, box: Box, X: np.ndarray) -> np.ndarray:
 def _numerical(library: Library, test: Test, f: np.ndarray) -> np.ndarray:
     """Estimated numerical error (n,) of a predicted force f (n,): of Fz as stated, of lateral ones over the largest."""
     here, (channel,) = library.places[test.place], test.channels
-    share = np.interp(test.depth, here.u, here.error[FORCES.index(channel)])
+    share = np.interp(test.depth, here.u, here.error[FORCE_CHANNELS.index(channel)])
     size = np.abs(f) if channel == "Fz" else np.full(len(f), float(np.abs(f).max()))
     return share * size
 
@@ -136,7 +136,7 @@ def base_model_sentence(found: Mapping[str, Any] | None, gap: bool = False) -> l
     if not found:
         return []
     stories: Sequence[str] = [v["story"] for v in found["parameters"].values()]
-    agrees = gap and found["p_value"] is not None and found["p_value"] > RARE
+    agrees = gap and found["p_value"] is not None and found["p_value"] > UNDECIDED_FIT_CHANCE
     within = (
         "This fit compares loading alone and counts all errors of a test in full; the gap above may be smaller, or in "
         "other readings. "

@@ -19,10 +19,11 @@ from rso.discrepancy.study_diagnosis import Asked, ask, judge_library
 from rso.evaluation import Evaluator, Watch
 from rso.evaluation.store import RunStore
 from rso.study.laboratory_folder import file_line, files_of, study_of_folder, unread
-from rso.study.laboratory_nominal import FILE, read_nominal
+from rso.study.laboratory_nominal import NOMINAL_FILE, read_nominal
 from rso.study.loader import load_study
 
-SHARED = 2.0  # mm, of plans of the usual depth: one that ends this much earlier than another shares its library
+# mm, of plans of the usual depth: one that ends this much earlier than another shares its library
+SHARED_LIBRARY_DEPTH_MM = 2.0
 
 
 def cases_of(folder: Path) -> list[Path]:
@@ -107,9 +108,9 @@ def _read(case: Path, out: Path, seed: int) -> Asked | ValueError:
     try:
         return _asked(case, out, seed)
     except ValueError as error:
-        if "columns" in str(error) and not str(error).startswith(str(case / FILE)):
+        if "columns" in str(error) and not str(error).startswith(str(case / NOMINAL_FILE)):
             return ValueError(
-                f'{error}\n{case / FILE}: says as "columns" what a study says under [columns], for all '
+                f'{error}\n{case / NOMINAL_FILE}: says as "columns" what a study says under [columns], for all '
                 'files, and as "columns_of" for one: "columns_of": {"profile.csv": {}}'
             )
         return error
@@ -128,7 +129,7 @@ def _deepest(asked: Sequence[Asked]) -> dict[str, float]:
 def _as_deep(plan: TestPlan, deepest: Mapping[str, float]) -> TestPlan:
     """The plan with places as deep as in the deepest case, so that one library serves all, where that is not far."""
     far = {digest(p.settings): deepest[digest(p.settings)] for p in plan.places}
-    reach = SHARED * plan.scale
+    reach = SHARED_LIBRARY_DEPTH_MM * plan.scale
     places = [replace(p, deepest=v) if (v := far[digest(p.settings)]) <= p.deepest + reach else p for p in plan.places]
     return replace(plan, places=tuple(places))
 

@@ -25,7 +25,7 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior, mean_prediction
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import Reach, draws, reach
 from rso.discrepancy.evidence.residual_test import ResidualScore, residual_score
-from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, VerdictRules
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, DiagnosisSettings, VerdictRules
 from rso.discrepancy.evidence.verdict import (
     UNEXPLAINED,
     Judgement,
@@ -38,13 +38,14 @@ from rso.discrepancy.evidence.verdict import (
 )
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.tables import Library
+from rso.inference.intervals import CREDIBLE_LEVEL
 
-DRAWS = 2000
-LEVEL = 0.9
-ENDS = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)
-WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
-FEW = 0.01  # of the draws: a sign that fewer have is not worth a word
-APART = 0.3  # of the median deviation: where 95 % on both sides lie further out than that, nothing is between
+N_DIAGNOSIS_DRAWS = 2000  # of the parameters under each hypothesis: 200 lie beyond the ends of 90 % intervals
+# low end, median and high end of an interval
+CREDIBLE_QUANTILES = ((1 - CREDIBLE_LEVEL) / 2, 0.5, (1 + CREDIBLE_LEVEL) / 2)
+WHOLE_GAP_VERDICTS = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
+MIN_SIGN_DRAWS_SHARE = 0.01  # of the draws: a sign that fewer have is not worth a word
+SIGN_GAP_RATIO = 0.3  # of the median deviation: where 95 % on both sides lie further out than that, nothing is between
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,9 @@ class Diagnosis:
 def diagnose(
     whole: Library,
     seed: int,
-    nulls: int = attribution.NULLS,
+    nulls: int = attribution.N_NULL_DATA_SETS,
     fitted: Mapping[str, float] | None = None,
-    settings: DiagnosisSettings = SETTINGS,
+    settings: DiagnosisSettings = DIAGNOSIS_SETTINGS,
 ) -> Diagnosis:
     """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only.
 
@@ -129,7 +130,7 @@ def diagnose(
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
     pure = Hypothesis(judged.chosen.effects)  # of many forms of one cause it need not be among the most probable
     held = held_out_evidence(bench, y, list(dict.fromkeys([Hypothesis(()), *most_probable(contest), pure])))
-    if judged.verdict in WHOLE and pure.effects and not predicts(held, pure):
+    if judged.verdict in WHOLE_GAP_VERDICTS and pure.effects and not predicts(held, pure):
         judged = UNEXPLAINED  # evidence without prediction is no cause
         posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
     judged = _whole_or_part(judged, evidence, y, posts, rest)
@@ -154,8 +155,8 @@ def diagnose(
         None if odd is None else np.setdiff1d(np.arange(len(y)), localisation.experiment_rows(library.plan, odd[0]))
     )
     if others is not None:  # what the others say
-        posts[chosen.name] = fit_effects(bench, (), others, y, rng, DRAWS)
-    reached = reach(evidence, contest, chosen, y, LEVEL, seed + 7, others)
+        posts[chosen.name] = fit_effects(bench, (), others, y, rng, N_DIAGNOSIS_DRAWS)
+    reached = reach(evidence, contest, chosen, y, CREDIBLE_LEVEL, seed + 7, others)
     return Diagnosis(
         verdict=verdict,
         p_value=float((1 + np.sum(opened.null >= opened.first.statistic)) / (1 + len(opened.null))),
@@ -237,7 +238,9 @@ def _contested(
         contest = attribution.comparisons(evidence, y[None], pairs, finalists=finalists)[0]
     judged = judge_comparison(contest, gap, evidence.bench.settings.rules)
     part = judged.verdict == "partly" and len(judged.chosen.effects) == 1
-    rest = residual_score(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE else None
+    rest = (
+        residual_score(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE_GAP_VERDICTS else None
+    )
     if rest is not None and rest.there:
         joined = pairs_of_remainder(judged.chosen, rest, pairs)
         finalists |= {e.source for pair in joined for e in pair}
@@ -262,7 +265,7 @@ def _whole_or_part(
 ) -> Judgement:
     """A cause is a part where it leaves too much, would have to be larger than is plausible, or something shows."""
     chosen = judged.chosen
-    if judged.verdict not in WHOLE:
+    if judged.verdict not in WHOLE_GAP_VERDICTS:
         return judged
     rules = evidence.bench.settings.rules
     doubtful = misfit(evidence, chosen, y) > most_left(len(y), rules) or _beyond(chosen, posts[chosen.name], rules)
@@ -276,7 +279,12 @@ def _flow_or_network(
     of that the catalogue has one time alone, which may fit worse."""
     chosen, other = judged.chosen, any_network.network(evidence.bench)
     single = len(chosen.effects) == 1 and chosen.effects[0].flows
-    if other is None or not single or judged.verdict not in (*WHOLE, "partly") or other.name in judged.named:
+    if (
+        other is None
+        or not single
+        or judged.verdict not in (*WHOLE_GAP_VERDICTS, "partly")
+        or other.name in judged.named
+    ):
         return judged
     post = posts[chosen.name]
     at, modulus = np.median(post.at, axis=0), float(np.median(post.modulus))
@@ -309,7 +317,7 @@ def _posterior(
     evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, rng: np.random.Generator, unexplained: bool = False
 ) -> Posterior:
     h = evidence.best(effects, y, unexplained, loose=bool(effects))
-    return posterior(h, h.white(y), DRAWS, rng)
+    return posterior(h, h.white(y), N_DIAGNOSIS_DRAWS, rng)
 
 
 def _causes(
@@ -337,7 +345,7 @@ def _causes(
         e = next(e for e in h.effects if e.name == name)
         probability = sum(v for v, g in holders_of(contest, given, e.source))
         if e.family == "scatter":
-            size, low, high = evidence.scatter(e, y, LEVEL)
+            size, low, high = evidence.scatter(e, y, CREDIBLE_LEVEL)
             each = tuple(zip(*(v.tolist() for v in evidence.of_tests(e, y, size)), strict=True))
             found.append(Cause(e, probability, float(size), (float(low), float(high)), False, each))
             continue
@@ -362,20 +370,21 @@ def _quantiles(v: np.ndarray, levels: tuple[float, float, float]) -> tuple[float
 def _sides(
     e: Effect, deviation: np.ndarray, size: np.ndarray
 ) -> tuple[np.ndarray, tuple[float, float, float], tuple[float, float, float] | None]:
-    """Which draws (m,) are said, quantiles that leave LEVEL of all within, and (probability, low, high) of the others.
+    """Which draws (m,) are said, quantiles that leave CREDIBLE_LEVEL of all within, and (probability, low, high) of the
+    others.
 
     All are said, unless signed deviations from neutral lie on both sides and next to none between.
     """
-    whole = np.ones(len(deviation), bool), ENDS, None
+    whole = np.ones(len(deviation), bool), CREDIBLE_QUANTILES, None
     other, main = sorted((deviation < 0, deviation > 0), key=np.count_nonzero)
-    if e.size.neutral is None or other.sum() < FEW * len(deviation):
+    if e.size.neutral is None or other.sum() < MIN_SIGN_DRAWS_SHARE * len(deviation):
         return whole
-    near, middle = (sum(np.quantile(abs(deviation[s]), q) for s in (main, other)) for q in (ENDS[0], 0.5))
-    if near < APART * middle:
+    near, middle = (sum(np.quantile(abs(deviation[s]), q) for s in (main, other)) for q in (CREDIBLE_QUANTILES[0], 0.5))
+    if near < SIGN_GAP_RATIO * middle:
         return whole
     share = float(other.mean())
-    within = min(LEVEL / (1 - share), 1.0) if share < 1 - LEVEL else LEVEL
-    low, high = np.quantile(size[other], (ENDS[0], ENDS[-1]))
+    within = min(CREDIBLE_LEVEL / (1 - share), 1.0) if share < 1 - CREDIBLE_LEVEL else CREDIBLE_LEVEL
+    low, high = np.quantile(size[other], (CREDIBLE_QUANTILES[0], CREDIBLE_QUANTILES[-1]))
     return main, ((1 - within) / 2, 0.5, (1 + within) / 2), (share, float(low), float(high))
 
 
@@ -392,7 +401,7 @@ def misfit(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
     return float(np.mean((w - mean_prediction(best, w)) ** 2))
 
 
-def most_left(n: int, rules: VerdictRules = SETTINGS.rules) -> float:
+def most_left(n: int, rules: VerdictRules = DIAGNOSIS_SETTINGS.rules) -> float:
     """χ² per reading that a right hypothesis may leave of n readings."""
     return max(rules.misfit, float(chi2_ppf(1.0 - rules.rare, n)) / n)
 
@@ -415,7 +424,7 @@ def _of_tests(evidence: Evidence, h: Hypothesis, tests: np.ndarray, r: np.ndarra
     return (tests + own) @ np.linalg.solve(C, r)
 
 
-def _beyond(h: Hypothesis, post: Posterior, rules: VerdictRules = SETTINGS.rules) -> bool:
+def _beyond(h: Hypothesis, post: Posterior, rules: VerdictRules = DIAGNOSIS_SETTINGS.rules) -> bool:
     """Whether an effect would have to be larger than is plausible, or lie where nothing was computed."""
     for e in h.effects:
         if e.family == "scatter":
@@ -453,6 +462,8 @@ def _parameters(
     library: Library, posts: Mapping[str, Posterior], reached: Mapping[str, Reach]
 ) -> dict[str, dict[str, tuple[float, float, float]]]:
     """Open base parameters (low, median, high): of the base model, over all that the data allow, of what is said."""
-    before = {k: tuple(map(float, np.quantile(v, ENDS))) for k, v in draws(library, posts["none"]).items()}
+    before = {
+        k: tuple(map(float, np.quantile(v, CREDIBLE_QUANTILES))) for k, v in draws(library, posts["none"]).items()
+    }
     after, alone = ({k: getattr(r, of) for k, r in reached.items()} for of in ("whole", "alone"))
     return {"before": before, "after": after, "if_nothing_else": alone}

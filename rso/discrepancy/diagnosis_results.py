@@ -15,21 +15,22 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import calibrated_deviation
 from rso.discrepancy.evidence.residual_test import ResidualScore
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.evidence.shrinkage import predicted
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.simulations import Base
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import HELD, LOADING, Test, TestPlan
+from rso.discrepancy.library.test_plan import HELD_BRANCH, LOADING_BRANCH, Test, TestPlan
 from rso.discrepancy.next_test import NextTest, next_tests
 from rso.discrepancy.rerun import RerunCheck
 from rso.discrepancy.wording import diagnosis_sentences
 from rso.evaluation import Task
 
-SCHEMA = 1
-REGIONS = 8
-SHOWN, OPPOSITE = 20.0, -0.5  # root of the sum of squares over the noise of a force that has a sign; times it
-LEADING = 4  # hypotheses of one effect whose signatures are told
+DIAGNOSIS_SCHEMA = 1  # of diagnosis.json; raised when keys change their meaning
+MAX_LISTED_REGIONS = 8  # of the data, those off by most: a reader looks at no more
+# root of the sum of squares over the noise of a force that has a sign; times it
+MIN_SIGNED_FORCE_TO_NOISE, MAX_MIRRORED_PROJECTION = 20.0, -0.5
+N_LEADING_HYPOTHESES = 4  # hypotheses of one effect whose signatures are told
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
@@ -49,7 +50,7 @@ def diagnosis_data(
     plan = library.plan.seen()
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
     found = {
-        "schema": SCHEMA,
+        "schema": DIAGNOSIS_SCHEMA,
         "title": title,
         "units": _units(library.base),
         "fixed": dict(library.base.fixed),
@@ -108,7 +109,7 @@ def mirrored_channels(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     return [
         {"experiment": name, "channel": c, "times": fy / ff}
         for (name, c), (fy, ff, noise) in out.items()
-        if ff > (SHOWN * noise) ** 2 and fy / ff < OPPOSITE
+        if ff > (MIN_SIGNED_FORCE_TO_NOISE * noise) ** 2 and fy / ff < MAX_MIRRORED_PROJECTION
     ]
 
 
@@ -191,7 +192,7 @@ def _regions(d: Diagnosis) -> list[dict[str, Any]]:
             "share": r.share,
             "beyond_noise": abs(r.z) > d.where.threshold,
         }
-        for r in d.where.regions[:REGIONS]
+        for r in d.where.regions[:MAX_LISTED_REGIONS]
     ]
 
 
@@ -305,7 +306,7 @@ def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
 def _rivals(d: Diagnosis) -> bool:
     """Whether the named effects are rivals: each for itself, not together, and none sure."""
     several = d.verdict == "partly" and len(d.causes) > 1 and len(d.chosen.effects) == 1
-    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < SETTINGS.rules.sure)
+    doubtful = several and (d.causes[0].effect.flows or d.causes[0].probability < DIAGNOSIS_SETTINGS.rules.sure)
     return d.verdict == "ambiguous" or doubtful
 
 
@@ -364,14 +365,15 @@ def signature_panels(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
 
 
 def leading_hypotheses(d: Diagnosis) -> list[Hypothesis]:
-    """Hypotheses with a posterior that move a mean, the chosen one first: LEADING of one effect at most, and a pair."""
+    """Hypotheses with a posterior that move a mean, the chosen one first: N_LEADING_HYPOTHESES of one effect at most,
+    and a pair."""
     known = {h.name: h for h in (*d.contest.hypotheses, d.chosen)}
     found: dict[frozenset[str], Hypothesis] = {}
     for name in (d.chosen.name, *d.named, *d.posteriors):
         h = known.get(name)
         if h is not None and name in d.posteriors and any(e.family != "scatter" for e in h.effects):
             found.setdefault(frozenset(e.name for e in h.effects), h)
-    alone = [h for h in found.values() if len(h.effects) == 1][:LEADING]
+    alone = [h for h in found.values() if len(h.effects) == 1][:N_LEADING_HYPOTHESES]
     return [h for h in found.values() if len(h.effects) > 1 or h in alone]
 
 
@@ -380,15 +382,15 @@ def _parts(plan: TestPlan) -> list[tuple[dict[str, Any], np.ndarray]]:
     found = []
     for item, c, at in plan.rows():
         test = item if isinstance(item, Test) else None
-        branch = np.full(len(item.depth), LOADING) if test is None else test.branch
-        for k in (branch != HELD, branch == HELD):
+        branch = np.full(len(item.depth), LOADING_BRANCH) if test is None else test.branch
+        for k in (branch != HELD_BRANCH, branch == HELD_BRANCH):
             if k.any():
                 head = {
                     "experiment": plan.experiments[item.experiment].name,
                     "channel": c,
                     "label": "" if test is None else test.label,
                     "depth": item.depth[k].tolist(),
-                    **({} if test is None or np.any(branch[k] != HELD) else {"since": test.since[k].tolist()}),
+                    **({} if test is None or np.any(branch[k] != HELD_BRANCH) else {"since": test.since[k].tolist()}),
                     "branch": branch[k].tolist(),
                 }
                 found.append((head, np.arange(at.start, at.stop)[k]))

@@ -28,7 +28,7 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library, build_library
 from rso.discrepancy.library.test_plan import make_test_plan
 from rso.discrepancy.proposals import (
-    READINGS,
+    N_PROPOSED_READINGS,
     CandidateTest,
     at_library_places,
     proposed_tests,
@@ -39,25 +39,25 @@ from rso.evaluation import Task
 from rso.optimal_design import Worth, about_causes, ranked
 from rso.optimal_design.separation import as_likely, chance_to_decide
 
-DRAWS = 80
-SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
-FEW = 0.05  # of the draws of a time that may lie beyond the rates computed without a word
-READ_OFF = "its rate lies beyond those computed, of which the nearest stands for it"
+N_FORECAST_DRAWS = 80  # of the parameters under each hypothesis, evenly picked from its posterior
+MIN_DECISIVE_DISTANCE = 4.0  # about 4 σ: what a test must reach to promise an answer
+MAX_OUT_OF_REACH_SHARE = 0.05  # of the draws of a time that may lie beyond the rates computed without a word
+RATE_OUT_OF_REACH_NOTE = "its rate lies beyond those computed, of which the nearest stands for it"
 
-_BLOCK = "press a rigid block and hold, and a shim of known thickness on it"
-_SENSOR = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
-DIRECT = {  # tests that show an effect of the chain by itself, whatever the specimen; one visit to the bench each
-    "compliance": _BLOCK,
-    "creep": _BLOCK,
-    "offset": _BLOCK,
-    "bias": _SENSOR,
-    "bias_side": _SENSOR,
-    "drift": _SENSOR,
-    "gain": _SENSOR,
-    "cross_x": _SENSOR,
-    "cross_y": _SENSOR,
-    "nonlinearity": _SENSOR,
-    "turn": _SENSOR,
+_RIGID_BLOCK_TEST = "press a rigid block and hold, and a shim of known thickness on it"
+_SENSOR_ALONE_TEST = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
+DIRECT_TESTS = {  # tests that show an effect of the chain by itself, whatever the specimen; one visit to the bench each
+    "compliance": _RIGID_BLOCK_TEST,
+    "creep": _RIGID_BLOCK_TEST,
+    "offset": _RIGID_BLOCK_TEST,
+    "bias": _SENSOR_ALONE_TEST,
+    "bias_side": _SENSOR_ALONE_TEST,
+    "drift": _SENSOR_ALONE_TEST,
+    "gain": _SENSOR_ALONE_TEST,
+    "cross_x": _SENSOR_ALONE_TEST,
+    "cross_y": _SENSOR_ALONE_TEST,
+    "nonlinearity": _SENSOR_ALONE_TEST,
+    "turn": _SENSOR_ALONE_TEST,
     "depth_scale": "the drive against a gauge block",
     "lag": "a tap with both clocks recorded",
 }
@@ -67,8 +67,9 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
 class NextTest:
     """A test, the `chance` that it decides what is open, the pair it separates worst and the distance D of that pair.
 
-    `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.  Tests are ordered by the
-    `information` (nats) that they are expected to give, and by their `price` in loadings (:mod:`rso.optimal_design`).
+    `resolves` counts the `pairs` with D ≥ MIN_DECISIVE_DISTANCE.  `note` says what the forecast leans on.  Tests are
+    ordered by the `information` (nats) that they are expected to give, and by their `price` in loadings
+    (:mod:`rso.optimal_design`).
     """
 
     test: str
@@ -114,7 +115,7 @@ def next_tests(
             D = distances(there, bench, survivors, candidate.without, scatter or {})
             loadings = sum(len(e.measurement.repeats) for e in candidate.experiments)
             test = weighed(candidate.words, D, probability, loadings)
-            found.append(replace(test, note=READ_OFF if _out_of_reach(there, survivors) else ""))
+            found.append(replace(test, note=RATE_OUT_OF_REACH_NOTE if _out_of_reach(there, survivors) else ""))
     found += [weighed(words, D, probability) for words, D in direct(library, bench, survivors).items()]
     return ranked(found, lambda t: Worth(t.information, t.price))
 
@@ -143,7 +144,7 @@ def _out_of_reach(there: Library, survivors: Survivors) -> bool:
         if own is not None:
             level = there.places[there.home(own.effect)].effects[own.effect.name].nodes.levels[1]
             late = there.base.relaxation(post.at[:, :d])[:, 1] + np.log([[v] for v in speeds])
-            if np.mean((late < level.min()) | (late > level.max())) > FEW:
+            if np.mean((late < level.min()) | (late > level.max())) > MAX_OUT_OF_REACH_SHARE:
                 return True
         column = d
         for e in (e for e in effects if e.family != "scatter"):  # these have no coordinate
@@ -152,7 +153,7 @@ def _out_of_reach(there: Library, survivors: Survivors) -> bool:
                 level = there.places[there.home(e)].effects[e.name].nodes.levels[k]
                 for speed in speeds:
                     at = post.at[:, column + k] + e.knobs[k].power_of_time * np.log(speed)
-                    if np.mean((at < level.min()) | (at > level.max())) > FEW:
+                    if np.mean((at < level.min()) | (at > level.max())) > MAX_OUT_OF_REACH_SHARE:
                         return True
             column += len(e.knobs)
     return False
@@ -163,7 +164,7 @@ def weighed(
 ) -> NextTest:
     """A test by the distances D of the pairs and the probabilities of the survivors, and its price in loadings."""
     worst = min(distance, key=lambda p: distance[p])
-    settled = sum(bool(v >= SEPARATES) for v in distance.values())
+    settled = sum(bool(v >= MIN_DECISIVE_DISTANCE) for v in distance.values())
     information = about_causes(distance, probability)
     chance = chance_to_decide(distance, probability)
     return NextTest(words, chance, worst, float(distance[worst]), settled, len(distance), "", information, price)
@@ -196,9 +197,9 @@ def distances(
 def forecast(
     there: Library, bench: Shared, effects: Sequence[Effect], post: Posterior, without: frozenset[str] = frozenset()
 ) -> np.ndarray:
-    """Draws (DRAWS, n) of what a hypothesis predicts, effects of `without` left out."""
+    """Draws (N_FORECAST_DRAWS, n) of what a hypothesis predicts, effects of `without` left out."""
     effects = [e for e in effects if e.family != "scatter"]  # these move no mean
-    pick = np.linspace(0, len(post.modulus) - 1, DRAWS).astype(int)
+    pick = np.linspace(0, len(post.modulus) - 1, N_FORECAST_DRAWS).astype(int)
     d = len(there.base.axes)
     columns, at = list(range(d)), d
     for e in effects:
@@ -213,14 +214,14 @@ def new_tests_covariance(there: Library, bench: Shared, force: np.ndarray) -> np
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
     mark = noise.NoiseLevel(there.plan.scale * bench.settings.noise.mark, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
-    levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
+    levels = {c: bench.levels.get(c, some) for c in noise.FORCE_CHANNELS} | {"uz": bench.levels.get("uz", mark)}
     return noise.data_covariance(there, levels, force, noise.slope_of(there, force), bench.settings.model_error)
 
 
 def gauge_tests(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:
     """Knob → a test that shows it by itself, whatever the rest, and what that test resolves in the knob's unit."""
     level = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    white = level.white / np.sqrt(READINGS)
+    white = level.white / np.sqrt(N_PROPOSED_READINGS)
     F = max(float(np.max(np.abs(v))) for t in library.plan.tests for c, v in t.values.items() if c == t.channels[-1])
     longest = max(float(t.time.max()) for t in library.plan.tests)
     v = max(t.speed for t in library.plan.tests)
@@ -240,7 +241,7 @@ def gauge_tests(library: Library, bench: Shared) -> dict[str, tuple[str, float]]
         "turn": np.degrees(white / F),
         "depth_scale": 0.002,
     }
-    own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
+    own = {k: (DIRECT_TESTS[k], resolution[k]) for k in DIRECT_TESTS}
     settings = dict(library.plan.places[0].settings)
     gauges = capability(library.base.backend, Gauges)
     return {**own, **(gauges.gauges(settings) if gauges else {})}

@@ -8,8 +8,8 @@ from typing import Any
 from rso.core.symbols import unit_text
 from rso.core.units import people
 
-WIDER = 1.15  # times: an interval that is said beside another is wider by this
-NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
+MENTIONED_WIDTH_RATIO = 1.15  # times: an interval that is said beside another is wider by this
+RANGE_END_SHARE_LN = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 
 
 def parameter_sentences(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
@@ -70,7 +70,7 @@ def known_alone(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     leaves out nothing that counts."""
     whole, alone = (d["parameters"].get(when, {}).get(k) for when in ("after", "if_nothing_else"))
     r = (d.get("reach") or {}).get(k) or {}
-    if not whole or not alone or whole["high"] - whole["low"] < WIDER * (alone["high"] - alone["low"]):
+    if not whole or not alone or whole["high"] - whole["low"] < MENTIONED_WIDTH_RATIO * (alone["high"] - alone["low"]):
         return ""
     by, without = r.get("by") or (), r.get("without") or alone
     if not by:
@@ -93,7 +93,7 @@ def unproved(d: Mapping[str, Any]) -> list[str]:
         for k in whole
         if k in alone
         and alone[k]["low"] < alone[k]["high"]
-        and whole[k]["high"] - whole[k]["low"] > WIDER * (alone[k]["high"] - alone[k]["low"])
+        and whole[k]["high"] - whole[k]["low"] > MENTIONED_WIDTH_RATIO * (alone[k]["high"] - alone[k]["low"])
     ]
     each = [f"{k} {percent_of(alone[k])} if nothing is missing, else {percent_of(whole[k])}" for k in worth]
     return [f"That does not prove its parameters: known are {'; '.join(each)}."] if each else []
@@ -148,7 +148,7 @@ def _pressed(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     """A parameter at the end of the range that its fits keep to: the data may want it beyond."""
     out = []
     for k, (low, high) in (found.get("ranges") or {}).items():
-        now, near, middle = d["parameters"]["after"].get(k), (high / low) ** NEAR, (low * high) ** 0.5
+        now, near, middle = d["parameters"]["after"].get(k), (high / low) ** RANGE_END_SHARE_LN, (low * high) ** 0.5
         if now is None:
             continue
         up = now["median"] >= high / near or (now["high"] >= high / near and now["low"] > middle)

@@ -17,11 +17,11 @@ from rso.discrepancy.library.simulations import Base, LibraryJob, passes, passes
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_test_plan
 
-READINGS = 20
-REPEATS = 3  # of a proposed test: what each has for itself averages out
-DEPTH = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
-TURN = 0.3  # mm between turns that count as one, in such a plan
-REST = 20.0  # of the time of loading: how long a hold is proposed to last
+N_PROPOSED_READINGS = 20  # of a branch, and of a hold
+N_PROPOSED_REPEATS = 3  # of a proposed test: what each has for itself averages out
+MAX_PROPOSED_DEPTH_MM = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
+SAME_TURN_MM = 0.3  # mm between turns that count as one, in such a plan
+PROPOSED_HOLD_RATIO = 20.0  # of the time of loading: how long a hold is proposed to last
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def proposed_tests(library: Library | Outline) -> list[CandidateTest]:
     speeds = [t.speed for t in plan.tests if t.place == library.primary]
     has_unload = any(t.returns for t in plan.tests if t.place == library.primary)
     has_hold = any(t.held.any() for t in plan.tests)
-    most = DEPTH * plan.scale
+    most = MAX_PROPOSED_DEPTH_MM * plan.scale
     d = min(place.deepest, most)
     template = replace(template, channels=_measured(plan))  # a cell of one axis stays one
     out = []
@@ -88,8 +88,8 @@ def proposed_tests(library: Library | Outline) -> list[CandidateTest]:
         words = f"load and unload {word} ({60 * v:.3g} mm/min)"
         out.append(CandidateTest(words, (_experiment(template, d, v, True),)))
     if not (has_hold or rated(library.base, plan)):
-        words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
-        out.append(CandidateTest(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
+        words = f"load at {60 * max(speeds):.3g} mm/min and hold for {PROPOSED_HOLD_RATIO:g} times as long"
+        out.append(CandidateTest(words, (_experiment(template, d, max(speeds), False, rest=PROPOSED_HOLD_RATIO),)))
     backend = library.base.backend
     others, marked = capability(backend, FurtherTests), capability(backend, SurfaceMarks)
     for words, settings in others.tests(dict(place.settings)).items() if others else ():
@@ -104,11 +104,11 @@ def proposed_tests(library: Library | Outline) -> list[CandidateTest]:
         moved = frozenset(e.name for e in library.effects if e.place == settings and len(e.size.ends()) == 2)
         if moved:
             out.append(CandidateTest(f"the test at {label} again, its place looked at", (again,), moved))
-    missing = [c for c in noise.FORCES if c not in template.channels]
+    missing = [c for c in noise.FORCE_CHANNELS if c not in template.channels]
     for label, settings in plan.labels().items() if missing else ():
         k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
         there = next(t.experiment for t in plan.tests if t.place == k)
-        more = replace(plan.experiments[there], channels=noise.FORCES)
+        more = replace(plan.experiments[there], channels=noise.FORCE_CHANNELS)
         again = _experiment(more, min(plan.places[k].deepest, most), speeds[0], False)
         out.append(CandidateTest(f"the test at {label} again, with {' and '.join(missing)} measured", (again,)))
     for words, marks in marked.marks(dict(place.settings)).items() if marked else ():
@@ -145,7 +145,8 @@ def tables_cover(library: Library | Outline, plan: TestPlan) -> bool:
         and own is not None
         and all(_rested(library, plan, j, k) for j, k in enumerate(own))
         and all(
-            not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
+            not p.peaks
+            or any(abs(v - q) < SAME_TURN_MM * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
             for p, k in zip(plan.places, own, strict=True)
         )
         and all(
@@ -162,7 +163,7 @@ def _rested(library: Library | Outline, plan: TestPlan, place: int, own: int) ->
         return True
     known = rests_at(library.plan, own)
     return all(
-        any(abs(r.peak - v.peak) < TURN * plan.scale and v.lasting <= r.lasting for r in known)
+        any(abs(r.peak - v.peak) < SAME_TURN_MM * plan.scale and v.lasting <= r.lasting for r in known)
         for v in rests_at(plan, place)
     )
 
@@ -177,7 +178,7 @@ def at_library_places(library: Library, plan: TestPlan) -> TestPlan:
 
 def _measured(plan: TestPlan) -> tuple[str, ...]:
     """Components of the force that the laboratory can measure: those that some test has."""
-    return tuple(c for c in noise.FORCES if any(c in t.channels for t in plan.tests))
+    return tuple(c for c in noise.FORCE_CHANNELS if any(c in t.channels for t in plan.tests))
 
 
 def _experiment(
@@ -185,15 +186,20 @@ def _experiment(
 ) -> Experiment:
     """A test as it would be recorded in the template's channels, with no values in it; at the end held for `rest` times
     the time of loading."""
-    u = np.linspace(0.0, depth, READINGS + 1)[1:]
+    u = np.linspace(0.0, depth, N_PROPOSED_READINGS + 1)[1:]
     way = np.concatenate([u, u[-2::-1]]) if unload else u
     segment = np.array(["loading"] * len(u) + ["unloading"] * (len(way) - len(u)))
     time = np.cumsum(np.abs(np.diff(np.concatenate([[0.0], way])))) / speed
     if rest:
-        way, segment = np.append(way, np.full(READINGS, depth)), np.append(segment, ["hold"] * READINGS)
-        time = np.append(time, depth / speed * (1.0 + np.geomspace(1.0 / READINGS, rest, READINGS)))
+        way, segment = (
+            np.append(way, np.full(N_PROPOSED_READINGS, depth)),
+            np.append(segment, ["hold"] * N_PROPOSED_READINGS),
+        )
+        time = np.append(
+            time, depth / speed * (1.0 + np.geomspace(1.0 / N_PROPOSED_READINGS, rest, N_PROPOSED_READINGS))
+        )
     channels = {c: np.zeros(len(way)) for c in template.channels}
-    repeats = tuple(Repeat(f"{k + 1}", way, time, channels, {}, segment) for k in range(REPEATS))
+    repeats = tuple(Repeat(f"{k + 1}", way, time, channels, {}, segment) for k in range(N_PROPOSED_REPEATS))
     measurement = Measurement(Path("next test"), "force", repeats, ())
     return replace(template, name=name, measurement=measurement, speed=speed, role="fit", after=())
 

@@ -17,23 +17,24 @@ from typing import Any
 
 import numpy as np
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.curves import Resampling
 from rso.discrepancy.diagnosis import Diagnosis
 from rso.discrepancy.library.effects import Effect
-from rso.discrepancy.library.interpolation import SAME, late, timed
+from rso.discrepancy.library.interpolation import SAME_POINT_OVERLAP, late, timed
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import foreseen, is_relaxation
-from rso.discrepancy.library.responses import FORCES, changed, marks_of, rested
+from rso.discrepancy.library.responses import changed, marks_of, rested
 from rso.discrepancy.library.simulations import Base, jobs_at, passes
-from rso.discrepancy.library.tables import DEAR, Library
+from rso.discrepancy.library.tables import EXPENSIVE_UNKNOWNS_RATIO, Library
 from rso.discrepancy.library.test_plan import TestPlan
 from rso.evaluation import Task
 from rso.evaluation.store import Done
 
-WORTH = 0.05  # probability of a cause below which it is not computed anew
-MOST = 3  # effects per round
-CLOSE = 0.003  # of Fz: a deviation below which the library is good enough
-DOUBTFUL = 0.15  # of the deepest travel: before that a relative deviation says nothing
+MIN_RERUN_PROBABILITY = 0.05  # probability of a cause below which it is not computed anew
+MAX_RERUN_EFFECTS = 3  # effects per round
+LIBRARY_TOLERANCE = 0.003  # of Fz: a deviation below which the library is good enough
+MIN_CHECKED_DEPTH_SHARE = 0.15  # of the deepest travel: before that a relative deviation says nothing
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def finalists(library: Library, found: Diagnosis) -> dict[Effect, np.ndarray]:
     """Effects of the model that the verdict names, with the median of the coordinates (κ, size, shapes) of each."""
     picks: dict[Effect, np.ndarray] = {}
     d = len(library.base.axes)
-    worth = {c.effect.name for c in found.causes if c.probability >= WORTH}
+    worth = {c.effect.name for c in found.causes if c.probability >= MIN_RERUN_PROBABILITY}
     known = {e.name: e for e in library.effects}
     hypotheses = {found.chosen.name: found.chosen.effects, **{n: (known[n],) for n in found.named if n in known}}
     for name, effects in hypotheses.items():
@@ -63,7 +64,7 @@ def finalists(library: Library, found: Diagnosis) -> dict[Effect, np.ndarray]:
             column += len(e.knobs)
             if e.family == "model" and e.name in worth and e not in picks:
                 picks[e] = np.concatenate([at[:d], own])
-    return dict(list(picks.items())[:MOST])
+    return dict(list(picks.items())[:MAX_RERUN_EFFECTS])
 
 
 def corrected_library(
@@ -100,7 +101,7 @@ def corrected_library(
             continue
         change = change - here.ways - (0.0 if _dear(library, k) else here.mesh)
         was, marks = library.change(k, e, at[None, d:], v)
-        off.append((change - was[0])[:, :, here.u > DOUBTFUL * here.u[-1]])
+        off.append((change - was[0])[:, :, here.u > MIN_CHECKED_DEPTH_SHARE * here.u[-1]])
         more = np.zeros(0)
         if isinstance(mine[0], Done):
             more = marks_of(mine[0].response, place) - library.marks(k, at[None, :d])[0] - marks[0]
@@ -111,7 +112,7 @@ def corrected_library(
     if not off:
         return library, RerunCheck(len(every), failed, None, None, names)
     largest = max(float(np.abs(v).max()) for v in off)
-    z = np.concatenate([v[:, FORCES.index("Fz")].ravel() for v in off])
+    z = np.concatenate([v[:, FORCE_CHANNELS.index("Fz")].ravel() for v in off])
     return library, RerunCheck(len(every), failed, largest, float(np.sqrt(np.mean(z**2))), names)
 
 
@@ -128,7 +129,7 @@ def planned_rerun(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> tupl
 
 
 def _dear(library: Library, place: int) -> bool:
-    return library.places[place].unknowns > DEAR * library.places[library.primary].unknowns
+    return library.places[place].unknowns > EXPENSIVE_UNKNOWNS_RATIO * library.places[library.primary].unknowns
 
 
 def _speeds(plan: TestPlan, slowest: float, effect: Effect, place: int) -> list[float]:
@@ -164,7 +165,7 @@ def _with(
         near, n = nodes.nearness(point[None], before)[0], len(old) - len(before)
         change, marks = change + np.tensordot(near, old[n:], axes=1), marks + near @ old_marks[n:]
         rests = rests if old_rests is None else rests + np.tensordot(near, old_rests[n:], axes=1)
-        apart = nodes.overlap(point[None], before)[0] < SAME
+        apart = nodes.overlap(point[None], before)[0] < SAME_POINT_OVERLAP
         points = np.concatenate([before[apart], points])
         old, old_marks = (np.concatenate([v[:n], v[n:][apart]]) for v in (old, old_marks))
         old_rests = None if old_rests is None else np.concatenate([old_rests[:n], old_rests[n:][apart]])

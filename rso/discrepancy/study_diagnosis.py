@@ -40,14 +40,14 @@ from rso.discrepancy.base_model import base_model, base_model_block, base_model_
 from rso.discrepancy.library.planning import framed
 from rso.discrepancy.library.relaxation import is_relaxation
 from rso.discrepancy.library.simulations import BaseRelaxation
-from rso.discrepancy.library.test_plan import ASSUMED, NOT_USED, SurfaceProfile, Test
+from rso.discrepancy.library.test_plan import ASSUMED_TIMES_NOTE, NOT_USED_NOTE, SurfaceProfile, Test
 from rso.doe import Box
 from rso.evaluation import Evaluator, Task, Watch
 from rso.evaluation.store import RunStore
 from rso.study.cases import (
-    DEFAULT_SPEED,
-    MISREAD,
-    READINGS,
+    DEFAULT_SPEED_MM_S,
+    MAX_DISPLACEMENTS,
+    MISREAD_SETTING_ERRORS,
     foreign_units,
     place_of_setting,
     sketches,
@@ -59,11 +59,12 @@ from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
 from rso.study.sources import backend_of, needs_data
 
-FILE = "diagnosis.json"
-WIDTH = 79  # of lines that say much
-ROUNDS = 2  # of finalists computed anew
-AROUND = 2.5  # times a time that relaxes: how far it is computed on each side
-BEYOND = 1.5  # times the range of a modulus that moves what is fixed over it: how far simulations go on each side
+DIAGNOSIS_FILE = "diagnosis.json"
+MESSAGE_WIDTH_CHARACTERS = 79  # of lines that say much
+MAX_RERUN_ROUNDS = 2  # of finalists computed anew
+RELAXATION_TIME_MARGIN_RATIO = 2.5  # times a time that relaxes: how far it is computed on each side
+# times the range of a modulus that moves what is fixed over it: how far simulations go on each side
+MODULUS_MARGIN_RATIO = 1.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -178,7 +179,7 @@ def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Se
             continue
         try:
             backend.check(case)
-        except MISREAD as error:
+        except MISREAD_SETTING_ERRORS as error:
             found = Problem(place_of_setting(study, n, str(error)), str(error))
             problems += [] if found in problems else [found]  # what all experiments share is said once
     if problems:
@@ -197,7 +198,7 @@ def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.T
         reach = plan.reach(k)
         try:
             backend.check(Case("reach", Programme.ramp((reach,)), place.settings))
-        except MISREAD as error:
+        except MISREAD_SETTING_ERRORS as error:
             items: list[Test | SurfaceProfile] = [*plan.tests, *plan.profiles]
             there = [o for o in items if o.place == k]
             n = max(there, key=lambda o: float(o.depth.max())).experiment
@@ -211,8 +212,10 @@ def _probe(e: Experiment) -> Any:
     deepest, settings = max(float(r.depth.max()) for r in repeats), dict(e.settings)
     if e.measurement.kind == "profile":
         readings = sum(len(r.depth) for r in repeats)
-        if readings > READINGS:
-            raise ValueError(f"{e.measurement.where}: {readings} displacements of one profile: keep at most {READINGS}")
+        if readings > MAX_DISPLACEMENTS:
+            raise ValueError(
+                f"{e.measurement.where}: {readings} displacements of one profile: keep at most {MAX_DISPLACEMENTS}"
+            )
         marks = {(float(x), float(y)) for r in repeats for x, y in zip(r.channels["x"], r.channels["y"], strict=True)}
         settings["profile"] = [list(m) for m in sorted(marks)]
     return Case(e.name, Programme.ramp((deepest,)), settings)
@@ -224,7 +227,7 @@ def _experiment(study: Study, n: int) -> Experiment:
     m = study.measurement(e.name)
     settings = {k: v for k, v in study.settings_of(e.name).items() if k not in ("speed", "unload")}
     channels = ("uz",) if m.kind == "profile" else e.channels or m.channels
-    speed = recorded_speed(m) or stated_speed(study, e.name) or DEFAULT_SPEED
+    speed = recorded_speed(m) or stated_speed(study, e.name) or DEFAULT_SPEED_MM_S
     return Experiment(e.name, e.role, m, study.noise_of(e.name), tuple(channels), settings, speed, e.mounting, e.after)
 
 
@@ -232,7 +235,11 @@ def _assumed_speed(study: Study, experiments: Sequence[Experiment]) -> list[str]
     """A note on tests whose speed neither their records nor the study say."""
     forces = [e.name for e in experiments if e.measurement.kind == "force"]
     names = [n for n in forces if speed_of(study, n)[1] == "assumed"]
-    return [f"A speed of {60.0 * DEFAULT_SPEED:g} mm/min is assumed for {', '.join(names)}, {ASSUMED}"] if names else []
+    return (
+        [f"A speed of {60.0 * DEFAULT_SPEED_MM_S:g} mm/min is assumed for {', '.join(names)}, {ASSUMED_TIMES_NOTE}"]
+        if names
+        else []
+    )
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
@@ -262,7 +269,12 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     keep = study.diagnose.keep_ranges
     axes = [_axis(own[k], *ends, scaling.exponents[k], reference, keep) for k, ends in ranges.items()]
     if held and low < high:
-        axes.insert(0, BaseAxis(modulus, own[modulus].parameter.unit, low / BEYOND, high * BEYOND, True, 0))
+        axes.insert(
+            0,
+            BaseAxis(
+                modulus, own[modulus].parameter.unit, low / MODULUS_MARGIN_RATIO, high * MODULUS_MARGIN_RATIO, True, 0
+            ),
+        )
     forces, cheap = capability(backend, LeanSettings), capability(backend, DraftSettings)
     lean = forces.lean if forces else {}
     draft = dict(cheap.draft if cheap else lean) | dict(study.diagnose.settings)
@@ -277,7 +289,7 @@ def _settings(study: Study, backend: Backend, experiments: Sequence[Experiment])
     shared = study.backend.settings
     try:
         backend.check(Case("shared", Programme.ramp((0.0,)), dict(shared)))
-    except MISREAD:
+    except MISREAD_SETTING_ERRORS:
         fitted = [e for e in experiments if e.role != "validate"] or list(experiments)
         return dict(fitted[0].settings)
     return shared
@@ -297,7 +309,7 @@ def _relaxing(base: Base, settings: Mapping[str, Any], resolved: Resolved) -> Ba
         )
         if not (0.0 < most <= 1.0 and short > 0.0):  # none
             continue
-        wide = short / AROUND, long * AROUND
+        wide = short / RELAXATION_TIME_MARGIN_RATIO, long * RELAXATION_TIME_MARGIN_RATIO
         effect = dataclasses.replace(
             e,
             name=f"{e.name} of the base model",
@@ -345,7 +357,7 @@ def run_diagnosis(
 
     run = Evaluator(asked.base.backend, store, executor, watch).run
     for note in asked.plan.notes:
-        if note.endswith((NOT_USED, ASSUMED)):
+        if note.endswith((NOT_USED_NOTE, ASSUMED_TIMES_NOTE)):
             say(note)
     say("library: the base model and every effect of the catalogue, once for this test plan")
     library = discrepancy.build_library(asked.base, asked.plan, asked.effects, run)
@@ -407,25 +419,25 @@ def judge_library(
     """The verdict on a finished library as plain data; `fitted` are open parameters as the study found them.
 
     With `run` the effects that the verdict names are recomputed at their sizes, the library is mended there and the
-    verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.  What is
-    known before these is handed to `keep`.
+    verdict found again, until both agree or MAX_RERUN_ROUNDS are over; candidates of the next test are simulated too.
+    What is known before these is handed to `keep`.
     """
     seed = asked.study.study.seed
     say("what this test plan can show, before any cause meets the data")
     visible = discrepancy.detectable_by_plan(library, seed)
     for line in discrepancy.announced(visible):
-        say(textwrap.fill(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
+        say(textwrap.fill(line, MESSAGE_WIDTH_CHARACTERS, subsequent_indent="  ", break_on_hyphens=False))
     say("verdict: evidence, held-out prediction and self-checks")
     result = discrepancy.diagnose(library, seed, fitted=fitted)
     checks: list[discrepancy.RerunCheck] = []
-    while run is not None and len(checks) < ROUNDS:
+    while run is not None and len(checks) < MAX_RERUN_ROUNDS:
         picks = discrepancy.finalists(library, result)
         if not picks:
             break
         say(f"simulated again at the estimated size: {', '.join(e.name for e in picks)}")
         library, check = discrepancy.corrected_library(library, picks, run)
         checks.append(check)
-        if check.rms is None or check.rms < discrepancy.CLOSE:
+        if check.rms is None or check.rms < discrepancy.LIBRARY_TOLERANCE:
             break
         result = discrepancy.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""
@@ -441,7 +453,7 @@ def judge_library(
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    result_files.write_results(folder / FILE, found)
+    result_files.write_results(folder / DIAGNOSIS_FILE, found)
     path = folder / "results.json"
     if not path.exists():
         return

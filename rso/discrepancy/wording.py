@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rso.discrepancy.evidence.noise import UNLIKE
-from rso.discrepancy.evidence.settings import SETTINGS
-from rso.discrepancy.library.test_plan import ASSUMED, NOT_USED
+from rso.discrepancy.evidence.noise import MAX_STATED_NOISE_RATIO
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
+from rso.discrepancy.library.test_plan import ASSUMED_TIMES_NOTE, NOT_USED_NOTE
 from rso.discrepancy.parameters import called, parameter_sentences, unit_suffix, values_with_units
 
 UNDECIDED = "undecided"  # what people are told of a verdict of no gap that is on the border
-BORDER = 2.0  # times the false alarms: p up to which no gap is said to be undecided
-HALF = 0.5  # of the gap on curves left out: less is no confirmation
-LEAST = -10.0  # times the gap: what is opened more widely need not be counted
-DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
-WORTH_SAYING = 0.1  # share of the gap from which a place is named
-TELLS = 0.01  # chance to settle the matter from which a test is worth naming
-LOUD = 1.1  # times the noise: a misfit that is said to be larger than it
-ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
-FITS = 0.3  # probability from which an effect is said to fit where it is not named
-MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
+UNDECIDED_P_RATIO = 2.0  # times the false alarms: p up to which no gap is said to be undecided
+MIN_CONFIRMED_SHARE = 0.5  # of the gap on curves left out: less is no confirmation
+MIN_COUNTED_SHARE = -10.0  # times the gap: what is opened more widely need not be counted
+# probability of no gap above which it is said beside causes that cannot be told apart
+MENTIONED_NO_GAP_PROBABILITY = 0.05
+MIN_NAMED_GAP_SHARE = 0.1  # share of the gap from which a place is named
+MIN_NAMED_TEST_CHANCE = 0.01  # chance to settle the matter from which a test is worth naming
+LARGE_MISFIT_RATIO = 1.1  # times the noise: a misfit that is said to be larger than it
+ONE_CURVE_SHARE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
+MIN_FITTING_PROBABILITY = 0.3  # probability from which an effect is said to fit where it is not named
+# of what curves have each for itself (of the sum of squares): one that holds as much is named
+NAMED_SINGLE_CURVE_SHARE = 0.7
 
 
 def diagnosis_sentences(found: Mapping[str, Any]) -> list[str]:
@@ -35,8 +37,8 @@ def diagnosis_sentences(found: Mapping[str, Any]) -> list[str]:
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
-    out += [f"Left out of the diagnosis: {note.removesuffix(f' {NOT_USED}')}." for note in _not_used(found)]
-    out += [f"{note}." for note in found.get("notes") or [] if note.endswith(ASSUMED)]
+    out += [f"Left out of the diagnosis: {note.removesuffix(f' {NOT_USED_NOTE}')}." for note in _not_used(found)]
+    out += [f"{note}." for note in found.get("notes") or [] if note.endswith(ASSUMED_TIMES_NOTE)]
     if _of_one_size(d):
         return [*out, "Next test: the same test with an indenter, or a specimen, of twice the size."]
     return out + [next_sentence(t) for t in d["next_test"][:1]]
@@ -57,14 +59,14 @@ def _not_used(found: Mapping[str, Any]) -> list[str]:
     """Notes of holds and ways back that no hypothesis was compared with, each experiment once."""
     each: dict[str, str] = {}
     for note in found.get("notes") or []:
-        if note.endswith(NOT_USED):
+        if note.endswith(NOT_USED_NOTE):
             each.setdefault(note.split(":")[0], note)
     return list(each.values())
 
 
 def next_sentence(test: Mapping[str, Any]) -> str:
     """What the best of the next tests promises; one with a chance below 1 % promises nothing and is not named."""
-    if test["chance"] < TELLS:
+    if test["chance"] < MIN_NAMED_TEST_CHANCE:
         return "None of the proposed tests would separate the causes: repeats, less noise or other channels are needed."
     note = f" ({test['note']})" if test.get("note") else ""
     share = f"it separates the causes with a probability of {100 * test['chance']:.0f} %"
@@ -90,12 +92,12 @@ def _unlike(found: Mapping[str, Any]) -> list[str]:
     out = []
     for c, v in found["noise"].items():
         (g, z), (by, at) = ((v[k]["gain"], v[k]["contact_mm"]) for k in ("expected", "repeats"))
-        if g and by > UNLIKE * g:
+        if g and by > MAX_STATED_NOISE_RATIO * g:
             out.append(
                 f"Repeats differ by {100 * by:.2g} % in {c}, {100 * g:.2g} % is stated or usual: "
                 f"{_counts(v['gain'], by)} (recovery between tests, temperature, a gain that wanders)."
             )
-        if z and at > UNLIKE * z:
+        if z and at > MAX_STATED_NOISE_RATIO * z:
             out.append(
                 f"Contact points of repeats differ by {at:.2g} mm ({c}); {z:.2g} mm is usual: "
                 f"{_counts(v['contact_mm'], at)} (contact taken early or late, a specimen that creeps or moves)."
@@ -153,7 +155,7 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
     if undecided(d):
-        limit = SETTINGS.rules.false_alarm
+        limit = DIAGNOSIS_SETTINGS.rules.false_alarm
         return (
             f"Undecided: a gap is called where p is at most {limit:g} and its ln Bayes factor above 0; p is "
             f"{p:.2g}, the factor {g['statistic']:.1f}. The misfit is {g['size_over_noise']:.2f} times the noise."
@@ -162,8 +164,8 @@ def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
     sign = "<" if p < 0.005 else "="
     size = f"misfit {g['size_over_noise']:.2f} times the noise"
-    if (none := nothing(found)) > DOUBT:
-        large = "" if g["size_over_noise"] > LOUD else ", no more than noise"
+    if (none := nothing(found)) > MENTIONED_NO_GAP_PROBABILITY:
+        large = "" if g["size_over_noise"] > LARGE_MISFIT_RATIO else ", no more than noise"
         return (
             f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {percent_text(none)}."
         )
@@ -178,7 +180,7 @@ def undecided(d: Mapping[str, Any]) -> bool:
     """
     gap = d.get("gap") or {}
     p, factor = gap.get("p_value"), gap.get("statistic")
-    near = p is not None and p <= BORDER * SETTINGS.rules.false_alarm
+    near = p is not None and p <= UNDECIDED_P_RATIO * DIAGNOSIS_SETTINGS.rules.false_alarm
     return d.get("verdict") == "no_gap" and (near or (factor is not None and factor >= 0.0))
 
 
@@ -190,7 +192,7 @@ def nothing(found: Mapping[str, Any]) -> float:
 
 
 def _where(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
-    held = {(r["experiment"], r["channel"]): r["share"] for r in d["where"] if r["share"] >= WORTH_SAYING}
+    held = {(r["experiment"], r["channel"]): r["share"] for r in d["where"] if r["share"] >= MIN_NAMED_GAP_SHARE}
     shares = [f"{100 * v:.0f} % of the gap in {e} {c}" for (e, c), v in list(held.items())[:3]]
     several = sum(len(e["channels"]) for e in found["experiments"]) > 1
     lies = f"Where: {', '.join(shares)}. " if shares and several else ""
@@ -268,7 +270,7 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
-        whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
+        whether = ", if there is a gap (chances given one)" if nothing(found) > MENTIONED_NO_GAP_PROBABILITY else ""
         return f"Cause{whether}: these data cannot separate {each}.{_of_one_size(d)}"
     if v == "partly" and d["ambiguous_with"]:
         return f"Part of the gap looks like one of these, which the data cannot separate: {each}.{_of_one_size(d)}"
@@ -295,9 +297,9 @@ def _fitting(found: Mapping[str, Any]) -> str:
             each[part] = each.get(part, 0.0) + p
     none = each.pop("none", 0.0)
     best = max(each, key=lambda k: each[k], default=None)
-    if best is None or each[best] < FITS:
+    if best is None or each[best] < MIN_FITTING_PROBABILITY:
         return ""
-    beside = f"; no gap has {percent_text(none)}" if none > DOUBT else ""
+    beside = f"; no gap has {percent_text(none)}" if none > MENTIONED_NO_GAP_PROBABILITY else ""
     return (
         f" {called(found, best)} fits best ({percent_text(each[best])}) and does not predict curves left out{beside}."
     )
@@ -333,7 +335,7 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         if len(each) < 2:
             continue
         first = max(each, key=lambda v: abs(v["value"]))
-        if first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
+        if first["value"] ** 2 < NAMED_SINGLE_CURVE_SHARE * whole or abs(first["value"]) < 3.0 * first["sd"]:
             continue
         unit = unit_suffix(c["unit"])
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
@@ -345,7 +347,7 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
 def _remainder(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """What the likeliest cause leaves, where that is more than noise."""
     r = d.get("remainder") or {}
-    if d["verdict"] == "partly" and not r.get("there") and (d.get("left") or 0.0) > LOUD**2:
+    if d["verdict"] == "partly" and not r.get("there") and (d.get("left") or 0.0) > LARGE_MISFIT_RATIO**2:
         return f" What is left is {d['left'] ** 0.5:.2g} times the noise."
     if not r.get("there") or d["verdict"] != "partly":
         return ""
@@ -375,7 +377,7 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
         text += f" (nearly all of it in {lone[0]} alone: no interval over curves)."
     else:
         text += " (one curve: no interval)." if s["interval"] is None else f" (90 %: {percents(s['interval'])} %)."
-    if d["chosen"] and validated and most < HALF:
+    if d["chosen"] and validated and most < MIN_CONFIRMED_SHARE:
         text += " What is named leaves most of the gap of curves that had no say: it is not all, or not it."
     return text
 
@@ -387,7 +389,7 @@ def in_one_curve(s: Mapping[str, Any]) -> tuple[str, float] | None:
     if len(over) < 2 or not total > 0:
         return None
     name = max(over, key=lambda k: over[k])
-    return (name, over[name] / total) if over[name] >= ONE_CURVE * total else None
+    return (name, over[name] / total) if over[name] >= ONE_CURVE_SHARE * total else None
 
 
 def _otherwise(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
@@ -423,8 +425,10 @@ def percent_text(p: float) -> str:
 
 
 def percents(interval: Sequence[float]) -> str:
-    """An interval of a share in per cent, its ends no lower than LEAST."""
-    ends = [f"{100 * v:z.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in interval]
+    """An interval of a share in per cent, its ends no lower than MIN_COUNTED_SHARE."""
+    ends = [
+        f"{100 * v:z.0f}" if v > MIN_COUNTED_SHARE else f"less than {100 * MIN_COUNTED_SHARE:.0f}" for v in interval
+    ]
     return " to ".join(dict.fromkeys(ends))
 
 

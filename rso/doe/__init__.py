@@ -13,7 +13,7 @@ from rso.doe.box import Box
 from rso.doe.constraints import Condition, read_condition
 from rso.doe.farthest import extend
 from rso.doe.registry import SAMPLERS
-from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Feasible, Options, Sampler
+from rso.doe.sampler import MAX_OPTIMISED_RUNS, DesignTask, Feasible, Options, Sampler
 from rso.doe.samplers.box_behnken import box_behnken
 from rso.doe.samplers.central_composite import central_composite, star_distance
 from rso.doe.samplers.factorial import factorial
@@ -23,7 +23,7 @@ from rso.doe.sequences import sobol_sequence
 from rso.doe.space import Space, space
 
 __all__ = [
-    "MOST_OPTIMISED",
+    "MAX_OPTIMISED_RUNS",
     "SAMPLERS",
     "Box",
     "Condition",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LONGEST = 200
+MAX_CONDITION_CHARACTERS = 200  # of a condition as somebody writes it: more is none
 Number = np.ndarray | np.float64
 _BINARY: dict[type[ast.operator], Callable[[Number, Number], Number]] = {
     ast.Add: operator.add,
@@ -19,7 +19,12 @@ _BINARY: dict[type[ast.operator], Callable[[Number, Number], Number]] = {
     ast.Pow: operator.pow,
 }
 _UNARY: dict[type[ast.unaryop], Callable[[Number], Number]] = {ast.USub: np.negative, ast.UAdd: np.positive}
-FUNCTIONS: dict[str, Callable[[Number], Number]] = {"sqrt": np.sqrt, "log": np.log, "exp": np.exp, "abs": np.abs}
+EXPRESSION_FUNCTIONS: dict[str, Callable[[Number], Number]] = {
+    "sqrt": np.sqrt,
+    "log": np.log,
+    "exp": np.exp,
+    "abs": np.abs,
+}
 _COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 Value = Callable[[Mapping[str, np.ndarray]], Number]
 
@@ -56,8 +61,8 @@ def read_condition(text: str, names: Sequence[str], words: str = "") -> Conditio
 
     Raises ValueError for anything else, naming what is not understood and what there is.
     """
-    if len(text) > LONGEST:
-        raise ValueError(f"a constraint has at most {LONGEST} characters, not {len(text)}")
+    if len(text) > MAX_CONDITION_CHARACTERS:
+        raise ValueError(f"a constraint has at most {MAX_CONDITION_CHARACTERS} characters, not {len(text)}")
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -80,9 +85,11 @@ def read_expression(text: str, names: Sequence[str]) -> Value:
     Raises ValueError as :func:`read_condition`.
     """
     try:
-        tree = ast.parse(text.strip()[: LONGEST + 1], mode="eval").body
+        tree = ast.parse(text.strip()[: MAX_CONDITION_CHARACTERS + 1], mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ValueError(f"{text[:LONGEST]!r} is no expression such as 2 / {names[0] if names else 'K'}") from None
+        raise ValueError(
+            f"{text[:MAX_CONDITION_CHARACTERS]!r} is no expression such as 2 / {names[0] if names else 'K'}"
+        ) from None
     return _value(tree, tuple(names))
 
 
@@ -105,9 +112,9 @@ def _value(node: ast.expr, names: tuple[str, ...]) -> Value:
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
             g, c = _UNARY[type(op)], _value(operand, names)
             return lambda theta: g(c(theta))
-        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
-            h, e = FUNCTIONS[name], _value(argument, names)
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in EXPRESSION_FUNCTIONS:
+            h, e = EXPRESSION_FUNCTIONS[name], _value(argument, names)
             return lambda theta: h(e(theta))
     what = ast.unparse(node)
-    known = f"parameters {', '.join(names)}, numbers, + - * / **, {', '.join(FUNCTIONS)}"
+    known = f"parameters {', '.join(names)}, numbers, + - * / **, {', '.join(EXPRESSION_FUNCTIONS)}"
     raise ValueError(f"{what!r} is not understood in an expression; there are {known}")

@@ -7,7 +7,7 @@ import numpy as np
 from rso.doe.sampler import DesignTask, Feasible
 from rso.doe.sequences import sobol_sequence
 
-POOL = 4096  # points of a Sobol sequence among which the farthest is sought first
+N_POOL_POINTS = 4096  # points of a Sobol sequence among which the farthest is sought first
 
 
 def extend(existing: np.ndarray, n: int, seed: int, feasible: Feasible | None = None) -> np.ndarray:
@@ -44,7 +44,7 @@ def farthest(X: np.ndarray, n: int, seed: int, feasible: Feasible | None) -> np.
 
     d, before = X.shape[1], len(X)
     rng = np.random.default_rng(seed)
-    points = pool(d, max(n, POOL if feasible is None else POOL // 8), seed, feasible)
+    points = pool(d, max(n, N_POOL_POINTS if feasible is None else N_POOL_POINTS // 8), seed, feasible)
     for _ in range(n):
         if not len(X):
             X = points[[np.abs(points - points.mean(axis=0)).sum(axis=1).argmin()]]

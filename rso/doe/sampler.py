@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-MOST_OPTIMISED = 1000  # runs up to which a design is optimised, within about a second
+MAX_OPTIMISED_RUNS = 1000  # runs up to which a design is optimised, within about a second
 Feasible = Callable[[np.ndarray], np.ndarray]
 Options = Mapping[str, Any]
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from rso.doe.box import Box
 
-CONTINUOUS_ONLY = ("ccd", "box_behnken")  # designs that stand at ends and middles of ranges
-NOT_FOUND = "a design of {n} different points was asked for, and only {m} of them exist"
+CONTINUOUS_DESIGNS = ("ccd", "box_behnken")  # designs that stand at ends and middles of ranges
+TOO_FEW_POINTS_MESSAGE = "a design of {n} different points was asked for, and only {m} of them exist"
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def space(box: Box, levels: Sequence[Sequence[float]], labels: Sequence[Sequence
 def refusal(kind: str, options: Mapping[str, Any], space: Space) -> str | None:
     """Why a kind of design cannot be of this space, with what can; None where it can."""
     several = [n for n, v in zip(space.names, space.levels, strict=True) if v]
-    if several and kind in CONTINUOUS_ONLY:
+    if several and kind in CONTINUOUS_DESIGNS:
         why = f"{kind} stands at the ends and middles of ranges, and {several[0]} has values of its own"
         return f"{why}; use lhs, sobol, osf or factorial"
     if several and kind == "factorial":

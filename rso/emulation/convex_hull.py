@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-HIGHEST = 5  # dimensions up to which the hull is computed; above, the box around the points
+MAX_HULL_DIMENSIONS = 5  # dimensions up to which the hull is computed; above, the box around the points
 
 
 def beyond(points: np.ndarray, X: np.ndarray, tolerance: float = 1e-6) -> np.ndarray:
@@ -17,7 +17,7 @@ def beyond(points: np.ndarray, X: np.ndarray, tolerance: float = 1e-6) -> np.nda
     P, X = np.asarray(points, float), np.asarray(X, float)
     out = ~np.all((P.min(axis=0) - tolerance <= X) & (P.max(axis=0) + tolerance >= X), axis=1)
     d = P.shape[1]
-    if not 2 <= d <= HIGHEST or len(P) <= d:
+    if not 2 <= d <= MAX_HULL_DIMENSIONS or len(P) <= d:
         return out
     try:
         faces = ConvexHull(P).equations

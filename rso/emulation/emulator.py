@@ -36,8 +36,8 @@ from rso.emulation import (
     score,
 )
 
-UNSEEN = 1e-10  # of an output's largest value: a smaller spread is rounding
-FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
+ROUNDING_SPREAD_SHARE = 1e-10  # of an output's largest value: a smaller spread is rounding
+MIN_CURVE_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class Emulator:
             f = f / self.group.expand(output.channel, np.ones(len(f)), own)
             scale = self.group.expand(output.channel, np.ones(len(s)), s)
         width = np.sqrt(12.0) * float(np.std(np.outer(scale, f))) / float(np.sqrt(np.mean(scale**2)))
-        return max(width, UNSEEN * float(np.abs(f).max()), 1e-300)
+        return max(width, ROUNDING_SPREAD_SHARE * float(np.abs(f).max()), 1e-300)
 
     def _reduce(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         theta = self.box.from_unit(np.asarray(X, float)).T
@@ -368,7 +368,7 @@ def _curves(outputs: Sequence[Output]) -> list[list[Output]]:
     groups: dict[tuple[str, str, bool], list[Output]] = {}
     for o in outputs:
         groups.setdefault((o.experiment, o.channel, o.since_s > 0.0), []).append(o)
-    return [sorted(g, key=lambda o: o.order) for g in groups.values() if len(g) >= FEWEST_TRAVELS]
+    return [sorted(g, key=lambda o: o.order) for g in groups.values() if len(g) >= MIN_CURVE_TRAVELS]
 
 
 def _stacked(

@@ -19,8 +19,8 @@ from rso.core.similarity import Group
 from rso.core.units import spaced
 from rso.doe import Box, sobol_sequence
 
-LIKELY = 0.5
-CLEAN = 0.1  # share of the runs that a threshold may misjudge and still be told in words
+MIN_ANSWER_PROBABILITY = 0.5  # from which on a point counts as one where the model has an answer
+MAX_MISJUDGED_RUNS_SHARE = 0.1  # share of the runs that a threshold may misjudge and still be told in words
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class FeasibleRegion:
 
     def excess(self, theta: Mapping[str, np.ndarray]) -> np.ndarray:
         """1/2 − P(done) (n,): positive where a run would rather fail."""
-        return LIKELY - self.probability(theta)
+        return MIN_ANSWER_PROBABILITY - self.probability(theta)
 
     def share(self, box: Box, seed: int, n: int = 2048) -> float:
         """Share of `box` (in the study's own parameters, uniform on their scales) where runs would rather fail."""
@@ -84,7 +84,7 @@ class FeasibleRegion:
                     wrong = float(np.mean((below == side) == self.done))
                     if best is None or wrong < best[0]:
                         best = (wrong, j, a, b, side)
-        if best is None or best[0] > CLEAN * min(1.0, 2 * float(np.mean(~self.done))):
+        if best is None or best[0] > MAX_MISJUDGED_RUNS_SHARE * min(1.0, 2 * float(np.mean(~self.done))):
             return ""
         wrong, j, a, b, side = best
         ends = self.box.from_unit(np.tile([[a], [b]], (1, self.box.d)))[:, j]

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from rso.doe import Box
 from rso.emulation.emulator import Output, Sample
 
-ORDER = 4  # of the error of a cubic Hermite spline in its step
+HERMITE_ORDER = 4  # of the error of a cubic Hermite spline in its step
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Cubic:
 
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values and standard deviation (n,): without a run the step doubles, the error grows 2⁴-fold."""
-        return self.mean(X), np.full(len(X), self.left_out / 2**ORDER)
+        return self.mean(X), np.full(len(X), self.left_out / 2**HERMITE_ORDER)
 
 
 def along_one(box: Box, outputs: Sequence[Output], samples: Sequence[Sample]) -> dict[str, Cubic] | None:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 KERNELS = ("matern52", "squared_exponential")
-WORDS = {"matern52": "Matérn 5/2", "squared_exponential": "squared exponential"}
+KERNEL_WORDS = {"matern52": "Matérn 5/2", "squared_exponential": "squared exponential"}
 
 
 def kernel_derivatives(kernel: str, s: np.ndarray, order: int = 3) -> tuple[np.ndarray, ...]:

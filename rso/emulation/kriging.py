@@ -20,9 +20,9 @@ from rso.emulation.common import (
     triangular,
     within_ranges,
 )
-from rso.emulation.kernels import KERNELS, WORDS, covariances, kernel_matrix
+from rso.emulation.kernels import KERNEL_WORDS, KERNELS, covariances, kernel_matrix
 from rso.emulation.kriging_likelihood import (
-    LENGTHS,
+    CORRELATION_LENGTH_RANGE,
     KrigingData,
     cholesky_factor,
     correlation,
@@ -428,9 +428,11 @@ def describe(model: Kriging, names: tuple[str, ...] | None = None) -> str:
     """The hyper-parameters in words, with those that ended at a bound."""
     names = names or tuple(f"x{j + 1}" for j in range(model.d))
     far = [name for name, change in zip(names, _changes(model), strict=True) if change < 1e-3 * np.std(model.t)]
-    near = [name for name, length in zip(names, model.lengths, strict=True) if length < 1.01 * LENGTHS[0]]
+    near = [
+        name for name, length in zip(names, model.lengths, strict=True) if length < 1.01 * CORRELATION_LENGTH_RANGE[0]
+    ]
     text = "Kriging of the logarithm" if model.log else "Kriging"
-    text += f", {WORDS[model.kernel]}, trend of degree {model.trend}"
+    text += f", {KERNEL_WORDS[model.kernel]}, trend of degree {model.trend}"
     text += "" if model.slopes is None else ", through the derivatives too"
     text += f"; {100 * model.share:.2g} % of the stated numerical error is scatter" if model.share != 1.0 else ""
     text += f"; beyond its trend it does not depend on {', '.join(far)}" if far else ""

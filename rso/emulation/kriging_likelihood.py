@@ -15,11 +15,12 @@ from rso.doe import sobol_sequence
 from rso.emulation.common import triangular
 from rso.emulation.kernels import kernel_derivatives, kernel_matrix, length_slopes, squares
 
-LENGTHS = (0.05, 500.0)  # in units of the cube: shorter is unseen between points; a long one makes a nearly linear term
-VARIANCES = (1e-3, 1e8)  # of the standardised output; beyond, the jitter would be a noise that nobody stated
-SHARES = (1e-3, 1.0)  # of the stated noise
-JITTER = 1e-14
-TRIED = 8  # random starts that are looked at
+# in units of the cube: shorter is unseen between points; a long one makes a nearly linear term
+CORRELATION_LENGTH_RANGE = (0.05, 500.0)
+VARIANCE_RANGE = (1e-3, 1e8)  # of the standardised output; beyond, the jitter would be a noise that nobody stated
+NOISE_SHARE_RANGE = (1e-3, 1.0)  # of the stated noise
+CHOLESKY_JITTER = 1e-14  # of the diagonal: rounding alone makes a matrix of near points indefinite
+N_RANDOM_STARTS = 8  # random starts that are looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def one_thread() -> AbstractContextManager[object]:
     return _threads().limit(limits=1)
 
 
-def cholesky_factor(K: np.ndarray, jitter: float = JITTER) -> np.ndarray:
+def cholesky_factor(K: np.ndarray, jitter: float = CHOLESKY_JITTER) -> np.ndarray:
     """Lower Cholesky factor of K (N, N) with `jitter` of its own diagonal added, more where that is not enough."""
     # LAPACK by its own name: half the time of such small fits went into scipy's checks of its arguments.
     diagonal = np.diag(K)
@@ -112,7 +113,7 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
     else:
         value, W = logdet + 0.5 * (N - q) * np.log(max(fit, 1e-300)), square * ((N - q) / max(fit, 1e-300)) - P
         # The variance that was put in has an upper bound too: a wall in its logarithm.
-        beyond = np.log(max(fit, 1e-300) / (N - q) / VARIANCES[1])
+        beyond = np.log(max(fit, 1e-300) / (N - q) / VARIANCE_RANGE[1])
         if beyond > 0:
             value, W = value + beyond**2, W + 4 * beyond / fit * square
     if data.slopes:
@@ -137,9 +138,9 @@ def hyper_parameters(
     """
     d = data.X.shape[1]
     noisy = bool(data.noise.any())
-    bounds = np.log([LENGTHS] * d + [VARIANCES] * noisy + [SHARES] * free_share)
+    bounds = np.log([CORRELATION_LENGTH_RANGE] * d + [VARIANCE_RANGE] * noisy + [NOISE_SHARE_RANGE] * free_share)
     first = [np.full(d, np.log(v)) for v in (0.5, 1.5)]
-    more = np.log(0.15) + np.log(20.0) * sobol_sequence(d, TRIED, seed)
+    more = np.log(0.15) + np.log(20.0) * sobol_sequence(d, N_RANDOM_STARTS, seed)
     rest = [0.0] * noisy + [np.log(0.1)] * free_share
     starts = [np.array([*lengths, *rest]) for lengths in (*first, *more)]
     if start is not None:

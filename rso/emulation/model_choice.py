@@ -17,13 +17,13 @@ from rso.emulation.polynomial import Polynomial, fit_polynomial
 from rso.emulation.scores import Scores, held_out_scores, left_out_bands, left_out_means, pooled, scaled, score
 
 Surrogate = Polynomial | Kriging
-KINDS = ("auto", "polynomial", "kriging")
-RIVALS = 3  # kriging models whose disagreement with the best one widens its band
-FAR = 0.1  # of the mean: sd up to which a logarithm may predict more than ten times the largest value seen
-SURE = 0.1  # chance that a band whose scale is known from n squared errors alone is too narrow
-UNSEEN = 1e-12  # of the largest value: a smaller deviation is rounding
-SEARCHED = 150  # runs that kernel and trend are sought with where there are more; all fit the hyper-parameters
-ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are not tried
+SURROGATE_KINDS = ("auto", "polynomial", "kriging")
+N_RIVAL_MODELS = 3  # kriging models whose disagreement with the best one widens its band
+MAX_LOG_SD_RATIO = 0.1  # of the mean: sd up to which a logarithm may predict more than ten times the largest value seen
+TOO_NARROW_BAND_CHANCE = 0.1  # chance that a band whose scale is known from n squared errors alone is too narrow
+ROUNDING_DEVIATION_SHARE = 1e-12  # of the largest value: a smaller deviation is rounding
+MAX_SEARCHED_RUNS = 150  # runs that kernel and trend are sought with where there are more; all fit the hyper-parameters
+GOOD_ENOUGH_ERROR = 1e-5  # relative error below which derivatives, which cost fits, are not tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,8 @@ def fit_surrogate(
     ValueError
         for an unknown kind, values that are not finite, or too few points for every surrogate of that kind.
     """
-    if kind not in KINDS:
-        raise ValueError(f"surrogate: unknown kind {kind!r}; choose one of {', '.join(KINDS)}")
+    if kind not in SURROGATE_KINDS:
+        raise ValueError(f"surrogate: unknown kind {kind!r}; choose one of {', '.join(SURROGATE_KINDS)}")
     X, y = np.asarray(X, float), np.asarray(y, float)
     noise = None if noise_sd is None else np.broadcast_to(np.asarray(noise_sd, float), y.shape)
     data = TrainingData(X, y, noise, None if gradients is None else np.asarray(gradients, float))
@@ -91,7 +91,11 @@ def fit_surrogate(
     tried: list[tuple[Surrogate, Scores]] = []
     refusals = []
     for make in makers:
-        if make is makers[-1] and data.gradients is not None and any(s.relative_rmse < ENOUGH for _, s in tried):
+        if (
+            make is makers[-1]
+            and data.gradients is not None
+            and any(s.relative_rmse < GOOD_ENOUGH_ERROR for _, s in tried)
+        ):
             break
         try:
             tried.append(make())
@@ -215,7 +219,7 @@ def _best_kriging(
     tried = _tame([_kriging(first.rows(few), o, share, seed, restarts=1) for o in options], data.y)
     tried = sorted(tried, key=lambda m: m.cv.rmse)
     if len(few) < n:
-        tried = _tame([_kriging(first, _option(m), share, seed, start=m) for m in tried[: 1 + RIVALS]], data.y)
+        tried = _tame([_kriging(first, _option(m), share, seed, start=m) for m in tried[: 1 + N_RIVAL_MODELS]], data.y)
     model, *others = sorted(tried, key=lambda m: m.cv.rmse)
     model = search(first, _option(model), share, 4)
     if not known and data.noise is not None and data.noise.any():
@@ -232,9 +236,9 @@ def _best_kriging(
     mean, sd = left_out_bands(again, data.X, data.y, seed)
     scatter = 0.0 if first.noise is None else model.share * first.noise
     size = float(np.abs(data.y).max()) or 1.0
-    z = (mean - data.y) / np.maximum(np.hypot(sd, scatter), UNSEEN * size)
+    z = (mean - data.y) / np.maximum(np.hypot(sd, scatter), ROUNDING_DEVIATION_SHARE * size)
     # z² scatter: with the mean in place of the quantile every other band would be too narrow.
-    inflate = float(np.sqrt(max(np.sum(z**2) / chi2_ppf(SURE, n), 1.0)))
+    inflate = float(np.sqrt(max(np.sum(z**2) / chi2_ppf(TOO_NARROW_BAND_CHANCE, n), 1.0)))
     cv = score(mean, data.y)
     model = replace(model, inflate=inflate, rivals=_rivals(cv.rmse, others))
     return replace(model, cv=_over_the_cube(model, cv)), cv
@@ -259,7 +263,7 @@ def _over_the_cube(model: Kriging, left_out: Scores) -> Scores:
 
 def _searched(d: int) -> int:
     """Runs at most that kernel and trend are sought with: enough for a quadratic trend too."""
-    return max(SEARCHED, 2 * len(monomial_exponents(d, 2)))
+    return max(MAX_SEARCHED_RUNS, 2 * len(monomial_exponents(d, 2)))
 
 
 def _option(model: Kriging) -> tuple[str, int, bool]:
@@ -288,7 +292,7 @@ def _rivals(error: float, others: list[Kriging]) -> tuple[tuple[float, Kriging],
     smallest of many leave-one-out errors, which flatters it.
     Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (weights by errors).
     """
-    others = others[:RIVALS]
+    others = others[:N_RIVAL_MODELS]
     if error == 0.0 or not others or scores_of(others[0]).rmse == 0.0:  # exact: nobody has a say beside it
         return ()
     weights = np.array([(error / scores_of(m).rmse) ** 4 for m in others])
@@ -309,7 +313,7 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
             with np.errstate(over="ignore", invalid="ignore"):
                 mean, sd = m.predict(Q)
                 far = mean > 10 * y.max()
-                if not np.all(np.isfinite(mean)) or np.any(sd > np.where(far, FAR, 1.0) * mean):
+                if not np.all(np.isfinite(mean)) or np.any(sd > np.where(far, MAX_LOG_SD_RATIO, 1.0) * mean):
                     continue
         kept.append(m)
     return kept or models

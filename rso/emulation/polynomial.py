@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from rso.core.polynomial_degree import HIGHEST
+from rso.core.polynomial_degree import MAX_POLYNOMIAL_DEGREE
 from rso.emulation.common import (
     checked_samples,
     from_log,
@@ -126,18 +126,18 @@ def fit_polynomial(X: np.ndarray, y: np.ndarray, *, degree: int | None = None, l
     X, y = checked_samples(X, y, log)
     d = X.shape[1]
     if degree is not None:
-        if not 1 <= degree <= HIGHEST:
-            raise ValueError(f"polynomial: degree must be 1 to {HIGHEST}, got {degree}")
+        if not 1 <= degree <= MAX_POLYNOMIAL_DEGREE:
+            raise ValueError(f"polynomial: degree must be 1 to {MAX_POLYNOMIAL_DEGREE}, got {degree}")
         return _fit(X, y, monomial_exponents(d, degree), log)[0]
     fits, refusals = [], []
-    for candidate in range(1, HIGHEST + 1):
+    for candidate in range(1, MAX_POLYNOMIAL_DEGREE + 1):
         try:
             fits.append(_fit(X, y, monomial_exponents(d, candidate), log))
         except ValueError as refusal:
             refusals.append(str(refusal))
     if not fits:
         raise ValueError(refusals[0])
-    for candidate in range(2, HIGHEST + 1):
+    for candidate in range(2, MAX_POLYNOMIAL_DEGREE + 1):
         chosen = select(X, np.log(y) if log else y, candidate)
         if 1 < len(chosen) < len(monomial_exponents(d, candidate)):
             fits.append(_fit(X, y, chosen, log))

@@ -14,7 +14,7 @@ import numpy as np
 
 from rso.core import disk
 
-MARK = "array in npz"
+ARRAY_MARK = "array in npz"
 
 
 def save_arrays(stem: Path, data: Mapping[str, Any]) -> None:
@@ -30,7 +30,7 @@ def save_arrays(stem: Path, data: Mapping[str, Any]) -> None:
                 raise ValueError(f"an array of {value.dtype} cannot be saved")
             name = f"a{len(arrays)}"
             arrays[name] = value
-            return {MARK: name}
+            return {ARRAY_MARK: name}
         if isinstance(value, Mapping):
             return {str(k): pack(v) for k, v in value.items()}
         if isinstance(value, list | tuple):
@@ -62,10 +62,10 @@ def load_arrays(stem: Path) -> dict[str, Any]:
 
     def unpack(value: Any) -> Any:
         if isinstance(value, dict):
-            if set(value) == {MARK}:
-                if value[MARK] not in arrays:
-                    raise ValueError(f"{stem.name}.npz has no array {value[MARK]!r}: the two files do not match")
-                return arrays[value[MARK]]
+            if set(value) == {ARRAY_MARK}:
+                if value[ARRAY_MARK] not in arrays:
+                    raise ValueError(f"{stem.name}.npz has no array {value[ARRAY_MARK]!r}: the two files do not match")
+                return arrays[value[ARRAY_MARK]]
             return {k: unpack(v) for k, v in value.items()}
         return [unpack(v) for v in value] if isinstance(value, list) else value
 

@@ -15,9 +15,10 @@ from rso.doe import Box
 
 Predict = Callable[[np.ndarray], np.ndarray]
 Feasible = Callable[[np.ndarray], np.ndarray]
-REPLICATES = 8  # independent scrambles behind every index
-ERRORS, ERROR_POINTS = 4, 256  # random errors of the surrogate for each scramble, and on how many of its points
-FEATURES = 12  # waves in such an error
+N_REPLICATES = 8  # independent scrambles behind every index
+# random errors of the surrogate for each scramble, and on how many of its points
+N_RANDOM_ERRORS, N_ERROR_POINTS = 4, 256
+N_ERROR_WAVES = 12  # waves in such an error
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,7 @@ def saltelli_indices(
     if n < 4 or n & (n - 1):
         raise ValueError(f"sobol: n must be a power of two >= 4, got {n}")
     found, moved, variances, sizes, excluded = [], [], [], [], []
-    for child in np.random.SeedSequence(seed).spawn(REPLICATES):
+    for child in np.random.SeedSequence(seed).spawn(N_REPLICATES):
         rng = np.random.default_rng(child)
         points, roles, share = _scramble(d, n, rng, constraint)
         y = np.stack([np.asarray(predict(X), float) for X in points])
@@ -178,18 +179,18 @@ def saltelli_indices(
         excluded.append(share)
         if variances[-1] > 0:
             found.append(_estimate(y[roles]))
-            moved += [] if sd is None else _moved(points[:, :ERROR_POINTS], y[:, :ERROR_POINTS], sd, roles, rng)
+            moved += [] if sd is None else _moved(points[:, :N_ERROR_POINTS], y[:, :N_ERROR_POINTS], sd, roles, rng)
     variance, lost = float(np.mean(variances)), float(np.mean(excluded))
-    if len(found) < REPLICATES or variance <= 1e-24 * float(np.mean(sizes)):
+    if len(found) < N_REPLICATES or variance <= 1e-24 * float(np.mean(sizes)):
         nan = np.full(d, np.nan)
         return SobolIndices(nan, nan, np.full((d, 2), np.nan), np.full((d, 2), np.nan), 0.0, n, lost)
     each = np.array(found)  # (R, 2, d)
-    index, spread = each.mean(axis=0), each.var(axis=0, ddof=1) / REPLICATES
-    half = t_ppf(0.95, REPLICATES - 1) * np.sqrt(spread)
+    index, spread = each.mean(axis=0), each.var(axis=0, ddof=1) / N_REPLICATES
+    half = t_ppf(0.95, N_REPLICATES - 1) * np.sqrt(spread)
     low, high = index - half, index + half
     if moved:
         δ = np.array(moved)
-        half = t_ppf(0.95, REPLICATES - 1) * np.sqrt(spread + δ.var(axis=0, ddof=1))
+        half = t_ppf(0.95, N_REPLICATES - 1) * np.sqrt(spread + δ.var(axis=0, ddof=1))
         low = np.minimum(low, index + δ.mean(axis=0) - half)
         high = np.maximum(high, index + δ.mean(axis=0) + half)
     first, total = np.clip(index, 0.0, 1.0)
@@ -219,19 +220,19 @@ def _moved(
         return []
     band = np.stack([np.asarray(sd(X), float) for X in points])
     before = np.array(_estimate(y[roles]))
-    return [np.array(_estimate((y + band * _error(points, rng))[roles])) - before for _ in range(ERRORS)]
+    return [np.array(_estimate((y + band * _error(points, rng))[roles])) - before for _ in range(N_RANDOM_ERRORS)]
 
 
 def _error(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A random smooth function of unit variance at points (k, n, d): Σ √(2/F) cos(ω·x + φ)."""
     d = points.shape[-1]
     # Errors of a surrogate are seldom of high order: each wave runs along few parameters.
-    order = rng.integers(1, min(d, 3) + 1, FEATURES)
-    along = rng.permuted(np.tile(np.arange(d), (FEATURES, 1)), axis=1) < order[:, None]
-    length = np.exp(rng.uniform(np.log(0.2), 0.0, FEATURES))
-    ω = along * rng.standard_normal((FEATURES, d)) / length[:, None]
-    φ = rng.uniform(0, 2 * np.pi, FEATURES)
-    return np.sqrt(2 / FEATURES) * np.cos(points @ ω.T + φ).sum(axis=-1)
+    order = rng.integers(1, min(d, 3) + 1, N_ERROR_WAVES)
+    along = rng.permuted(np.tile(np.arange(d), (N_ERROR_WAVES, 1)), axis=1) < order[:, None]
+    length = np.exp(rng.uniform(np.log(0.2), 0.0, N_ERROR_WAVES))
+    ω = along * rng.standard_normal((N_ERROR_WAVES, d)) / length[:, None]
+    φ = rng.uniform(0, 2 * np.pi, N_ERROR_WAVES)
+    return np.sqrt(2 / N_ERROR_WAVES) * np.cos(points @ ω.T + φ).sum(axis=-1)
 
 
 def _estimate(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,9 +13,10 @@ from rso.emulation.common import from_log, outside
 from rso.emulation.model_choice import Surrogate, fit_surrogate, from_dict, refit
 from rso.emulation.scores import Scores, score
 
-MODES, LEFT_OUT = 8, 1e-6  # at most so many modes; fewer where they leave out less than this share of the curves' size
-SMALL = 1e-3  # of the largest: abscissae with smaller values count no more than this
-NORMAL_95 = 1.959964
+# at most so many modes; fewer where they leave out less than this share of the curves' size
+MAX_MODES, MAX_LEFT_OUT_SHARE = 8, 1e-6
+MIN_WEIGHT_RATIO = 1e-3  # of the largest: abscissae with smaller values count no more than this
+SD_OF_95_PERCENT = 1.959964  # standard deviations of a normal law that hold 95 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +226,7 @@ def _scaled(Y: np.ndarray, log: bool) -> tuple[np.ndarray, np.ndarray]:
     if log:
         return np.log(Y), np.ones(Y.shape[1])
     weight = np.sqrt(np.mean(Y**2, axis=0))
-    weight = np.maximum(weight, SMALL * weight.max())  # what is zero by symmetry is no more than rounding
+    weight = np.maximum(weight, MIN_WEIGHT_RATIO * weight.max())  # what is zero by symmetry is no more than rounding
     weight = np.where(weight > 0, weight, 1.0)
     return Y / weight, weight
 
@@ -246,8 +247,8 @@ def _fit(
     _, S, V = np.linalg.svd(T - centre, full_matrices=False)
     left = np.sqrt(np.maximum(np.cumsum((S**2)[::-1])[::-1], 0.0) / T.size) / max(np.sqrt(np.mean(T**2)), 1e-300)
     # left[k] is what the first k modes leave out.
-    enough = [k for k in range(1, len(S) + 1) if k == len(S) or left[k] < LEFT_OUT]
-    r = min(enough[0], MODES, max(1, len(X) - 2))
+    enough = [k for k in range(1, len(S) + 1) if k == len(S) or left[k] < MAX_LEFT_OUT_SHARE]
+    r = min(enough[0], MAX_MODES, max(1, len(X) - 2))
     modes = V[:r]
     A = (T - centre) @ modes.T
     n = len(X)
@@ -302,8 +303,8 @@ def _checked(
     error = np.abs(mean - Y)
     floor = 1e-12 * np.abs(Y).max() + 1e-300  # an exact curve has no band to speak of
     z = error / np.maximum(sd, floor)
-    covered = float(np.mean(z < NORMAL_95))
-    inflate = max(1.0, float(np.quantile(z, 0.95)) / NORMAL_95)
+    covered = float(np.mean(z < SD_OF_95_PERCENT))
+    inflate = max(1.0, float(np.quantile(z, 0.95)) / SD_OF_95_PERCENT)
     cv = tuple(score(mean[:, j], Y[:, j]) for j in range(Y.shape[1]))
     return replace(model, inflate=min(inflate, 1e3), covered=covered, cv=cv)
 

@@ -43,14 +43,14 @@ from rso.contract import (
     worded,
 )
 from rso.core import disk
-from rso.core.default_backend import PACKAGE as OWN
-from rso.core.default_backend import USE
+from rso.core.default_backend import BACKEND_PACKAGE as OWN
+from rso.core.default_backend import DEFAULT_BACKEND
 from rso.evaluation.decks import Deck, load_deck
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
 from rso.evaluation.joint import joint
 
-SCHEMA_TIMEOUT_S = 60.0
+SCHEMA_TIMEOUT_S = 60.0  # for a program that loads large libraries before it answers
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def load_backend(
 def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
     module_name, _, attribute = use.partition(":")
     if not module_name or not attribute:
-        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "{USE}"')
+        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "{DEFAULT_BACKEND}"')
     try:
         # Only where it is needed: nothing else may be imported from a study's folder by accident.
         elsewhere = importlib.util.find_spec(module_name.partition(".")[0]) is not None

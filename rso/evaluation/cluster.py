@@ -24,8 +24,8 @@ from rso.evaluation.pool import WorkerPool, WorkersCannotStart
 if TYPE_CHECKING:
     from distributed import Client
 
-CONNECT_S = 30.0
-LOOPBACK = "127.0.0.1:0"
+CONNECTION_TIMEOUT_S = 30.0  # for the scheduler to answer
+LOOPBACK_ADDRESS = "127.0.0.1:0"
 _here = threading.local()  # one pool of one process per thread of a Dask worker
 
 
@@ -85,7 +85,7 @@ def open_cluster(
         raise WorkersCannotStart(f"engine = 'dask' needs Dask ({error}): pip install 'rso[dask]'") from error
     try:
         local = None if address else _within(jobs)
-        client = Client(address or local, timeout=CONNECT_S)
+        client = Client(address or local, timeout=CONNECTION_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise WorkersCannotStart(f"no Dask scheduler at {address or 'this machine'}: {error}") from error
     try:
@@ -110,9 +110,9 @@ def _within(jobs: int) -> Any:
             threads_per_worker=1,
             processes=False,
             protocol="inproc://",
-            worker_dashboard_address=LOOPBACK,
+            worker_dashboard_address=LOOPBACK_ADDRESS,
             memory_limit=0,
-            scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
+            scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK_ADDRESS},
         )
     for node in (cluster.scheduler, *cluster.workers.values()):
         if (server := getattr(node, "http_server", None)) is not None:

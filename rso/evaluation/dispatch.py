@@ -23,7 +23,7 @@ from rso.contract import (
     plain,
     run_key,
 )
-from rso.core.units import CHANNELS, same
+from rso.core.units import CHANNEL_UNITS, same
 from rso.evaluation.adapters import Source, check_values
 from rso.evaluation.executor_loop import Ahead, Job, drive
 from rso.evaluation.pool import WorkerPool
@@ -377,7 +377,7 @@ def _lacking(response: Response, case: Case, needs: frozenset[str], backend: Bac
     for channel, unit in response.units.items():
         if backend.channels.get(channel, unit) != unit:
             return f"the response has {channel} in {unit}, {backend.name} declares {backend.channels[channel]}"
-        wanted = CHANNELS.get(channel.partition("(")[0], unit)  # "uz(3,4)" is a mark's, declared by nobody
+        wanted = CHANNEL_UNITS.get(channel.partition("(")[0], unit)  # "uz(3,4)" is a mark's, declared by nobody
         if channel not in backend.channels and not same(unit, wanted):
             return f"the response has {channel} in {unit}, it must be in {wanted}"
     travel, time = response.channels["travel"], response.channels["time"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rso.contract import digest
 
-_LOADERS = ("import_module", "__import__")
+_IMPORT_FUNCTIONS = ("import_module", "__import__")
 
 
 def fingerprint_of(file: str) -> str:
@@ -66,7 +66,7 @@ def _names(tree: ast.AST, path: Path, root: Path) -> Iterator[tuple[Path, str]]:
             yield from ((base, name) for base in bases for name in whole)
         elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            if called in _LOADERS and isinstance(node.args[0].value, str):
+            if called in _IMPORT_FUNCTIONS and isinstance(node.args[0].value, str):
                 yield from ((base, node.args[0].value.lstrip(".")) for base in beside)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.endswith(".py"):
             stem = node.value[:-3]

@@ -10,14 +10,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-GUARD = str(Path(__file__).with_name("guard.py"))
+GUARD_SCRIPT = str(Path(__file__).with_name("guard.py"))
 
 
 def run_guarded(command: Sequence[str], folder: Path, timeout_s: float | None) -> int:
     """Exit code of the command, run in `folder` with its output in files; RuntimeError when time is up."""
     with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
         process = subprocess.Popen(
-            (sys.executable, "-I", "-S", GUARD, *command),
+            (sys.executable, "-I", "-S", GUARD_SCRIPT, *command),
             stdin=subprocess.PIPE,
             stdout=out,
             stderr=err,

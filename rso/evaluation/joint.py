@@ -9,23 +9,23 @@ from typing import Any
 
 from rso.contract import Backend, Case, Fingerprint, Parameter, Response, capability, digest
 
-ROUTE = "backend"  # the key of settings that names a further backend; without it the first one answers
-_BETWEEN = "|"  # the name of a backend and its recipe
+BACKEND_SETTING = "backend"  # the key of settings that names a further backend; without it the first one answers
+_RECIPE_SEPARATOR = "|"  # the name of a backend and its recipe
 
 # What the first backend may be asked beside its answers, and what holds of a further one that cannot say:
-BY_SETTINGS: Mapping[str, tuple[int, Any]] = {  # the place of the settings among the arguments
+ASKED_BY_SETTINGS: Mapping[str, tuple[int, Any]] = {  # the place of the settings among the arguments
     "relaxes": (1, False),
     "controls_force": (0, False),
     "uncalibrated": (0, None),
     "resolution": (0, {}),
 }
-BY_CASE: Mapping[str, tuple[int, Any]] = {
+ASKED_BY_CASE: Mapping[str, tuple[int, Any]] = {
     "refused": (1, None),
     "cost": (1, 0.01),
     "reduction": (1, None),
     "formulas": (1, ()),
 }
-OF_FIRST = ("derived", "physical", "ordinary")
+ASKED_OF_FIRST = ("derived", "physical", "ordinary")
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class JointBackend:
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """Those of the backend of the case."""
         one, name, own = self._of(case)
-        return {k: f"{name}{_BETWEEN}{r}" for k, r in one.recipes(_mine(one, values), own).items()}
+        return {k: f"{name}{_RECIPE_SEPARATOR}{r}" for k, r in one.recipes(_mine(one, values), own).items()}
 
     def make(self, recipe: str) -> bytes:
         """By the backend whose recipe it is."""
-        name, _, rest = recipe.partition(_BETWEEN)
+        name, _, rest = recipe.partition(_RECIPE_SEPARATOR)
         return (self.others[name] if name else self.first).make(rest)
 
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
@@ -71,33 +71,33 @@ class JointBackend:
 
     def _of(self, case: Case) -> tuple[Backend, str, Case]:
         """The backend of a case, its name ("" of the first), and the case without the route."""
-        name = str(case.settings.get(ROUTE, ""))
-        settings = {k: v for k, v in case.settings.items() if k != ROUTE}
+        name = str(case.settings.get(BACKEND_SETTING, ""))
+        settings = {k: v for k, v in case.settings.items() if k != BACKEND_SETTING}
         return self._named(name), name, dataclasses.replace(case, settings=settings)
 
     def _named(self, name: str) -> Backend:
         if name and name not in self.others:
-            raise ValueError(f"{ROUTE} = {name!r}: there are {', '.join(self.others)}")
+            raise ValueError(f"{BACKEND_SETTING} = {name!r}: there are {', '.join(self.others)}")
         return self.others[name] if name else self.first
 
     def __getattr__(self, name: str) -> Any:
         """What may be asked beside the answers: of the backend of the settings or of the case."""
-        if name in OF_FIRST or name in BY_SETTINGS or name in BY_CASE:
+        if name in ASKED_OF_FIRST or name in ASKED_BY_SETTINGS or name in ASKED_BY_CASE:
             own = getattr(self.first, name)
-            return own if name in OF_FIRST else self._asked(name, own)
+            return own if name in ASKED_OF_FIRST else self._asked(name, own)
         raise AttributeError(name)
 
     def _asked(self, name: str, own: Callable[..., Any]) -> Callable[..., Any]:
-        place, otherwise = (BY_SETTINGS | BY_CASE)[name]  # type: ignore[operator]
+        place, otherwise = (ASKED_BY_SETTINGS | ASKED_BY_CASE)[name]  # type: ignore[operator]
 
         def ask(*arguments: Any) -> Any:
             given = list(arguments)
-            if name in BY_CASE:
+            if name in ASKED_BY_CASE:
                 one, route, given[place] = self._of(given[place])
                 given[0] = _mine(one, given[0])
             else:
-                route = str(given[place].get(ROUTE, ""))
-                one, given[place] = self._named(route), {k: v for k, v in given[place].items() if k != ROUTE}
+                route = str(given[place].get(BACKEND_SETTING, ""))
+                one, given[place] = self._named(route), {k: v for k, v in given[place].items() if k != BACKEND_SETTING}
             answer = own if not route else getattr(one, name, None)
             return otherwise if answer is None else answer(*given)
 
@@ -141,4 +141,4 @@ def _mine(one: Backend, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _routed(case: Case, name: str) -> Case:
-    return dataclasses.replace(case, settings={**case.settings, ROUTE: name}) if name else case
+    return dataclasses.replace(case, settings={**case.settings, BACKEND_SETTING: name}) if name else case

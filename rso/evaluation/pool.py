@@ -31,20 +31,20 @@ from rso.evaluation.adapters import Source
 
 T = TypeVar("T")
 
-_PINNED = {
+_WORKER_ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
     "PYTHONHASHSEED": "0",  # the order of sets of strings is then the same in every worker
 }
 # The folder that it is started in, which may be a stranger's, is no place for modules: -P, and sys.path comes first.
-_BOOT = """
+_WORKER_PROGRAM = """
 import sys
 sys.path[:] = sys.argv[2:]
 from rso.evaluation.pool import serve
 serve(int(sys.argv[1]))
 """
-_NUMBER = 8  # bytes of the number of a call, which its answer repeats
+_CALL_NUMBER_BYTES = 8  # bytes of the number of a call, which its answer repeats
 _numbers = itertools.count(1)
-_BAD_STARTS = 3  # one may be bad luck (memory), three in turn are not
+_MAX_BAD_STARTS = 3  # one may be bad luck (memory), three in turn are not
 
 
 class WorkerDied(Exception):
@@ -195,8 +195,8 @@ class WorkerPool(Executor):
             if self._broken is not None or self._killed:
                 raise self._broken or WorkerDied("the pool was stopped")
             process = subprocess.Popen(
-                (sys.executable, "-P", "-c", _BOOT, str(there.fileno()), *sys.path),
-                env={**os.environ, **_PINNED},
+                (sys.executable, "-P", "-c", _WORKER_PROGRAM, str(there.fileno()), *sys.path),
+                env={**os.environ, **_WORKER_ENVIRONMENT},
                 stdin=subprocess.DEVNULL,
                 pass_fds=(there.fileno(),),
                 process_group=0,  # Ctrl-C is for the parent; and a worker is killed with its own children
@@ -214,7 +214,7 @@ class WorkerPool(Executor):
         if ok:
             return worker
         self._end(worker)
-        if self._killed or (isinstance(error, WorkerDied) and self._bad_starts < _BAD_STARTS):
+        if self._killed or (isinstance(error, WorkerDied) and self._bad_starts < _MAX_BAD_STARTS):
             raise error
         why = f"{type(error).__name__}: {error}"
         with self._lock:
@@ -239,7 +239,7 @@ class WorkerPool(Executor):
 def _ask(worker: _Worker, payload: bytes, timeout_s: float | None) -> tuple[bool, Any]:
     """Send one task and wait for its result; WorkerDied if none can come any more."""
     deadline = None if timeout_s is None else time.monotonic() + timeout_s
-    number = next(_numbers).to_bytes(_NUMBER, "big")
+    number = next(_numbers).to_bytes(_CALL_NUMBER_BYTES, "big")
     try:
         worker.pipe.send_bytes(number + payload)
         while not worker.pipe.poll(1.0 if deadline is None else max(0.0, min(1.0, deadline - time.monotonic()))):
@@ -251,11 +251,12 @@ def _ask(worker: _Worker, payload: bytes, timeout_s: float | None) -> tuple[bool
                 worker.process.wait()
                 raise WorkerDied(f"stopped after the time-out of {timeout_s:g} s")
         answer = worker.pipe.recv_bytes()
-        if answer[:_NUMBER] != number:  # somebody else writes into its pipe: nothing that follows can be trusted
+        # somebody else writes into its pipe: nothing that follows can be trusted
+        if answer[:_CALL_NUMBER_BYTES] != number:
             _kill(worker.process)
             worker.process.wait()
             raise WorkerDied("the worker process answered another call: does the backend make copies of its process?")
-        ok, value, trace = pickle.loads(answer[_NUMBER:])
+        ok, value, trace = pickle.loads(answer[_CALL_NUMBER_BYTES:])
     except (EOFError, OSError):
         _kill(worker.process)
         raise WorkerDied(f"the worker process ended {_how(worker.process.wait())} while it computed") from None
@@ -303,7 +304,7 @@ def serve(descriptor: int) -> None:
 
 def _answer(payload: bytes) -> bytes:
     """The number of one call, and pickled (ok, result or exception, traceback); never raises."""
-    number, call = payload[:_NUMBER], payload[_NUMBER:]
+    number, call = payload[:_CALL_NUMBER_BYTES], payload[_CALL_NUMBER_BYTES:]
     try:
         fn, args, kwargs = pickle.loads(call)
     except Exception as error:

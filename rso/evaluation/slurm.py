@@ -34,12 +34,12 @@ from rso.evaluation.dispatch import Ended
 from rso.evaluation.guarded_process import end_of, tail
 from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
 
-GATHER_S = 0.25  # calls that come within this time of each other become one array
-POLL_S = 0.25
-MOST_ELEMENTS = 1000  # SLURM's default MaxArraySize is 1001
-GRACE_S = 60.0  # a network disk may show what a job has written after SLURM says that it ended
-LOST_S = 5.0  # the same for a job that did not end by itself
-LINES = 12  # of a job's error log, in the reason of what it lost
+GATHERING_S = 0.25  # calls that come within this time of each other become one array
+POLLING_S = 0.25  # between two looks at jobs and their answers
+MAX_ARRAY_ELEMENTS = 1000  # SLURM's default MaxArraySize is 1001
+LATE_ANSWER_S = 60.0  # a network disk may show what a job has written after SLURM says that it ended
+LOST_ANSWER_S = 5.0  # the same for a job that did not end by itself
+N_LOG_LINES = 12  # of a job's error log, in the reason of what it lost
 
 
 @dataclass(frozen=True)
@@ -148,9 +148,9 @@ class SlurmExecutor(Executor):
         running: list[_Element] = []
         more = True
         while (more or backlog or running) and not self._stop.is_set():
-            more = self._gather(backlog, wait_s=POLL_S) and more
+            more = self._gather(backlog, wait_s=POLLING_S) and more
             # an array is held back by SLURM itself, processes of this machine by nobody else
-            room = self._most - len(running) if self._settings.here else MOST_ELEMENTS
+            room = self._most - len(running) if self._settings.here else MAX_ARRAY_ELEMENTS
             if backlog and room > 0:
                 most = room * self._settings.runs_per_job
                 running += self._hand_in(backlog[:most])
@@ -170,7 +170,7 @@ class SlurmExecutor(Executor):
         try:
             while (item := self._asked.get(timeout=wait_s)) is not None:
                 backlog.append(item)
-                wait_s = GATHER_S
+                wait_s = GATHERING_S
             return False
         except queue.Empty:
             return True
@@ -211,14 +211,14 @@ class SlurmExecutor(Executor):
                 element.gone = time.monotonic()
             return False
         state = str(element.job.state)
-        late = GRACE_S if state in ("COMPLETED", "COMPLETING") else LOST_S
+        late = LATE_ANSWER_S if state in ("COMPLETED", "COMPLETING") else LOST_ANSWER_S
         if time.monotonic() - element.gone < late:
             return False
         self._clean = False
         log = element.job.paths.stderr
         what = f"job {element.job.job_id} ended ({state}) before it had an answer of this run; its log is {log}"
         for future in element.calls.values():
-            _settle(future, WorkerDied(f"{what}\n{tail(end_of(log), LINES)}"))
+            _settle(future, WorkerDied(f"{what}\n{tail(end_of(log), N_LOG_LINES)}"))
         return True
 
     def _take(self, name: str, future: Future[Any], *, old: bool = False) -> bool:

@@ -34,11 +34,11 @@ from typing import Any, Literal, Self
 from rso.contract import Case, Response, finite, object_path, plain
 from rso.core import disk
 
-SCHEMA = 1
-GRACE_S = 3.0
-MOST = 64 * 1024 * 1024  # bytes that a response may unpack to: a million readings of three channels
+STORE_SCHEMA = 1  # of the tables below; raised when they change
+LOCK_TIMEOUT_S = 3.0  # for a worker of a killed process that still holds the lock as it starts
+MAX_RESPONSE_BYTES = 64 * 1024 * 1024  # bytes that a response may unpack to: a million readings of three channels
 
-_TABLES = (
+_TABLE_STATEMENTS = (
     """CREATE TABLE runs (
         key TEXT PRIMARY KEY, state TEXT NOT NULL CHECK (state IN ('done', 'failed')), name TEXT NOT NULL,
         "values" TEXT NOT NULL, "case" TEXT NOT NULL, response BLOB, cause TEXT, reason TEXT, history TEXT,
@@ -50,10 +50,10 @@ _TABLES = (
     "CREATE INDEX crashes_key ON crashes (key)",
     """CREATE TABLE artefacts (
         recipe_hash TEXT PRIMARY KEY, recipe TEXT NOT NULL, name TEXT NOT NULL, sha TEXT NOT NULL)""",
-    f"PRAGMA user_version = {SCHEMA}",
+    f"PRAGMA user_version = {STORE_SCHEMA}",
 )
-_PARTS = {("table", "runs"), ("table", "crashes"), ("table", "artefacts"), ("index", "crashes_key")}
-_SUMMED = 13  # columns of a run that its checksum is taken over: all but the number of attempts and itself
+_SCHEMA_PARTS = {("table", "runs"), ("table", "crashes"), ("table", "artefacts"), ("index", "crashes_key")}
+_N_SUMMED_COLUMNS = 13  # columns of a run that its checksum is taken over: all but the number of attempts and itself
 
 
 class StoreError(Exception):
@@ -286,11 +286,11 @@ def _connect_to_write(file: Path) -> sqlite3.Connection:
     db.execute("BEGIN IMMEDIATE")
     try:
         if db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
-            for statement in _TABLES:
+            for statement in _TABLE_STATEMENTS:
                 db.execute(statement)
         db.execute("COMMIT")
         db.execute("PRAGMA synchronous = NORMAL")
-        if db.execute("PRAGMA user_version").fetchone()[0] == SCHEMA:  # leave a foreign file as it is
+        if db.execute("PRAGMA user_version").fetchone()[0] == STORE_SCHEMA:  # leave a foreign file as it is
             db.execute("PRAGMA journal_mode = WAL")
     except BaseException:
         db.close()
@@ -319,15 +319,17 @@ def _check_schema(db: sqlite3.Connection, file: Path) -> None:
     version = db.execute("PRAGMA user_version").fetchone()[0]
     if not version and not db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
         raise StoreError(f"{file} is empty: the program was stopped before its first run; nothing has been run yet")
-    if version != SCHEMA:
+    if version != STORE_SCHEMA:
         what = f"has schema {version}" if version else "is not a store of rso"
         raise StoreError(
-            f"{file} {what}; this version of rso reads schema {SCHEMA}: "
+            f"{file} {what}; this version of rso reads schema {STORE_SCHEMA}: "
             "use the version that wrote it, or move the folder aside and run again"
         )
     parts = db.execute("SELECT type, name FROM sqlite_master WHERE name NOT LIKE 'sqlite@_%' ESCAPE '@'").fetchall()
-    hidden = [r["name"] for _, table in _PARTS for r in db.execute(f"PRAGMA table_xinfo({table})") if r["hidden"]]
-    if strange := sorted({(r["type"], r["name"]) for r in parts} - _PARTS) + hidden:
+    hidden = [
+        r["name"] for _, table in _SCHEMA_PARTS for r in db.execute(f"PRAGMA table_xinfo({table})") if r["hidden"]
+    ]
+    if strange := sorted({(r["type"], r["name"]) for r in parts} - _SCHEMA_PARTS) + hidden:
         raise StoreError(
             f"{file} holds {strange[0]!r}, which no store of rso has: is it from somebody else? Move it aside"
         )
@@ -338,7 +340,7 @@ def _check_schema(db: sqlite3.Connection, file: Path) -> None:
 
 def _lock(path: Path) -> int:
     """Descriptor that holds the lock until it is closed or the process ends, however it ends."""
-    deadline = time.monotonic() + GRACE_S
+    deadline = time.monotonic() + LOCK_TIMEOUT_S
     while True:
         disk.only(path)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
@@ -398,9 +400,9 @@ def _pack(response: Response) -> bytes:
 
 def _unpack(blob: bytes) -> Response:
     unpacking = zlib.decompressobj()
-    text = unpacking.decompress(blob, MOST)
+    text = unpacking.decompress(blob, MAX_RESPONSE_BYTES)
     if unpacking.unconsumed_tail:
-        raise ValueError(f"its response unpacks to more than {MOST / 1e6:.0f} MB")
+        raise ValueError(f"its response unpacks to more than {MAX_RESPONSE_BYTES / 1e6:.0f} MB")
     if not unpacking.eof:
         raise ValueError("its response is cut")
     return Response.from_json(json.loads(text))
@@ -439,7 +441,7 @@ def _listed(r: sqlite3.Row) -> Row:
 
 def _check_row(row: sqlite3.Row) -> None:
     """sqlite3.DatabaseError where a row is not the one that was stored; rows of older versions carry no checksum."""
-    if "checksum" in row.keys() and row["checksum"] not in (None, _checksum(tuple(row)[:_SUMMED])):
+    if "checksum" in row.keys() and row["checksum"] not in (None, _checksum(tuple(row)[:_N_SUMMED_COLUMNS])):
         raise sqlite3.DatabaseError(f"run {row['key'][:12]} is not as it was stored: its checksum is another")
 
 

@@ -27,7 +27,7 @@ from rso.inference.intervals import (
 from rso.inference.least_squares import Fit, all_minima, fit_at, gauss_newton, levenberg_marquardt
 from rso.inference.likelihood import WEIGHTINGS, Data, Misfit, Model, split_common_errors, stack
 from rso.inference.models import (
-    SURFACE,
+    SURFACE_CHANNEL,
     CurvePlace,
     emulated,
     emulated_together,
@@ -46,7 +46,7 @@ from rso.inference.usual_errors import elsewhere, widening, with_usual
 from rso.inference.verdict import Verdict, judge_parameter
 
 __all__ = [
-    "SURFACE",
+    "SURFACE_CHANNEL",
     "WEIGHTINGS",
     "CurvePlace",
     "Data",

@@ -12,9 +12,10 @@ from rso.core.distributions import chi2_cdf, student
 from rso.data import autocorrelation
 from rso.inference.likelihood import Data, Misfit, split_common_errors
 
-SEEN = 0.001  # chance of errors of the stated size to leave so little: then it is not they that go together
-UNKNOWN = 0.01  # of the largest value: a reading's error, where no reading is left over to tell it
-SIZES = np.geomspace(1e-12, 1.0, 241)  # variances that are tried, over the square of the largest value
+# chance of errors of the stated size to leave so little: then it is not they that go together
+MIN_CHANCE_OF_SMALL_RESIDUALS = 0.001
+UNKNOWN_ERROR_SHARE = 0.01  # of the largest value: a reading's error, where no reading is left over to tell it
+TRIED_VARIANCES = np.geomspace(1e-12, 1.0, 241)  # variances that are tried, over the square of the largest value
 
 
 def with_autocorrelation(misfit: Misfit, x: np.ndarray) -> Misfit:
@@ -48,7 +49,7 @@ def with_estimated_error(misfit: Misfit, x: np.ndarray) -> Misfit:
     Y is the largest value of each such curve, z its residuals at x (d,) over that without what the parameters can do
     (restricted likelihood; Patterson & Thompson, Biometrika 58 (1971) 545), in the basis in which all other errors have
     the variances λ.  t is Student's factor for Σ (τ²/(τ² + λ_j))² degrees of freedom; where none is left, τ is
-    `UNKNOWN`.
+    `UNKNOWN_ERROR_SHARE`.
     """
     new = [d.white is not None and not d.white.any() and d.sized is None for d in misfit.data]
     if not any(new) or misfit.weighting != "noise":
@@ -72,10 +73,10 @@ def with_estimated_error(misfit: Misfit, x: np.ndarray) -> Misfit:
 def _size(z: np.ndarray, C: np.ndarray) -> tuple[float, float]:
     """τ² and its degrees of freedom from residuals z (m,) that have errors C (m, m) already."""
     if not len(z):
-        return UNKNOWN**2, 2.0
+        return UNKNOWN_ERROR_SHARE**2, 2.0
     λ, V = np.linalg.eigh(C)
-    all_ = SIZES[:, None] + np.maximum(λ, 0.0)
-    τ2 = float(SIZES[np.argmin(np.sum(np.log(all_) + (V.T @ z) ** 2 / all_, axis=1))])
+    all_ = TRIED_VARIANCES[:, None] + np.maximum(λ, 0.0)
+    τ2 = float(TRIED_VARIANCES[np.argmin(np.sum(np.log(all_) + (V.T @ z) ** 2 / all_, axis=1))])
     return τ2, max(float(np.sum((τ2 / (τ2 + np.maximum(λ, 0.0))) ** 2)), 1.0)
 
 
@@ -96,7 +97,7 @@ def _remembering(data: Data, r: np.ndarray, order: np.ndarray) -> Data:
         return data
     ρ = autocorrelation(r[:, None])
     each = independent(ρ)
-    if ρ == 0.0 or chi2_cdf(each * float(r @ r), each * len(r)) < SEEN:
+    if ρ == 0.0 or chi2_cdf(each * float(r @ r), each * len(r)) < MIN_CHANCE_OF_SMALL_RESIDUALS:
         return data
     place = np.argsort(order)
     along = ρ ** np.abs(np.subtract.outer(place, place)) - np.eye(len(r))

@@ -12,10 +12,11 @@ from rso.doe import Box, sobol_sequence
 from rso.inference.least_squares import damped
 from rso.inference.likelihood import Data, Model
 
-SAMPLE, STARTS = 512, 16
-ROUNDS, FINEST = 150, 1e-6  # of the search, and the mesh at which it rests (of the unit cube)
-SAME = 0.01  # of the unit cube
-NAMES = ("rmse", "nrmse", "mre", "mape", "rrmse")
+# of the box, and how many of them, the best and the first, begin a search
+N_METRIC_SAMPLE_POINTS, N_METRIC_STARTS = 512, 16
+MAX_SEARCH_ROUNDS, MIN_SEARCH_MESH = 150, 1e-6  # of the search, and the mesh at which it rests (of the unit cube)
+SAME_METRIC_MINIMUM_TOLERANCE = 0.01  # of the unit cube
+CURVE_METRICS = ("rmse", "nrmse", "mre", "mape", "rrmse")
 Score = Callable[[np.ndarray], np.ndarray]
 Steps = Callable[[np.ndarray], np.ndarray]
 
@@ -34,8 +35,8 @@ def curve_score(model: Model, data: Sequence[Data], name: str, floor: float = 0.
 
     Points with |y| <= `floor` do not enter relative metrics.  ValueError for an unknown name.
     """
-    if name not in NAMES:
-        raise ValueError(f"metric {name!r}; choose one of {', '.join(NAMES)}")
+    if name not in CURVE_METRICS:
+        raise ValueError(f"metric {name!r}; choose one of {', '.join(CURVE_METRICS)}")
     ends = np.cumsum([len(d.value) for d in data])
 
     def score(X: np.ndarray) -> np.ndarray:
@@ -99,12 +100,12 @@ def minimise(
     Source: Audet & Dennis, SIAM J. Optim. 17 (2006) 188, with random polling directions.
     """
     rng, d = np.random.default_rng([seed, 5]), box.d
-    X = sobol_sequence(d, SAMPLE, seed)
+    X = sobol_sequence(d, N_METRIC_SAMPLE_POINTS, seed)
     S = score(X)
     if not np.isfinite(S).any():
         raise ValueError("minimise: the metric is finite nowhere in the box")
     order = np.argsort(np.where(np.isfinite(S), S, np.inf))
-    picked = list(dict.fromkeys([*order[: STARTS // 2].tolist(), *range(STARTS // 2)]))
+    picked = list(dict.fromkeys([*order[: N_METRIC_STARTS // 2].tolist(), *range(N_METRIC_STARTS // 2)]))
     starts = X[picked] if near is None else np.vstack([np.clip(near, 0, 1), X[picked]])
     A, V, rest = _search(score, starts, rng, steps)
     found: list[int] = []
@@ -122,8 +123,8 @@ def _search(
     k, d = X.shape
     V = np.where(np.isfinite(v := score(X)), v, np.inf)
     mesh, last = np.full(k, 0.1), np.zeros((k, d))
-    for _ in range(ROUNDS):
-        on = np.flatnonzero(mesh > FINEST)
+    for _ in range(MAX_SEARCH_ROUNDS):
+        on = np.flatnonzero(mesh > MIN_SEARCH_MESH)
         if not len(on):
             break
         Q = np.linalg.qr(rng.standard_normal((len(on), d, d)))[0]
@@ -143,12 +144,12 @@ def _search(
         last[go] = (Y[rows, best] - X[on])[better]
         X[go], V[go] = Y[rows, best][better], W[rows, best][better]
         mesh[on] = np.where(better, np.minimum(2 * mesh[on], 0.25), 0.5 * mesh[on])
-    return X, V, mesh <= FINEST
+    return X, V, mesh <= MIN_SEARCH_MESH
 
 
 def _one(score: Score, a: np.ndarray, b: np.ndarray, va: float, vb: float) -> bool:
     """Whether two points belong to one minimum: next to each other, or with no rise between them."""
-    if np.abs(a - b).max() < SAME:
+    if np.abs(a - b).max() < SAME_METRIC_MINIMUM_TOLERANCE:
         return True
     t = np.linspace(0, 1, 21)[:, None]
     return bool(np.max(score(a + t * (b - a))) <= max(va, vb) * (1 + 1e-3))

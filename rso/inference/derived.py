@@ -10,19 +10,21 @@ import numpy as np
 from scipy.optimize import minimize
 
 from rso.core.distributions import chi2_ppf
-from rso.inference.identifiability import LEVEL, Determination
+from rso.inference.identifiability import Determination
+from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.least_squares import fit_at
 from rso.inference.likelihood import Misfit
-from rso.inference.verdict import FACTOR
+from rso.inference.verdict import DETERMINED_FACTOR
 
 Quantity = Callable[[np.ndarray], np.ndarray]  # of points (m, d) of the unit cube: (m,)
-STARTS = 3  # points of each end from which it is sought
-STEP = 1e-5  # of the unit cube, for the slopes of a quantity
-ON_BOUND = 1e-4  # of the unit cube
-KNOWN = 0.25  # of its middle that the interval of a quantity without a scale may reach to either side to state a value
+N_STARTS_PER_END = 3  # points of each end from which it is sought
+QUANTITY_SLOPE_STEP = 1e-5  # of the unit cube, for the slopes of a quantity
+QUANTITY_BOUND_TOLERANCE = 1e-4  # of the unit cube
+# of its middle that the interval of a quantity without a scale may reach to either side to state a value
+MAX_HALF_WIDTH_SHARE = 0.25
 
-SHIFT = 1e-3  # of a value, for how much a quantity moves with it
-AS_MUCH = 0.9  # of the change with a fitted parameter: with the curvature over the shift, that is as much
+FIXED_VALUE_SHIFT_SHARE = 1e-3  # of a value, for how much a quantity moves with it
+EQUAL_INFLUENCE_SHARE = 0.9  # of the change with a fitted parameter: with the curvature over the shift, that is as much
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +41,15 @@ class DerivedInterval:
 def is_known(i: DerivedInterval, *, scale: bool) -> bool:
     """Whether the data show a value: no range makes an end, and the interval is narrow.
 
-    A positive quantity with a `scale`, as a modulus, is judged as parameters are: its ends are within `FACTOR` of
-    their geometric mean.  Any other, as a ratio between bounds, is within `KNOWN` of its middle.
+    A positive quantity with a `scale`, as a modulus, is judged as parameters are: its ends are within
+    `DETERMINED_FACTOR` of their geometric mean.  Any other, as a ratio between bounds, is within `MAX_HALF_WIDTH_SHARE`
+    of its middle.
     """
     if i.low_by or i.high_by:
         return False
     if scale and i.low > 0.0:
-        return math.log(i.high / i.low) <= 2.0 * math.log(FACTOR)
-    return 0.5 * (i.high - i.low) <= KNOWN * abs(0.5 * (i.low + i.high))
+        return math.log(i.high / i.low) <= 2.0 * math.log(DETERMINED_FACTOR)
+    return 0.5 * (i.high - i.low) <= MAX_HALF_WIDTH_SHARE * abs(0.5 * (i.low + i.high))
 
 
 def rests_on(
@@ -60,14 +63,17 @@ def rests_on(
     here = {**fixed, **fitted}
 
     def change(name: str) -> float:
-        ends = [of({n: np.array([v * (1.0 + s * (n == name))]) for n, v in here.items()}) for s in (-SHIFT, SHIFT)]
+        ends = [
+            of({n: np.array([v * (1.0 + s * (n == name))]) for n, v in here.items()})
+            for s in (-FIXED_VALUE_SHIFT_SHARE, FIXED_VALUE_SHIFT_SHARE)
+        ]
         return abs(float(np.ravel(ends[1])[0] - np.ravel(ends[0])[0]))
 
     most = max(map(change, fitted), default=0.0)
-    return [n for n in fixed if change(n) > 0.0 and change(n) >= AS_MUCH * most]
+    return [n for n in fixed if change(n) > 0.0 and change(n) >= EQUAL_INFLUENCE_SHARE * most]
 
 
-def derived_interval(d: Determination, quantity: Quantity, level: float = LEVEL) -> DerivedInterval:
+def derived_interval(d: Determination, quantity: Quantity, level: float = CREDIBLE_LEVEL) -> DerivedInterval:
     """Profile-likelihood interval of a function q(θ) of the parameters, from what determines these.
 
         [min q(θ), max q(θ)]   over all θ of the ranges with χ²(θ) − χ²_min ≤ quantile of χ²₁
@@ -134,24 +140,27 @@ def _end(
 
 
 def _apart(X: np.ndarray) -> list[np.ndarray]:
-    """The first `STARTS` of points (m, d) that lie apart from each other."""
+    """The first `N_STARTS_PER_END` of points (m, d) that lie apart from each other."""
     kept: list[np.ndarray] = []
     for x in X:
         if all(float(np.abs(x - v).max()) > 0.05 for v in kept):
             kept.append(x)
-        if len(kept) == STARTS:
+        if len(kept) == N_STARTS_PER_END:
             break
     return kept
 
 
 def _slope(quantity: Quantity, x: np.ndarray) -> np.ndarray:
     """∂q/∂x (d,) by differences that stay in the cube."""
-    up, down = np.clip(x + STEP * np.eye(len(x)), 0, 1), np.clip(x - STEP * np.eye(len(x)), 0, 1)
+    up, down = (
+        np.clip(x + QUANTITY_SLOPE_STEP * np.eye(len(x)), 0, 1),
+        np.clip(x - QUANTITY_SLOPE_STEP * np.eye(len(x)), 0, 1),
+    )
     return np.asarray((quantity(up) - quantity(down)) / np.diag(up - down))
 
 
 def _pressed(names: Sequence[str], quantity: Quantity, x: np.ndarray, sign: float) -> tuple[str, ...]:
     """Parameters on a bound at x (d,) beyond which the quantity would go on by more than a thousandth."""
     slope, size = sign * _slope(quantity, x), 1e-3 * abs(float(quantity(x[None])[0]))
-    out = np.where(x <= ON_BOUND, -slope, np.where(x >= 1 - ON_BOUND, slope, 0.0))
+    out = np.where(x <= QUANTITY_BOUND_TOLERANCE, -slope, np.where(x >= 1 - QUANTITY_BOUND_TOLERANCE, slope, 0.0))
     return tuple(n for n, s in zip(names, out, strict=True) if 0.1 * s > size)  # over a tenth of the range beyond

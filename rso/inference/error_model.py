@@ -19,11 +19,11 @@ import numpy as np
 from rso.core.correlation import Kernel, exponential
 from rso.inference.likelihood import Data
 
-NUMERICAL, INTERPOLATION, EMULATOR = "numerical", "interpolation", "emulator"
-OF_THE_MODEL = {  # and how each is called
-    NUMERICAL: "numerical",
-    INTERPOLATION: "between computed travels",
-    EMULATOR: "response surface",
+NUMERICAL_ERROR, INTERPOLATION_ERROR, EMULATOR_ERROR = "numerical", "interpolation", "emulator"
+MODEL_ERROR_NAMES = {  # and how each is called
+    NUMERICAL_ERROR: "numerical",
+    INTERPOLATION_ERROR: "between computed travels",
+    EMULATOR_ERROR: "response surface",
 }
 
 
@@ -89,9 +89,9 @@ class ModelErrors:
         depth = depth if self.travel is None else self.travel
         whole = float(depth.max())
         sizes = {
-            NUMERICAL: (self.numerical, whole),
-            INTERPOLATION: (self.interpolation, self.spacing),
-            EMULATOR: (self.emulator, whole),
+            NUMERICAL_ERROR: (self.numerical, whole),
+            INTERPOLATION_ERROR: (self.interpolation, self.spacing),
+            EMULATOR_ERROR: (self.emulator, whole),
         }
         return {
             name: correlated_along(depth, size, length)
@@ -112,7 +112,7 @@ def joined_errors(each: Sequence[ModelErrors]) -> ModelErrors:
         return np.concatenate([np.zeros(n) if size is None else size for size, n in sizes])
 
     numerical = np.concatenate([e.numerical for e in each])
-    return ModelErrors(numerical, whole(INTERPOLATION), min(e.spacing for e in each), whole(EMULATOR))
+    return ModelErrors(numerical, whole(INTERPOLATION_ERROR), min(e.spacing for e in each), whole(EMULATOR_ERROR))
 
 
 def with_model_errors(data: Data, errors: ModelErrors) -> Data:
@@ -125,6 +125,6 @@ def with_model_errors(data: Data, errors: ModelErrors) -> Data:
 def shares(data: Data) -> dict[str, float]:
     """Root mean square of each part of the errors over the largest value, that of the "measurement" first."""
     largest = float(np.abs(data.value).max()) or 1.0
-    alone = data.without(*OF_THE_MODEL)
+    alone = data.without(*MODEL_ERROR_NAMES)
     found = {"measurement": alone.covariance, **data.parts}
     return {name: float(np.sqrt(np.mean(np.diag(C)))) / largest for name, C in found.items()}

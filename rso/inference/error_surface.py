@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, QhullError
 
-SAME = 0.02  # of the samples' range: minima closer than this are one
-STARTS = 24  # a side: points of a grid over the samples' range, from which descents start
+SAME_SURFACE_MINIMUM_TOLERANCE = 0.02  # of the samples' range: minima closer than this are one
+STARTS_PER_SIDE = 24  # a side: points of a grid over the samples' range, from which descents start
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def surface_minima(surface: ErrorSurface) -> tuple[Minimum, ...]:
     """
     A, b = surface.hull[:, :-1], surface.hull[:, -1]
     d = A.shape[1]
-    n = STARTS if d < 3 else max(3, int(STARTS ** (2 / d)))
+    n = STARTS_PER_SIDE if d < 3 else max(3, int(STARTS_PER_SIDE ** (2 / d)))
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, n)] * d), axis=-1).reshape(-1, d)
     starts = np.vstack([surface.scaled(surface.points), grid[np.all(grid @ A.T + b <= 0, axis=1)]])
 
@@ -130,7 +130,7 @@ def surface_minima(surface: ErrorSurface) -> tuple[Minimum, ...]:
             constraints={"type": "ineq", "fun": lambda z: -(A @ z + b), "jac": lambda z: -A},
         )
         x = _into(result.x, A, b)
-        if all(np.abs(x - y).max() > 2 * SAME for y in found) and _is_minimum(value, x, A, b):
+        if all(np.abs(x - y).max() > 2 * SAME_SURFACE_MINIMUM_TOLERANCE for y in found) and _is_minimum(value, x, A, b):
             found.append(x)
     minima = [_minimum(surface, x, A, b) for x in found]
     order = {"inside": 0, "boundary": 1, "negative": 2}

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_triangular
 
 from rso.inference.identifiability import Determination
-from rso.inference.likelihood import SMALLEST
+from rso.inference.likelihood import MIN_ERROR_SHARE
 
-CONTACT, GAIN = "contact", "gain"
-_OF_ONE = re.compile(r"^(?:.*: )?(.*?)(?: of repeat \d+)?$")  # "test: gain of repeat 2" → gain
+CONTACT_ERROR, GAIN_ERROR = "contact", "gain"
+_ERROR_OF_ONE_TEST = re.compile(r"^(?:.*: )?(.*?)(?: of repeat \d+)?$")  # "test: gain of repeat 2" → gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def curves_as_fitted(d: Determination) -> tuple[FittedCurve, ...]:
     S = np.array([np.concatenate([v.shared.get(name, np.zeros(len(v.value))) for v in data]) for name in names])
     S = S.reshape(len(names), n).T
     own = [v.covariance - sum((np.outer(s, s) for s in v.shared.values()), np.zeros((len(v.value),) * 2)) for v in data]
-    largest = [SMALLEST * (float(np.abs(v.value).max()) or 1.0) for v in data]
+    largest = [MIN_ERROR_SHARE * (float(np.abs(v.value).max()) or 1.0) for v in data]
     rest = block_diag(*(C + f**2 * np.eye(len(C)) for C, f in zip(own, largest, strict=True)))
     L = cholesky(0.5 * (rest + rest.T), lower=True)
     y, f = np.concatenate([v.value for v in data]), misfit.model.predict(d.fit.x[None])[0]
@@ -81,15 +81,15 @@ def curves_as_fitted(d: Determination) -> tuple[FittedCurve, ...]:
         moved = _by_kind(names, S[rows] * a)
         size = {k: np.sqrt(np.sum(_columns(names, S[rows], k) ** 2, axis=1)) for k in moved}
         slope = _slope(v.depth, f[rows], v.since)
-        shapes = {CONTACT: slope, GAIN: f[rows]}
+        shapes = {CONTACT_ERROR: slope, GAIN_ERROR: f[rows]}
         found.append(
             FittedCurve(
                 f[rows],
                 moved,
                 np.sqrt(np.sum(spread[rows] ** 2, axis=1)),
                 np.sqrt(np.sum(spread[rows] ** 2, axis=1) + noise[rows]),
-                _along(moved.get(CONTACT), slope),
-                _along(moved.get(GAIN), f[rows]),
+                _along(moved.get(CONTACT_ERROR), slope),
+                _along(moved.get(GAIN_ERROR), f[rows]),
                 {k: abs(_along(size[k], np.abs(shape)) or 0.0) for k, shape in shapes.items() if k in size},
                 white[rows],
             )
@@ -108,7 +108,7 @@ def _seen(J: np.ndarray, S: np.ndarray) -> np.ndarray:
 
 
 def _kind(name: str) -> str:
-    found = _OF_ONE.match(name)
+    found = _ERROR_OF_ONE_TEST.match(name)
     return found[1] if found else name
 
 

@@ -12,15 +12,16 @@ from rso.inference.least_squares import all_minima
 from rso.inference.likelihood import Data, Misfit, Model
 from rso.inference.tangents import EvaluatedPoint, TangentFrame, tangents, unfolded
 
-RADIUS = 0.25  # of the unit cube: how far a tangent is trusted at first
-SMALLEST = 1e-3  # a step this short leads nowhere
-STILL = 0.1  # share of the tolerance by which a next step may still move a curve
-SETTLED, SHARE = 0.5, 0.01  # of χ², absolute and relative: what a next step may still gain
-CONTRADICTION = 0.5  # of a derivative: an error that is not believed to be one of curvature
-NEAR = 0.1  # of the unit cube: neighbours
-OUTSIDE = 1e-3  # of the unit cube: so far beyond the trusted region a step costs what the whole misfit is
-DIGITS = 10  # of x: the same study asks for the same runs wherever it goes on
-WRONG = "the runs do not follow the derivatives that the backend gives"
+FIRST_TRUST_RADIUS = 0.25  # of the unit cube: how far a tangent is trusted at first
+MIN_STEP_LENGTH = 1e-3  # a step this short leads nowhere
+SMALL_CHANGE_SHARE = 0.1  # share of the tolerance by which a next step may still move a curve
+# of χ², absolute and relative: what a next step may still gain
+CONVERGED_CHI2_GAIN, CONVERGED_CHI2_GAIN_SHARE = 0.5, 0.01
+MAX_DERIVATIVE_ERROR_SHARE = 0.5  # of a derivative: an error that is not believed to be one of curvature
+NEIGHBOUR_DISTANCE = 0.1  # of the unit cube: neighbours
+TRUST_REGION_SLACK = 1e-3  # of the unit cube: so far beyond the trusted region a step costs what the whole misfit is
+RUN_POINT_DIGITS = 10  # of x: the same study asks for the same runs wherever it goes on
+WRONG_DERIVATIVES_REASON = "the runs do not follow the derivatives that the backend gives"
 
 Look = Callable[[Sequence[np.ndarray]], list[EvaluatedPoint | None]]
 DataOf = Callable[[EvaluatedPoint], tuple[Data, ...]]
@@ -91,11 +92,11 @@ def on_runs(
     spare = iter(sobol_sequence(frame.box.d, 256, seed))
     found = []
     for k, (x, sight) in enumerate(zip(starts, first, strict=True)):
-        walk = [Iterate(k, x, sight, None, None, None, None, None, RADIUS, False)]
+        walk = [Iterate(k, x, sight, None, None, None, None, None, FIRST_TRUST_RADIUS, False)]
         while sight is None and len(walk) < most:
             x = next(spare)
             (sight,) = look([x])
-            walk.append(Iterate(k, x, sight, None, None, None, None, None, RADIUS, False))
+            walk.append(Iterate(k, x, sight, None, None, None, None, None, FIRST_TRUST_RADIUS, False))
         if sight is None:
             found.append(GaussNewtonFit(tuple(walk), None, None, False, "no start has an answer"))
             continue
@@ -108,7 +109,7 @@ def on_runs(
 def _started(i: Iterate, frame: TangentFrame, data_of: DataOf) -> Iterate:
     assert i.sight is not None
     chi2 = chi2_in_frame(data_of(i.sight), i.sight.f, frame)
-    return Iterate(i.start, i.x, i.sight, chi2, None, None, None, None, RADIUS, True)
+    return Iterate(i.start, i.x, i.sight, chi2, None, None, None, None, FIRST_TRUST_RADIUS, True)
 
 
 def _descend(
@@ -123,7 +124,7 @@ def _descend(
     seed: int,
 ) -> GaussNewtonFit:
     """The descent from the last point of the walk, which has an answer."""
-    radius, start = RADIUS, walk[0].start
+    radius, start = FIRST_TRUST_RADIUS, walk[0].start
     lost = [i.x for i in walk if i.sight is None]
     data = data_of(best)
     rests: list[EvaluatedPoint] = []
@@ -135,21 +136,27 @@ def _descend(
         step = float(np.abs(z - z_best).max(initial=0.0))
         last, still = walk[-1].gap, np.array_equal(x, best.x)
         expected = chi2_in_frame(data, predicted, frame)
-        small = largest_change(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
+        small = largest_change(data, predicted, best.f) <= SMALL_CHANGE_SHARE * tolerance and S - expected <= max(
+            CONVERGED_CHI2_GAIN, CONVERGED_CHI2_GAIN_SHARE * S
+        )
         if still or (small and last is not None and last <= tolerance):
             before = rests[-1] if rests else None
             if not any(r is best for r in rests):
                 rests.append(best)
                 data = mean_errors([data_of(r) for r in rests])
                 S = chi2_in_frame(data, best.f, frame)
-                if before is None or chi2_in_frame(data, before.f, frame) - S > max(SETTLED, SHARE * S):
+                if before is None or chi2_in_frame(data, before.f, frame) - S > max(
+                    CONVERGED_CHI2_GAIN, CONVERGED_CHI2_GAIN_SHARE * S
+                ):
                     continue
-            wrong = contradiction(frame, known) > CONTRADICTION
-            return GaussNewtonFit(tuple(walk), best, S, not wrong, WRONG if wrong else "at rest", data)
+            wrong = contradiction(frame, known) > MAX_DERIVATIVE_ERROR_SHARE
+            return GaussNewtonFit(
+                tuple(walk), best, S, not wrong, WRONG_DERIVATIVES_REASON if wrong else "at rest", data
+            )
         if len(walk) >= most:
             return GaussNewtonFit(tuple(walk), best, S, False, f"search.max_runs = {most} is spent", data)
-        if min(radius, reach) < SMALLEST:
-            why = WRONG if radius <= reach else "beyond, runs have no answer"
+        if min(radius, reach) < MIN_STEP_LENGTH:
+            why = WRONG_DERIVATIVES_REASON if radius <= reach else "beyond, runs have no answer"
             return GaussNewtonFit(tuple(walk), best, S, False, why, data)
         (sight,) = look([x])
         if sight is None:
@@ -193,7 +200,7 @@ def trial(
     """
     z_best = frame.reduced(best.x[None])[1][0]
     S = chi2_in_frame(data, best.f, frame)
-    wall = np.sqrt(max(S, 1.0)) / OUTSIDE
+    wall = np.sqrt(max(S, 1.0)) / TRUST_REGION_SLACK
 
     def fenced(X: np.ndarray) -> np.ndarray:
         over = np.abs(frame.reduced(X)[1] - z_best) - radius, np.abs(X - best.x) - reach
@@ -203,7 +210,7 @@ def trial(
     fence = Data("trusted", "", np.zeros(rows), np.zeros(rows), np.eye(rows))
     misfit = Misfit(Model(frame.box, fenced), (*data, fence))
     found = all_minima(misfit, seed=seed, near=best.x[None])[0]
-    x = np.clip(np.round(found.x, DIGITS), 0.0, 1.0)
+    x = np.clip(np.round(found.x, RUN_POINT_DIGITS), 0.0, 1.0)
     predicted = model.predict(x[None])[0]
     return (x, predicted) if chi2_in_frame(data, predicted, frame) < S else (best.x, best.f)
 
@@ -223,9 +230,9 @@ def contradiction(frame: TangentFrame, runs: Sequence[EvaluatedPoint]) -> float:
 
         min over α of Σ |t_j − t_i − Σ_k α_k c_k|² / |z_j − z_i|² + ρ |α − 1|²,   c_k = ½ (g_i + g_j)_k (z_j − z_i)_k
 
-    over all pairs (i, j) nearer than `NEAR`, or the nearest one: what the derivatives would have to be multiplied with;
-    t = ln f′ as in :func:`~rso.inference.tangents.tangents`.  The result is max |α_k − 1|; ρ keeps a parameter of which
-    these pairs show nothing at 1.
+    over all pairs (i, j) nearer than `NEIGHBOUR_DISTANCE`, or the nearest one: what the derivatives would have to be
+    multiplied with; t = ln f′ as in :func:`~rso.inference.tangents.tangents`.  The result is max |α_k − 1|; ρ keeps a
+    parameter of which these pairs show nothing at 1.
     """
     Z, T, G, log = unfolded(frame, runs)
     size = np.where(log, 1.0, np.abs(T).max(axis=0) + 1e-300)
@@ -233,7 +240,7 @@ def contradiction(frame: TangentFrame, runs: Sequence[EvaluatedPoint]) -> float:
     apart = {p: d for p, d in apart.items() if d > 1e-4}  # what is closer differs by what the solver leaves
     if not apart:
         return 0.0
-    pairs = [p for p, d in apart.items() if d <= max(NEAR, min(apart.values()))]
+    pairs = [p for p, d in apart.items() if d <= max(NEIGHBOUR_DISTANCE, min(apart.values()))]
     C = np.vstack([0.5 * (G[i] + G[j]) * (Z[j] - Z[i]) / size[:, None] / apart[i, j] for i, j in pairs])
     t = np.concatenate([(T[j] - T[i]) / size / apart[i, j] for i, j in pairs])
     A = C.T @ C

@@ -13,8 +13,9 @@ from rso.core.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
-from rso.inference.error_model import OF_THE_MODEL, shares
+from rso.inference.error_model import MODEL_ERROR_NAMES, shares
 from rso.inference.intervals import (
+    CREDIBLE_LEVEL,
     Interval,
     ProfileInterval,
     laplace,
@@ -22,22 +23,31 @@ from rso.inference.intervals import (
     quantiles,
     standard_deviations,
 )
-from rso.inference.least_squares import SAME, Fit, all_minima, fit_at
+from rso.inference.least_squares import SAME_MINIMUM_TOLERANCE, Fit, all_minima, fit_at
 from rso.inference.likelihood import WEIGHTINGS, Misfit
 from rso.inference.posterior_sampling import Draws, agree, sample_posterior
 from rso.inference.sloppy_directions import Direction, per_log
-from rso.inference.verdict import REFUTED, WORDS, Verdict, Word, judge_parameter, quieter, size, verdict_sentences
+from rso.inference.verdict import (
+    REFUTED_ERROR_RATIO,
+    VERDICT_WORDS,
+    Verdict,
+    Word,
+    judge_parameter,
+    quieter,
+    size,
+    verdict_sentences,
+)
 
-LEVEL = 0.9
-OTHERS = 5  # points beside the best fit from which profiles start
-BEST = 8  # finished runs from which descents start
-BESIDE = 0.1  # of the width of an interval: a run that far outside of it refutes it, a nearer one widens it
-WIDE = 0.1  # of the largest value: an agreement within such errors says little
-FAR = 20.0  # of χ²: a minimum that much higher holds no probability that counts
-LENIENT = 0.001  # of true models leave less: the errors are stated larger than the curves show
-LEAST = 0.5  # degrees of freedom that say whether a model fits
-RARE = 0.05  # between this chance and the next a misfit neither agrees with noise nor refutes the model
-UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
+N_OTHER_PROFILE_STARTS = 5  # points beside the best fit from which profiles start
+N_RUNS_TO_START_FROM = 8  # finished runs from which descents start
+# of the width of an interval: a run that far outside of it refutes it, a nearer one widens it
+REFUTING_DISTANCE_SHARE = 0.1
+WIDE_ERROR_SHARE = 0.1  # of the largest value: an agreement within such errors says little
+NEGLIGIBLE_MINIMUM_CHI2 = 20.0  # of χ²: a minimum that much higher holds no probability that counts
+TOO_GOOD_FIT_CHANCE = 0.001  # of true models leave less: the errors are stated larger than the curves show
+MIN_DEGREES_OF_FREEDOM = 0.5  # degrees of freedom that say whether a model fits
+UNDECIDED_FIT_CHANCE = 0.05  # between this chance and the next a misfit neither agrees with noise nor refutes the model
+REFUTED_FIT_CHANCE = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +94,8 @@ class Determination:
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
     widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may
     are autocorrelated (:func:`.autocorrelated_residuals.remembering`) these are at least as large as what is left;
-    there is no p-value where nobody stated them, unless that is beyond `REFUTED`.  `refuting` are the finished runs
-    (their indices) that agree with the data where the model of the misfit left their values out.
+    there is no p-value where nobody stated them, unless that is beyond `REFUTED_ERROR_RATIO`.  `refuting` are the
+    finished runs (their indices) that agree with the data where the model of the misfit left their values out.
     """
 
     misfit: Misfit
@@ -131,7 +141,7 @@ def determine(
     seed: int,
     near: np.ndarray | None = None,
     mcmc: bool = True,
-    level: float = LEVEL,
+    level: float = CREDIBLE_LEVEL,
     runs: Runs | None = None,
     stated: Box | None = None,
 ) -> Determination:
@@ -150,7 +160,7 @@ def determine(
     """
     box = misfit.model.box
     runs = runs or Runs(np.zeros((0, box.d)), np.zeros((0, misfit.n)))
-    best = runs.X[np.argsort(_chi2(misfit, runs))[:BEST]]
+    best = runs.X[np.argsort(_chi2(misfit, runs))[:N_RUNS_TO_START_FROM]]
     near = best if near is None else np.vstack([near, best])
     minima = all_minima(misfit, seed=seed, near=near)
     first = minima[0]
@@ -163,7 +173,7 @@ def determine(
     ]
     rise = _chi2(used, runs) - fit.chi2
     near_best = [fit, *(fit_at(used, m.x) for m in minima[1:4])]
-    near_best = [m for m in near_best if m.chi2 < fit.chi2 + FAR]
+    near_best = [m for m in near_best if m.chi2 < fit.chi2 + NEGLIGIBLE_MINIMUM_CHI2]
     draws = sample_posterior(used, near_best, seed=seed, along=_along(profiles)) if mcmc else None
     near_by = laplace(fit, level, seed)
     drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
@@ -196,11 +206,11 @@ def _widening(
 ) -> tuple[float | None, float, float]:
     """The p-value, the scale of the errors, and by how much intervals are wider: by the scale or Student's factor."""
     p, expected = chi2_p_value(misfit, chi2, ν, x), ν - taken_up(misfit, x)
-    ratio = chi2 / expected if ν > 0 and expected >= LEAST else 0.0
+    ratio = chi2 / expected if ν > 0 and expected >= MIN_DEGREES_OF_FREEDOM else 0.0
     ρ, m = max(d.memory for d in misfit.data), misfit.freedom
     unsized = math.isfinite(m) or any(d.sized for d in misfit.data)
     left = student(max(ν * independent(ρ), 1.0), level) if ρ > 0.0 and unsized else 1.0
-    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < UNLIKELY)):
+    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < REFUTED_FIT_CHANCE)):
         return p, math.sqrt(ratio), math.sqrt(ratio) * (left if misfit.weighting == "noise" else 1.0)
     if ρ == 0.0 or ν <= 0:
         return p, 1.0, student(m, level)
@@ -232,15 +242,15 @@ def chi2_p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = No
     """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing shows.
 
     That is where ν <= 0, where errors have no stated size, where their size was taken from what is left, and where
-    readings are autocorrelated by errors that nobody stated, unless χ² is beyond what `REFUTED` times these would
-    leave.  Usual errors (:func:`taken_up` at x (d,)) may be there or not: it is the chance without them.
+    readings are autocorrelated by errors that nobody stated, unless χ² is beyond what `REFUTED_ERROR_RATIO` times these
+    would leave.  Usual errors (:func:`taken_up` at x (d,)) may be there or not: it is the chance without them.
     """
     ρ = max(d.memory for d in misfit.data)
-    unsized = ρ > 0 and math.isfinite(misfit.freedom) and 0 < chi2 <= REFUTED**2 * ν
+    unsized = ρ > 0 and math.isfinite(misfit.freedom) and 0 < chi2 <= REFUTED_ERROR_RATIO**2 * ν
     if misfit.weighting != "noise" or ν <= 0 or unsized or any(d.sized for d in misfit.data):
         return None
     left = ν - taken_up(misfit, x)
-    if left < LEAST:
+    if left < MIN_DEGREES_OF_FREEDOM:
         return None
     each = independent(ρ)
     return exceeded(chi2 * each, left * each, *_freedoms(misfit, left * each))
@@ -267,13 +277,13 @@ def _freedoms(misfit: Misfit, ν: float) -> tuple[float, float]:
 
 def lenient(misfit: Misfit, chi2: float, ν: int, p: float | None) -> str:
     """A remark where χ² is far less than the errors would leave, else nothing: it names those that are too large."""
-    if p is None or p <= 1.0 - LENIENT:
+    if p is None or p <= 1.0 - TOO_GOOD_FIT_CHANCE:
         return ""
     said = f"χ² = {significant(chi2, 3)} for {ν} degrees of freedom: the readings scatter far less than "
     worst = max((shares(d.as_stated) for d in misfit.data), key=lambda s: math.hypot(*s.values()))
-    of_model = {name: size for name, size in worst.items() if name in OF_THE_MODEL}
+    of_model = {name: size for name, size in worst.items() if name in MODEL_ERROR_NAMES}
     if math.hypot(*of_model.values()) > worst["measurement"]:
-        sizes = ", ".join(f"{OF_THE_MODEL[name]} {100 * size:.2g} %" for name, size in of_model.items())
+        sizes = ", ".join(f"{MODEL_ERROR_NAMES[name]} {100 * size:.2g} %" for name, size in of_model.items())
         return f"{said}the simulation may be off ({sizes} of the largest reading). Intervals count these errors"
     if all(math.isfinite(d.freedom) for d in misfit.data):
         return f"{said}the errors that were taken for them; the study states none of single readings"
@@ -335,15 +345,17 @@ def doubt(known: Known, word: Word, why: str, by: str = "by surrogates, ") -> Kn
     """What is known of a parameter, which is no more called determined but `word`, and why."""
     if known.verdict.word != "determined":
         return replace(known, reason=f"{known.reason} {why}".strip())
-    story = known.story.replace(f"{WORDS['determined']}: ", f"{WORDS[word]}: {by}", 1)
+    story = known.story.replace(f"{VERDICT_WORDS['determined']}: ", f"{VERDICT_WORDS[word]}: {by}", 1)
     return replace(known, verdict=Verdict(word, 0, None), story=story, reason=why)
 
 
-def runs_outside_interval(p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
+def runs_outside_interval(
+    p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = CREDIBLE_LEVEL
+) -> list[int]:
     """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
-    of all pieces of its interval by more than `BESIDE` of its width."""
+    of all pieces of its interval by more than `REFUTING_DISTANCE_SHARE` of its width."""
     found, limit = p.pieces(level), chi2_ppf(level, 1)
-    slack = BESIDE * max(found[-1].high - found[0].low, 1e-6)
+    slack = REFUTING_DISTANCE_SHARE * max(found[-1].high - found[0].low, 1e-6)
     inside = np.any([(at >= i.low - slack) & (at <= i.high + slack) for i in found], axis=0)
     return [int(j) for j in np.flatnonzero(~inside & (rise <= limit))]
 
@@ -354,18 +366,22 @@ def _chi2(misfit: Misfit, runs: Runs) -> np.ndarray:
 
 
 def _apart(misfit: Misfit, fit: Fit, points: Sequence[np.ndarray]) -> np.ndarray:
-    """At most `OTHERS` of some points (k, d), the best first, apart from each other and from the best fit."""
+    """At most `N_OTHER_PROFILE_STARTS` of some points (k, d), the best first, apart from each other and from the best
+    fit."""
     X = np.array(points).reshape(-1, len(fit.x))
     kept = [fit.x]
     for j in np.argsort(misfit.chi2(X)) if len(X) else ():
-        if len(kept) <= OTHERS and min(float(np.abs(X[j] - v).max()) for v in kept) > SAME:
+        if (
+            len(kept) <= N_OTHER_PROFILE_STARTS
+            and min(float(np.abs(X[j] - v).max()) for v in kept) > SAME_MINIMUM_TOLERANCE
+        ):
             kept.append(X[j])
     return np.array(kept[1:]).reshape(-1, len(fit.x))
 
 
 def _along(profiles: Sequence[ProfileInterval]) -> np.ndarray:
     """Points (k, d) of all profiles at which the data allow the model."""
-    return np.concatenate([p.path[p.rise <= FAR] for p in profiles])
+    return np.concatenate([p.path[p.rise <= NEGLIGIBLE_MINIMUM_CHI2] for p in profiles])
 
 
 def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> str:
@@ -377,7 +393,7 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     if by_rest:
         return f"{by_rest} {_together(misfit, fit)}".strip()
     together = _together(misfit, fit)
-    if together and (p is None or p >= UNLIKELY):
+    if together and (p is None or p >= REFUTED_FIT_CHANCE):
         larger = f" Their errors count {scale:.2g} times as large." if scale > 1.05 else ""
         return f"{text}. {together}{larger}"
     if scale > 1:
@@ -386,14 +402,16 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
             f"{text}: the model misses the data by {scale:.2g} times their errors, more than noise explains; "
             f"all intervals are widened by this factor.{after}"
         )
-    if p is not None and p < RARE:
+    if p is not None and p < UNDECIDED_FIT_CHANCE:
         return (
-            f"{text}, p = {p:.2g}: whether the model fits is undecided; below {UNLIKELY:g} it misses the data, from "
-            f"{RARE:g} on it agrees with them."
+            f"{text}, p = {p:.2g}: whether the model fits is undecided; below {REFUTED_FIT_CHANCE:g} it misses "
+            f"the data, from {UNDECIDED_FIT_CHANCE:g} on it agrees with them."
         )
     text += ": the model agrees with the data within their errors"
     share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)
-    wide = f", which are up to {100 * share:.2g} % of the largest value and say little" if share > WIDE else ""
+    wide = (
+        f", which are up to {100 * share:.2g} % of the largest value and say little" if share > WIDE_ERROR_SHARE else ""
+    )
     return f"{text}{wide}."
 
 

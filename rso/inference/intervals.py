@@ -13,14 +13,18 @@ from rso.doe import sobol_sequence
 from rso.inference.least_squares import Fit, levenberg_marquardt
 from rso.inference.likelihood import Misfit
 
-DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
-COARSE, FINE = 33, 17  # points of a profile over the whole box, and over ±4 standard deviations
-ALONE = 257  # points of the profile of an only parameter, which cost no descent
-SCAN, BEST = 64, 2  # points with the parameter at each of its values, and how many of them are starts of the others
-SWEEPS = 2  # of each value's descent from where its neighbours' ended
-FINER = 9  # further ones between the last point inside an interval and the next one outside
-GAP = 1.0  # of χ²: values between two pieces of an interval are excluded by this much more than those at its ends
-ON_BOUND = 1e-9
+CREDIBLE_LEVEL = 0.9  # probability within an interval, unless another level is asked for
+N_GAUSSIAN_DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
+# points of a profile over the whole box, and over ±4 standard deviations
+N_PROFILE_POINTS, N_NEAR_PROFILE_POINTS = 33, 17
+N_POINTS_OF_ONLY_PROFILE = 257  # points of the profile of an only parameter, which cost no descent
+# points with the parameter at each of its values, and how many of them are starts of the others
+N_PROFILE_SCAN_POINTS, N_PROFILE_SCAN_STARTS = 64, 2
+N_PROFILE_SWEEPS = 2  # of each value's descent from where its neighbours' ended
+N_POINTS_AT_INTERVAL_END = 9  # further ones between the last point inside an interval and the next one outside
+# of χ²: values between two pieces of an interval are excluded by this much more than those at its ends
+MIN_GAP_CHI2 = 1.0
+INTERVAL_BOUND_TOLERANCE = 1e-9  # of the unit cube: an end this near to a bound of the box is that bound
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ def standard_deviations(fisher: np.ndarray) -> np.ndarray:
     return np.where(blind, np.inf, np.sqrt(variance))
 
 
-def gaussian_draws(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -> np.ndarray:
+def gaussian_draws(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = N_GAUSSIAN_DRAWS) -> np.ndarray:
     """Draws (n, d) of the Gaussian N(x, F⁻¹) restricted to the unit cube, quasi-random, n <= `draws`.
 
     Along each eigenvector of F an independent Gaussian truncated to the cube's extent there; what falls outside of the
@@ -79,7 +83,7 @@ def _truncated(x: np.ndarray, fisher: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return sd, V, normal_cdf(low / sd), normal_cdf(high / sd)
 
 
-def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
+def laplace(fit: Fit, level: float = CREDIBLE_LEVEL, seed: int = 0) -> list[Interval]:
     """Central intervals of the Gaussian approximation (Laplace 1774) with a flat prior inside the box.
 
     x ± z √(F⁻¹)ᵢᵢ where all of them lie well inside; else quantiles of the Gaussian restricted to the box.
@@ -91,7 +95,7 @@ def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
     return quantiles(gaussian_draws(fit.x, fit.fisher, seed), level)
 
 
-def quantiles(X: np.ndarray, level: float = 0.9) -> list[Interval]:
+def quantiles(X: np.ndarray, level: float = CREDIBLE_LEVEL) -> list[Interval]:
     """Central intervals (d,) of draws X (n, d)."""
     tail = 0.5 * (1 - level)
     ends = np.quantile(X, [tail, 1 - tail], axis=0)
@@ -115,7 +119,7 @@ class ProfileInterval:
     sigma: np.ndarray
     point: np.ndarray
 
-    def interval(self, level: float = 0.9) -> Interval:
+    def interval(self, level: float = CREDIBLE_LEVEL) -> Interval:
         """From the first to the last of all values with rise <= the quantile of χ² with one degree of freedom.
 
         There may be values between that the data exclude: :meth:`pieces`.
@@ -124,13 +128,16 @@ class ProfileInterval:
         found = self.pieces(level)
         return Interval(found[0].low, found[-1].high, found[0].at_low, found[-1].at_high)
 
-    def pieces(self, level: float = 0.9) -> tuple[Interval, ...]:
-        """The same values as intervals in order, apart where the rise exceeds the quantile by more than `GAP`.
+    def pieces(self, level: float = CREDIBLE_LEVEL) -> tuple[Interval, ...]:
+        """The same values as intervals in order, apart where the rise exceeds the quantile by more than `MIN_GAP_CHI2`.
 
         √rise is linear between grid points; where no value is inside, the best one alone.
         """
         found = pieces(self.at, self.rise, level)
-        return tuple(Interval(low, high, low <= ON_BOUND, high >= 1 - ON_BOUND) for low, high in found)
+        return tuple(
+            Interval(low, high, low <= INTERVAL_BOUND_TOLERANCE, high >= 1 - INTERVAL_BOUND_TOLERANCE)
+            for low, high in found
+        )
 
     def with_runs(self, X: np.ndarray, rise: np.ndarray) -> ProfileInterval:
         """The profile with simulations at X (m, d) of which χ² rises by `rise` (m,) where that is less than its own.
@@ -153,7 +160,7 @@ class ProfileInterval:
             point=np.append(self.point, self.point[near])[order],
         )
 
-    def leaning(self, level: float = 0.9) -> tuple[int, ...]:
+    def leaning(self, level: float = CREDIBLE_LEVEL) -> tuple[int, ...]:
         """Other parameters on a bound of the box just beyond an end of this interval: that bound makes the end."""
         i = self.interval(level)
         rows = [] if i.at_low else [int(np.flatnonzero(self.at < i.low)[-1])]
@@ -163,7 +170,7 @@ class ProfileInterval:
         return tuple(int(j) for j in np.flatnonzero(on))
 
 
-def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[float, float], ...]:
+def pieces(at: np.ndarray, rise: np.ndarray, level: float = CREDIBLE_LEVEL) -> tuple[tuple[float, float], ...]:
     """(low, high) of all values `at` (g,), in order, where the `rise` (g,) of χ² is within its quantile."""
     limit, root, n = math.sqrt(chi2_ppf(level, 1)), np.sqrt(np.maximum(rise, 0.0)), len(at)
 
@@ -179,15 +186,16 @@ def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[
     return tuple(found) or ((best, best),)
 
 
-def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
+def stretches(rise: np.ndarray, level: float = CREDIBLE_LEVEL) -> list[tuple[int, int]]:
     """First and last index of each run of values (g,) within the quantile of χ² with one degree of freedom.
 
-    Runs with nothing between them above that quantile + `GAP` are one: descents end short of the least misfit by less.
+    Runs with nothing between them above that quantile + `MIN_GAP_CHI2` are one: descents end short of the least misfit
+    by less.
     """
     limit = chi2_ppf(level, 1)
     found: list[tuple[int, int]] = []
     for i in map(int, np.flatnonzero(rise <= limit)):
-        joined = bool(found) and float(rise[found[-1][1] : i + 1].max()) <= limit + GAP
+        joined = bool(found) and float(rise[found[-1][1] : i + 1].max()) <= limit + MIN_GAP_CHI2
         found[-1:] = [(found[-1][0], i)] if joined else [*found[-1:], (i, i)]
     return found
 
@@ -202,14 +210,15 @@ def profile_likelihood(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarra
     k, d = parameter, len(fit.x)
     sd = standard_deviations(fit.fisher)
     points = [fit.x, *(() if also is None else also)]
-    at = [np.linspace(0, 1, COARSE if d > 1 else ALONE), np.array([p[k] for p in points])]  # a valley may be narrow
+    # a valley may be narrow
+    at = [np.linspace(0, 1, N_PROFILE_POINTS if d > 1 else N_POINTS_OF_ONLY_PROFILE), np.array([p[k] for p in points])]
     if np.isfinite(sd[k]):
-        at += [np.clip(p[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1) for p in points[:1]]
+        at += [np.clip(p[k] + min(sd[k], 0.25) * np.linspace(-4, 4, N_NEAR_PROFILE_POINTS), 0, 1) for p in points[:1]]
     t = np.unique(np.round(np.concatenate(at), 12))
     starts = [np.repeat(p[None], len(t), axis=0) for p in points]
     starts.insert(0, fit.x + np.outer(t - fit.x[k], _follow(fit.fisher, k)))
     best, path = _lowest(misfit, fit, k, t, [*starts, *_scanned(misfit, k, t)])
-    for _ in range(SWEEPS if d > 1 else 0):
+    for _ in range(N_PROFILE_SWEEPS if d > 1 else 0):
         S, P = _lowest(misfit, fit, k, t, [np.roll(path, 1, axis=0), np.roll(path, -1, axis=0)])
         better = S < best
         best, path = np.where(better, S, best), np.where(better[:, None], P, path)
@@ -217,8 +226,10 @@ def profile_likelihood(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarra
     inside = stretches(best - min(fit.chi2, float(best.min())))
     ends = [(i, o) for first, last in inside for i, o in ((first, first - 1), (last, last + 1))]
     for i, o in [(i, o) for i, o in ends if 0 <= o < len(t)]:
-        between = np.linspace(t[i], t[o], FINER + 2)[1:-1]
-        S, P = _lowest(misfit, fit, k, between, [np.repeat(path[[n]], FINER, axis=0) for n in (i, o)])
+        between = np.linspace(t[i], t[o], N_POINTS_AT_INTERVAL_END + 2)[1:-1]
+        S, P = _lowest(
+            misfit, fit, k, between, [np.repeat(path[[n]], N_POINTS_AT_INTERVAL_END, axis=0) for n in (i, o)]
+        )
         t, best, path = np.append(t, between), np.append(best, S), np.append(path, P, axis=0)
     order = np.argsort(t)
     t, best, path = t[order], best[order], path[order]
@@ -242,15 +253,16 @@ def _lowest(
 
 
 def _scanned(misfit: Misfit, k: int, t: np.ndarray) -> list[np.ndarray]:
-    """`BEST` starts (n, d) each: the lowest of `SCAN` points with parameter k at t (n,)."""
+    """`N_PROFILE_SCAN_STARTS` starts (n, d) each: the lowest of `N_PROFILE_SCAN_POINTS` points with parameter k at t
+    (n,)."""
     d = misfit.model.box.d
     if d == 1:
         return []
-    X = np.repeat(sobol_sequence(d, SCAN, 0)[None], len(t), axis=0)
+    X = np.repeat(sobol_sequence(d, N_PROFILE_SCAN_POINTS, 0)[None], len(t), axis=0)
     X[:, :, k] = t[:, None]
-    S = misfit.chi2(X.reshape(-1, d)).reshape(len(t), SCAN)
-    order = np.argsort(np.where(np.isfinite(S), S, np.inf), axis=1)[:, :BEST]
-    return [X[np.arange(len(t)), order[:, j]] for j in range(BEST)]
+    S = misfit.chi2(X.reshape(-1, d)).reshape(len(t), N_PROFILE_SCAN_POINTS)
+    order = np.argsort(np.where(np.isfinite(S), S, np.inf), axis=1)[:, :N_PROFILE_SCAN_STARTS]
+    return [X[np.arange(len(t)), order[:, j]] for j in range(N_PROFILE_SCAN_STARTS)]
 
 
 def _follow(fisher: np.ndarray, k: int) -> np.ndarray:

@@ -9,15 +9,16 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from rso.doe import sobol_sequence
-from rso.inference.likelihood import STEP, Misfit
+from rso.inference.likelihood import DIFFERENCE_STEP, Misfit
 
-NEAR = 1e-6  # of the unit cube: a parameter this close to a bound is on it
-SAME = 0.02  # of the unit cube: minima closer than this are one
-SCAN = 512  # points of the box among which descents begin
-COARSELY = 1e-5  # of χ²: where descents may rest before it is known which of them matter
-WIDEST, ROUNDS = 0.05, 3  # of the unit cube; steps from which a slope is read at most, and how often they are chosen
-BENT = 0.2  # of √χ²: what a tangent may be off by over a standard deviation
-SEEN = 0.1  # of χ²: minima with a lower pass between them are one valley
+PARAMETER_BOUND_TOLERANCE = 1e-6  # of the unit cube: a parameter this close to a bound is on it
+SAME_MINIMUM_TOLERANCE = 0.02  # of the unit cube: minima closer than this are one
+N_DESCENT_SCAN_POINTS = 512  # points of the box among which descents begin
+COARSE_CHI2_TOLERANCE = 1e-5  # of χ²: where descents may rest before it is known which of them matter
+# of the unit cube; steps from which a slope is read at most, and how often they are chosen
+MAX_SLOPE_STEP, N_SLOPE_STEP_ROUNDS = 0.05, 3
+MAX_TANGENT_ERROR = 0.2  # of √χ²: what a tangent may be off by over a standard deviation
+VALLEY_PASS_CHI2 = 0.1  # of χ²: minima with a lower pass between them are one valley
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ def gauss_newton(misfit: Misfit, start: np.ndarray, *, tolerance: float = 1e-10,
     Source: Branch, Coleman & Li, SIAM J. Sci. Comput. 21 (1999) 1, as scipy.optimize.least_squares.  Each iteration
     costs one value and one Jacobian; with a backend's own derivatives that is one run.
     """
-    x0 = np.clip(np.asarray(start, float), NEAR, 1 - NEAR)
+    x0 = np.clip(np.asarray(start, float), PARAMETER_BOUND_TOLERANCE, 1 - PARAMETER_BOUND_TOLERANCE)
     found = least_squares(
         lambda x: misfit.residuals(x[None])[0],
         x0,
@@ -67,17 +68,26 @@ def gauss_newton(misfit: Misfit, start: np.ndarray, *, tolerance: float = 1e-10,
 def fit_at(misfit: Misfit, x: np.ndarray, evaluations: int = 0, converged: bool = True) -> Fit:
     """What the misfit is at x (d,)."""
     # An interior method stops short of a bound; on it the misfit is as good.
-    x = np.where(x < 1e3 * NEAR, 0.0, np.where(x > 1 - 1e3 * NEAR, 1.0, x)) if np.any(_near(x)) else x
+    x = (
+        np.where(x < 1e3 * PARAMETER_BOUND_TOLERANCE, 0.0, np.where(x > 1 - 1e3 * PARAMETER_BOUND_TOLERANCE, 1.0, x))
+        if np.any(_near(x))
+        else x
+    )
     r, box = misfit.residuals(x[None])[0], misfit.model.box
     J = slopes(misfit, x)  # of the data: a wall tells nothing of the parameters
-    bound = tuple(n for n, v in zip(box.names, x, strict=True) if v <= NEAR or v >= 1 - NEAR)
+    bound = tuple(
+        n
+        for n, v in zip(box.names, x, strict=True)
+        if v <= PARAMETER_BOUND_TOLERANCE or v >= 1 - PARAMETER_BOUND_TOLERANCE
+    )
     return Fit(x, box.from_unit(x), float(r @ r), r, J, bound, evaluations, converged)
 
 
 def slopes(misfit: Misfit, x: np.ndarray) -> np.ndarray:
     """∂r/∂x (n, d) of the data at x (d,): tangents, or secants where tangents do not hold over a standard deviation.
 
-        |J_tangent − J_secant| σ > `BENT`,        J_secant over ±σ, `WIDEST` of the unit cube at most
+        |J_tangent − J_secant| σ > `MAX_TANGENT_ERROR`,        J_secant over ±σ, `MAX_SLOPE_STEP` of the unit cube at
+        most
 
     A surrogate repeats the scatter of the runs that it was made of (1e-4 of a force): over the distance of two runs
     that is a slope, and none of the body.  The information that counts is that over the width of the interval
@@ -87,16 +97,16 @@ def slopes(misfit: Misfit, x: np.ndarray) -> np.ndarray:
     if misfit.model.derivative is not None:
         return tangent
     J = tangent
-    for _ in range(ROUNDS):
-        _, s, Vt = np.linalg.svd(np.vstack([J, np.eye(len(x)) / WIDEST]), full_matrices=False)
+    for _ in range(N_SLOPE_STEP_ROUNDS):
+        _, s, Vt = np.linalg.svd(np.vstack([J, np.eye(len(x)) / MAX_SLOPE_STEP]), full_matrices=False)
         σ = np.sqrt(np.sum((Vt / s[:, None]) ** 2, axis=0))  # also of a JᵀJ singular to round-off
-        J = misfit.white(misfit.model.jacobians(x[None], step=np.maximum(σ, STEP))[0].T).T
+        J = misfit.white(misfit.model.jacobians(x[None], step=np.maximum(σ, DIFFERENCE_STEP))[0].T).T
     off = np.linalg.norm(tangent - J, axis=0) * σ
-    return np.where(off > BENT, J, tangent)
+    return np.where(off > MAX_TANGENT_ERROR, J, tangent)
 
 
 def _near(x: np.ndarray) -> np.ndarray:
-    return (x < 1e3 * NEAR) | (x > 1 - 1e3 * NEAR)
+    return (x < 1e3 * PARAMETER_BOUND_TOLERANCE) | (x > 1 - 1e3 * PARAMETER_BOUND_TOLERANCE)
 
 
 def levenberg_marquardt(
@@ -161,23 +171,23 @@ def damped(J: np.ndarray, r: np.ndarray, λ: np.ndarray, x: np.ndarray) -> np.nd
 def all_minima(misfit: Misfit, *, seed: int, starts: int = 24, near: np.ndarray | None = None) -> list[Fit]:
     """Every distinct minimum of χ² that Sobol points, and the points `near` (k, d), lead to; best first.
 
-    A quarter of the starts are the best of `SCAN`, a quarter are spread over the box, and half are the best of those
-    that no neighbour betters: one wide basin does not take them all.  Minima closer than `SAME`, or with a pass
-    between them that is lower than `SEEN`, are one.
+    A quarter of the starts are the best of `N_DESCENT_SCAN_POINTS`, a quarter are spread over the box, and half are the
+    best of those that no neighbour betters: one wide basin does not take them all.  Minima closer than
+    `SAME_MINIMUM_TOLERANCE`, or with a pass between them that is lower than `VALLEY_PASS_CHI2`, are one.
     """
     d = misfit.model.box.d
-    sample = sobol_sequence(d, SCAN, seed)
+    sample = sobol_sequence(d, N_DESCENT_SCAN_POINTS, seed)
     score = misfit.chi2(sample)
     order = np.argsort(score)
     picked = [*order[: starts // 4], *range(starts // 4), *_basins(sample, score)[: starts // 2]]
     X = sample[list(dict.fromkeys(int(k) for k in picked))]
     if near is not None and len(near):
         X = np.vstack([np.clip(near, 0, 1), X])
-    X = levenberg_marquardt(misfit, X, tolerance=COARSELY)
+    X = levenberg_marquardt(misfit, X, tolerance=COARSE_CHI2_TOLERANCE)
     S = misfit.chi2(X)
     found: list[int] = []
     for k in np.argsort(S):
-        if np.isfinite(S[k]) and all(np.abs(X[k] - X[j]).max() > SAME for j in found):
+        if np.isfinite(S[k]) and all(np.abs(X[k] - X[j]).max() > SAME_MINIMUM_TOLERANCE for j in found):
             found.append(int(k))
     found = [k for k in found if _is_minimum(misfit, X[k], float(S[k]))] or [int(np.argmin(S))]
     kept: list[int] = []
@@ -207,14 +217,18 @@ def _one_valley(misfit: Misfit, a: np.ndarray, b: np.ndarray, S: float) -> bool:
     free = np.arange(len(a)) != k
     # Errors of unknown size: as large as what is left over.
     unit = 1.0 if misfit.weighting == "noise" else S / max(misfit.n - len(a), 1)
-    if misfit.chi2(X).max() <= S + SEEN * unit:
+    if misfit.chi2(X).max() <= S + VALLEY_PASS_CHI2 * unit:
         return True
-    return bool(misfit.chi2(levenberg_marquardt(misfit, X, free, tolerance=COARSELY)).max() <= S + SEEN * unit)
+    return bool(
+        misfit.chi2(levenberg_marquardt(misfit, X, free, tolerance=COARSE_CHI2_TOLERANCE)).max()
+        <= S + VALLEY_PASS_CHI2 * unit
+    )
 
 
 def _is_minimum(misfit: Misfit, x: np.ndarray, S: float) -> bool:
-    """No neighbour within half of `SAME` is clearly lower: points that stopped on a slope or a saddle are none."""
+    """No neighbour within half of `SAME_MINIMUM_TOLERANCE` is clearly lower: points that stopped on a slope or a saddle
+    are none."""
     d = len(x)
-    away = np.vstack([np.eye(d), -np.eye(d)]) * SAME / 2
+    away = np.vstack([np.eye(d), -np.eye(d)]) * SAME_MINIMUM_TOLERANCE / 2
     around = np.clip(x + away, 0, 1)
     return bool(np.min(misfit.chi2(around)) >= S * (1 - 1e-6) - 1e-9)

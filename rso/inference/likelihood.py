@@ -17,9 +17,10 @@ from rso.doe import Box
 
 Weighting = Literal["noise", "absolute", "relative"]
 WEIGHTINGS: tuple[Weighting, ...] = ("noise", "absolute", "relative")
-SMALLEST = 1e-6  # share of the largest value below which no error is believed: it keeps every covariance definite
-STEEP = 1e4  # of χ^½ per range of a condition that is broken: a thousandth of it rules a point out
-STEP = 1e-4  # of the unit cube, for differences: rounding (1e-16/h) and curvature (h²) are both below 1e-8
+# share of the largest value below which no error is believed: it keeps every covariance definite
+MIN_ERROR_SHARE = 1e-6
+BROKEN_CONDITION_SLOPE = 1e4  # of χ^½ per range of a condition that is broken: a thousandth of it rules a point out
+DIFFERENCE_STEP = 1e-4  # of the unit cube, for differences: rounding (1e-16/h) and curvature (h²) are both below 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +154,9 @@ class Model:
             return np.asarray(self.derivative(np.asarray(x, float)), float)
         return self.jacobians(np.asarray(x, float)[None])[0]
 
-    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None, step: float | np.ndarray = STEP) -> np.ndarray:
+    def jacobians(
+        self, X: np.ndarray, free: np.ndarray | None = None, step: float | np.ndarray = DIFFERENCE_STEP
+    ) -> np.ndarray:
         """∂f/∂x (k, n, f) at many points by differences, along the `free` axes only; one call of `predict`.
 
         `step` is that of all axes, or of each of the free ones (f,).
@@ -176,11 +179,11 @@ class Misfit:
 
     WᵀW is the inverse of the covariance ('noise'; with L Lᵀ that of curve by curve and V of what they share, W is
     (1 + U Uᵀ)^{-1/2} L⁻¹ with U = L⁻¹ V), 1 ('absolute') or 1/|y| ('relative', points with |y|
-    below `SMALLEST` of the largest have no weight); with the latter two the size of the errors is taken from what is
-    left over.  `scale` divides W: errors that are known only in their relation to one another.
+    below `MIN_ERROR_SHARE` of the largest have no weight); with the latter two the size of the errors is taken from
+    what is left over.  `scale` divides W: errors that are known only in their relation to one another.
 
-    Beyond a `wall`, X (k, d) → (k, w) by how much conditions are broken, χ² grows by (STEEP · wall)²: there is no
-    answer there, or none is wanted.
+    Beyond a `wall`, X (k, d) → (k, w) by how much conditions are broken, χ² grows by (BROKEN_CONDITION_SLOPE · wall)²:
+    there is no answer there, or none is wanted.
     """
 
     model: Model
@@ -236,8 +239,8 @@ class Misfit:
         return r if self.wall is None else np.hstack([r, self.beyond(X)])
 
     def beyond(self, X: np.ndarray) -> np.ndarray:
-        """STEEP · what is beyond the wall (k, w) at X (k, d); no columns where there is none."""
-        return np.zeros((len(X), 0)) if self.wall is None else STEEP * np.maximum(self.wall(X), 0.0)
+        """BROKEN_CONDITION_SLOPE · what is beyond the wall (k, w) at X (k, d); no columns where there is none."""
+        return np.zeros((len(X), 0)) if self.wall is None else BROKEN_CONDITION_SLOPE * np.maximum(self.wall(X), 0.0)
 
     def chi2(self, X: np.ndarray) -> np.ndarray:
         """χ² (k,) at X (k, d)."""
@@ -268,8 +271,8 @@ def _whitening(data: Data, weighting: Weighting) -> np.ndarray:
     if weighting == "absolute":
         return np.eye(n)
     if weighting == "relative":
-        return np.diag(np.where(y > SMALLEST * largest, 1.0 / np.where(y > 0, y, 1.0), 0.0))
-    floor = SMALLEST * (largest or 1.0)
+        return np.diag(np.where(y > MIN_ERROR_SHARE * largest, 1.0 / np.where(y > 0, y, 1.0), 0.0))
+    floor = MIN_ERROR_SHARE * (largest or 1.0)
     try:
         L = cholesky(data.covariance + floor**2 * np.eye(n), lower=True)
     except np.linalg.LinAlgError as error:

@@ -14,8 +14,8 @@ from rso.emulation.emulator import Emulator, Output
 from rso.inference.likelihood import Model
 
 Run = Callable[[Mapping[str, float]], Mapping[str, Response]]
-SURFACE = "surface"  # the channel of a point cloud: many marks and components together
-DIFFERENCE = 1e-3  # of the unit cube, for a backend without derivatives: above the scatter of converged runs
+SURFACE_CHANNEL = "surface"  # the channel of a point cloud: many marks and components together
+RUN_DIFFERENCE_STEP = 1e-3  # of the unit cube, for a backend without derivatives: above the scatter of converged runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +23,8 @@ class CurvePlace:
     """Where a curve was measured: depths (n,) mm of one channel of one experiment.
 
     `since` (n,) s is the time since the indenter came to rest, 0 for readings of loading; None without a hold.
-    `back`: all are readings of the unloading.  Of a point cloud the channel is `SURFACE`, and `marks` (n,) are those of
-    a response behind each reading, at a depth that is computed; None of a curve.
+    `back`: all are readings of the unloading.  Of a point cloud the channel is `SURFACE_CHANNEL`, and `marks` (n,) are
+    those of a response behind each reading, at a depth that is computed; None of a curve.
     """
 
     experiment: str
@@ -186,7 +186,7 @@ def simulated_curves(
         columns = []
         for k in range(box.d):
             moved = x.copy()
-            moved[k] += DIFFERENCE if x[k] + DIFFERENCE <= 1 else -DIFFERENCE
+            moved[k] += RUN_DIFFERENCE_STEP if x[k] + RUN_DIFFERENCE_STEP <= 1 else -RUN_DIFFERENCE_STEP
             columns.append((values(moved) - here) / (moved[k] - x[k]))
         return np.stack(columns, axis=1)
 

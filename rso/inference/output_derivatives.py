@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from rso.doe import Box
-from rso.inference.models import DIFFERENCE
+from rso.inference.models import RUN_DIFFERENCE_STEP
 
 Look = Callable[[Sequence[np.ndarray]], Sequence[np.ndarray | str]]  # points (d,) → curves (n,), or why there is none
 
@@ -25,7 +25,9 @@ def jacobian(box: Box, x: np.ndarray, f: np.ndarray, own: Mapping[str, np.ndarra
     columns = {k: own[n] * box.slope(x)[k] for k, n in enumerate(box.names) if n in own}
     why = ""
     for side in (1.0, -1.0):
-        steps = {k: side * DIFFERENCE * (1.0 if x[k] <= 0.5 else -1.0) for k in range(box.d) if k not in columns}
+        steps = {
+            k: side * RUN_DIFFERENCE_STEP * (1.0 if x[k] <= 0.5 else -1.0) for k in range(box.d) if k not in columns
+        }
         steps = {k: h for k, h in steps.items() if 0.0 <= x[k] + h <= 1.0}
         seen = look([x + h * np.eye(box.d)[k] for k, h in steps.items()]) if steps else []
         for (k, h), y in zip(steps.items(), seen, strict=True):

@@ -14,12 +14,14 @@ from rso.inference.intervals import Interval, gaussian_draws, log_volume
 from rso.inference.least_squares import Fit
 from rso.inference.likelihood import Misfit
 
-ENOUGH = 300.0  # independent draws: a 5 % quantile is then within 0.13 standard deviations
-AGREE = 0.15  # of the width of an interval: a larger difference of its ends is more than the scatter of the draws
-LONG = 50.0  # autocorrelation times that a chain must have: a shorter one does not know its own (Sokal 1997, §3)
-MIXED = 1.05  # R-hat of ensembles that began apart, at most
-ON_CELLS = 3  # parameters up to which the posterior is computed on cells
-DRAWS = 8192
+MIN_INDEPENDENT_DRAWS = 300.0  # independent draws: a 5 % quantile is then within 0.13 standard deviations
+# of the width of an interval: a larger difference of its ends is more than the scatter of the draws
+INTERVAL_END_TOLERANCE = 0.15
+# autocorrelation times that a chain must have: a shorter one does not know its own (Sokal 1997, §3)
+MIN_AUTOCORRELATION_TIMES = 50.0
+MAX_R_HAT = 1.05  # R-hat of ensembles that began apart, at most
+MAX_PARAMETERS_ON_CELLS = 3  # parameters up to which the posterior is computed on cells
+N_GRID_DRAWS = 8192  # from the cells, independent of each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +42,17 @@ class Draws:
     @property
     def enough(self) -> bool:
         """Whether quantiles of these draws mean something."""
-        return self.independent >= ENOUGH and not self.doubt
+        return self.independent >= MIN_INDEPENDENT_DRAWS and not self.doubt
 
     @property
     def doubt(self) -> str:
         """Why the chain has not converged; empty if it has, or where there is none."""
         if self.r_hat is None:
             return ""
-        if self.steps < LONG * self.tau:
-            return f"its {self.steps} steps are {self.steps / self.tau:.2g} autocorrelation times, not {LONG:.0f}"
-        return f"R-hat of two ensembles is {self.r_hat:.3g}, not below {MIXED:g}" if self.r_hat > MIXED else ""
+        if self.steps < MIN_AUTOCORRELATION_TIMES * self.tau:
+            times = f"{self.steps / self.tau:.2g} autocorrelation times, not {MIN_AUTOCORRELATION_TIMES:.0f}"
+            return f"its {self.steps} steps are {times}"
+        return f"R-hat of two ensembles is {self.r_hat:.3g}, not below {MAX_R_HAT:g}" if self.r_hat > MAX_R_HAT else ""
 
 
 def sample_posterior(
@@ -57,15 +60,15 @@ def sample_posterior(
 ) -> Draws:
     """Draws of p(x | y) ∝ exp(−χ²/2) inside the unit cube.
 
-    Up to `ON_CELLS` parameters on cells (:mod:`.posterior_grid`), which know the points `along` (k, d) of valleys;
-    with more, or where the posterior is too thin for cells, by two ensembles of a Markov chain, until they are `LONG`
-    autocorrelation times long and agree, or have made `most` steps each.
+    Up to `MAX_PARAMETERS_ON_CELLS` parameters on cells (:mod:`.posterior_grid`), which know the points `along` (k, d)
+    of valleys; with more, or where the posterior is too thin for cells, by two ensembles of a Markov chain, until they
+    are `MIN_AUTOCORRELATION_TIMES` autocorrelation times long and agree, or have made `most` steps each.
     """
-    if misfit.model.box.d <= ON_CELLS:
+    if misfit.model.box.d <= MAX_PARAMETERS_ON_CELLS:
         at = np.stack([m.x for m in minima])
         found = posterior_grid.cells(misfit, at if along is None else np.vstack([at, along]))
         if found is not None:
-            X, independent = posterior_grid.draw_from_grid(misfit, found, DRAWS, seed)
+            X, independent = posterior_grid.draw_from_grid(misfit, found, N_GRID_DRAWS, seed)
             return Draws(X, 1.0, independent)
         most = min(most, 1000)  # so thin a posterior seldom lets a chain converge either
     return chain(misfit, minima, seed=seed, most=most)
@@ -146,6 +149,6 @@ def r_hat(parts: Sequence[np.ndarray]) -> float:
 
 
 def agree(a: Interval, b: Interval) -> bool:
-    """Whether two intervals have the same ends within `AGREE` of the wider one's width."""
+    """Whether two intervals have the same ends within `INTERVAL_END_TOLERANCE` of the wider one's width."""
     width = max(a.high - a.low, b.high - b.low, 1e-12)
-    return max(abs(a.low - b.low), abs(a.high - b.high)) <= AGREE * width
+    return max(abs(a.low - b.low), abs(a.high - b.high)) <= INTERVAL_END_TOLERANCE * width

@@ -23,10 +23,10 @@ from scipy.linalg import cholesky, solve_triangular
 
 from rso.core.distributions import chi2_ppf, f_ppf
 from rso.inference.identifiability import exceeded
-from rso.inference.likelihood import SMALLEST
-from rso.inference.sloppy_directions import UNIFORM
+from rso.inference.likelihood import MIN_ERROR_SHARE
+from rso.inference.sloppy_directions import UNIFORM_PRECISION
 
-UNLIKELY = 0.05  # a perfect model is said to miss in this share of data sets
+MISSED_PREDICTION_CHANCE = 0.05  # a perfect model is said to miss in this share of data sets
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class PredictiveTest:
     @property
     def missed(self) -> bool:
         """Whether noise, the simulation's error and what the fit leaves open do not explain the difference."""
-        return self.p_value < UNLIKELY
+        return self.p_value < MISSED_PREDICTION_CHANCE
 
 
 def predictive_test(
@@ -75,7 +75,7 @@ def predictive_chi2(value: np.ndarray, predicted: np.ndarray, covariance: np.nda
 
 def _misses(value: np.ndarray, predicted: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
     """χ² and z of readings (n,) and their prediction (n,)."""
-    floor = SMALLEST * (float(np.abs(value).max()) or 1.0)
+    floor = MIN_ERROR_SHARE * (float(np.abs(value).max()) or 1.0)
     L = cholesky(covariance + floor**2 * np.eye(len(value)), lower=True)
     r, g = solve_triangular(L, np.column_stack([value - predicted, predicted]), lower=True).T
     size = float(np.linalg.norm(g))
@@ -93,7 +93,7 @@ def _share(chi2: float, level: float, points: int, freedom: float) -> float:
 
 def open_by(fisher: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """J Σ Jᵀ (n, n): what a fit with Fisher information F (d, d) leaves open of a prediction with slopes J (n, d)."""
-    left: np.ndarray = jacobian @ np.linalg.solve(fisher + UNIFORM * np.eye(len(fisher)), jacobian.T)
+    left: np.ndarray = jacobian @ np.linalg.solve(fisher + UNIFORM_PRECISION * np.eye(len(fisher)), jacobian.T)
     return left
 
 

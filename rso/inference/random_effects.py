@@ -24,18 +24,21 @@ from scipy.optimize import brentq, minimize_scalar
 
 from rso.core.distributions import chi2_ppf, chi2_sf, normal_ppf, t_ppf
 
-KNOWN = 3.0  # signed roots between which a profile is taken as it is, at every half
-LEVELS = np.linspace(-KNOWN, KNOWN, 13)
-FAR = 7.5  # signed root of the deviance beyond which a likelihood is nothing: e^{−28}
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
-HERMITE, HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
-ACROSS, ACROSS_WEIGHTS = np.polynomial.legendre.leggauss(48)  # over the mean, ±`WIDE` of its standard deviations
-WIDE = 8.0
-NOTHING = 1e-4  # of the least width of a likelihood: a τ below is none
-SPREAD = 1e3  # of the largest distance between two specimens, or of a width: τ is not looked for beyond
-SHARES = 128  # parts of equal probability into which τ and the error of the mean are divided for a prediction
-PEAK = 33  # means among which the likeliest of one specimen is looked for
-OUTLIER = 0.05  # probability with which any specimen at all is called one although none is
+MAX_PROFILE_ROOT = 3.0  # signed roots between which a profile is taken as it is, at every half
+PROFILE_ROOTS = np.linspace(-MAX_PROFILE_ROOT, MAX_PROFILE_ROOT, 13)  # signed roots at which a profile is read
+NEGLIGIBLE_ROOT = 7.5  # signed root of the deviance beyond which a likelihood is nothing: e^{−28}
+# of each piece of a profile: exact to degree 15 there
+LEGENDRE_NODES, LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(8)
+HERMITE_NODES, HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)  # over the population, one specimen at a time
+# over the mean, ±`MEAN_RANGE_SD` of its standard deviations
+MEAN_NODES, MEAN_WEIGHTS = np.polynomial.legendre.leggauss(48)
+MEAN_RANGE_SD = 8.0  # standard deviations to either side: beyond them no probability counts
+NO_SPREAD_RATIO = 1e-4  # of the least width of a likelihood: a τ below is none
+MAX_SPREAD_RATIO = 1e3  # of the largest distance between two specimens, or of a width: τ is not looked for beyond
+# parts of equal probability into which τ and the error of the mean are divided for a prediction
+N_PREDICTION_PARTS = 128
+N_PEAK_MEANS = 33  # means among which the likeliest of one specimen is looked for
+FALSE_OUTLIER_CHANCE = 0.05  # probability with which any specimen at all is called one although none is
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +91,8 @@ class SpecimenLikelihood:
     def extent(self) -> tuple[float, float]:
         """From where to where L is more than nothing, or known."""
         slopes = self.slopes
-        low = self.at[0] - max(FAR + self.root[0], 0.0) / slopes[0]
-        high = self.at[-1] + max(FAR - self.root[-1], 0.0) / slopes[-1]
+        low = self.at[0] - max(NEGLIGIBLE_ROOT + self.root[0], 0.0) / slopes[0]
+        high = self.at[-1] + max(NEGLIGIBLE_ROOT - self.root[-1], 0.0) / slopes[-1]
         return float(self.at[0] if self.open_low else low), float(self.at[-1] if self.open_high else high)
 
 
@@ -118,8 +121,8 @@ def likelihood_of_profile(
     low, high = (own or next(s for s in (other, 1.0) if s) for own, other in (sides, sides[::-1]))
     root = root * np.where(root < 0.0, low, high)
     root = np.maximum.accumulate(root)  # of several pieces the outermost ends count
-    ends = max(root[0], -KNOWN), min(root[-1], KNOWN)
-    inner = LEVELS[(LEVELS > ends[0] + 0.1) & (LEVELS < ends[1] - 0.1)]
+    ends = max(root[0], -MAX_PROFILE_ROOT), min(root[-1], MAX_PROFILE_ROOT)
+    inner = PROFILE_ROOTS[(PROFILE_ROOTS > ends[0] + 0.1) & (PROFILE_ROOTS < ends[1] - 0.1)]
     levels = np.array([ends[0], *inner, ends[1]])  # a profile has points as near as its descents happen to end
     theta = np.interp(levels, root + 1e-12 * np.arange(len(root)), at)
     keep = np.concatenate([[True], np.diff(theta) > 0.0])
@@ -155,18 +158,18 @@ def marginal(specimens: Sequence[SpecimenLikelihood], mean: np.ndarray, tau: flo
 
 
 def _marginal(one: SpecimenLikelihood, m: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if tau <= NOTHING * one.width:
+    if tau <= NO_SPREAD_RATIO * one.width:
         r, slope = one.of(m)
         return -0.5 * r * r, -r * slope, slope * slope
     if tau <= one.width:  # L is smooth where the Gaussian is: quadrature of the Gaussian
-        away = tau * np.broadcast_to(HERMITE, (len(m), len(HERMITE)))
+        away = tau * np.broadcast_to(HERMITE_NODES, (len(m), len(HERMITE_NODES)))
         log = np.log(HERMITE_WEIGHTS / np.sqrt(2 * np.pi)) - 0.5 * one.of(m[:, None] + away)[0] ** 2
     else:  # the Gaussian is smooth where L is: panels over L
         low, high = one.extent()
         edges = np.unique(np.concatenate([np.linspace(low, high, min(64, math.ceil((high - low) / one.width)) + 1)]))
         half = 0.5 * np.diff(edges)
-        theta = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * NODES).ravel()
-        weight = (half[:, None] * WEIGHTS).ravel()
+        theta = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * LEGENDRE_NODES).ravel()
+        weight = (half[:, None] * LEGENDRE_WEIGHTS).ravel()
         away = theta - m[:, None]
         log = np.log(weight / (tau * np.sqrt(2 * np.pi))) - 0.5 * (away / tau) ** 2 - 0.5 * one.of(theta)[0] ** 2
     first, second = away, away * away
@@ -284,7 +287,7 @@ def _of_estimates(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
     return mean, float(max(1.0, square.sum() / (len(y) - 1)) / w.sum()), tau
 
 
-def outliers(residuals: Sequence[tuple[float, float] | None], rate: float = OUTLIER) -> list[bool]:
+def outliers(residuals: Sequence[tuple[float, float] | None], rate: float = FALSE_OUTLIER_CHANCE) -> list[bool]:
     """Which specimens are outliers: p below `rate` over the number that was looked at (Bonferroni)."""
     count = sum(r is not None for r in residuals)
     return [r is not None and r[1] < rate / count for r in residuals]
@@ -313,11 +316,11 @@ def _scatter(closed: Sequence[SpecimenLikelihood], at: Marginal, tau: float) -> 
 
 def _peak(one: SpecimenLikelihood, tau: float) -> float:
     """max ℓ(m, τ) over m, 0 at τ = 0: of points through the middle of L the highest, and the parabola through it."""
-    if tau <= NOTHING * one.width:
+    if tau <= NO_SPREAD_RATIO * one.width:
         return 0.0
     low, high = (float(np.interp(r, one.root, one.at)) for r in (-1.0, 1.0))
-    value = marginal([one], np.linspace(low, high, PEAK), tau).value[0]
-    n = int(np.clip(np.argmax(value), 1, PEAK - 2))
+    value = marginal([one], np.linspace(low, high, N_PEAK_MEANS), tau).value[0]
+    n = int(np.clip(np.argmax(value), 1, N_PEAK_MEANS - 2))
     below, here, above = value[n - 1 : n + 2]
     bend = 2.0 * here - below - above
     return float(here + (above - below) ** 2 / (8.0 * bend)) if bend > 0.0 else float(value.max())
@@ -351,8 +354,8 @@ def _restricted(specimens: Sequence[SpecimenLikelihood], tau: float) -> float:
     """ln ∫ exp(Σ ℓ_i(m, τ)) dm."""
     centre = _mode(specimens, tau)
     sd = 1.0 / math.sqrt(max(float(marginal(specimens, np.array([centre]), tau).curvature.sum()), 1e-300))
-    value = marginal(specimens, centre + WIDE * sd * ACROSS, tau).value.sum(axis=0)
-    return float(special.logsumexp(value, b=WIDE * sd * ACROSS_WEIGHTS))
+    value = marginal(specimens, centre + MEAN_RANGE_SD * sd * MEAN_NODES, tau).value.sum(axis=0)
+    return float(special.logsumexp(value, b=MEAN_RANGE_SD * sd * MEAN_WEIGHTS))
 
 
 def _tau(specimens: Sequence[SpecimenLikelihood]) -> float:
@@ -401,12 +404,12 @@ def _prediction(
     tau = np.array([*np.geomspace(least, most, 16), *(most * 4.0 ** np.arange(1, 5))])
     known = np.array([_mean_at(specimens, closed, t) for t in (0.0, *tau)])
     C = np.clip(np.maximum.accumulate([float(chi2_sf(q, k - 1)) for q in known[:, 2]]), 1e-12, 1.0 - 1e-12)
-    share = (np.arange(SHARES) + 0.5) / SHARES
+    share = (np.arange(N_PREDICTION_PARTS) + 0.5) / N_PREDICTION_PARTS
     # ln τ is nearly linear in the logit of C; all below C(least) is no scatter, all above the last C the largest.
     drawn = np.where(share < C[1], 0.0, np.exp(np.interp(special.logit(share), special.logit(C[1:]), np.log(tau))))
     m, sd = (np.interp(drawn, [0.0, *tau], known[:, n])[:, None] for n in (0, 1))
     centre = m + sd * t_ppf(share, k - 1)
-    spread = np.maximum(drawn, NOTHING * sd[:, 0])[:, None]
+    spread = np.maximum(drawn, NO_SPREAD_RATIO * sd[:, 0])[:, None]
 
     def above(x: float, tail: float) -> float:
         return float(special.ndtr((x - centre) / spread).mean()) - tail
@@ -436,7 +439,7 @@ def _tau_interval(closed: Sequence[SpecimenLikelihood], level: float) -> tuple[f
     for tail in (0.5 * (1 + level), 0.5 * (1 - level)):
         wanted = float(chi2_ppf(tail, len(closed) - 1))
         high = max(_taus(closed))
-        while q(high) > wanted and high < SPREAD * max(_taus(closed)):
+        while q(high) > wanted and high < MAX_SPREAD_RATIO * max(_taus(closed)):
             high *= 2.0
         if q(0.0) <= wanted:
             ends.append(0.0)

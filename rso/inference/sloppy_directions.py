@@ -11,7 +11,7 @@ import numpy as np
 from rso.doe import Box
 from rso.inference.intervals import standard_deviations
 
-UNIFORM = 12.0  # 1/variance of a uniform density on [0, 1]: what the box alone says
+UNIFORM_PRECISION = 12.0  # 1/variance of a uniform density on [0, 1]: what the box alone says
 
 
 @dataclass(frozen=True)
@@ -69,5 +69,5 @@ def _error(sd: float) -> str:
 
 def expected_sd(box: Box, x: np.ndarray, fisher: np.ndarray) -> dict[str, float]:
     """sd of ln θ by name for a Fisher information (d, d) in the unit cube at x (d,), the box counted as a prior."""
-    sd = standard_deviations(fisher + UNIFORM * np.eye(box.d)) / per_log(box, x)
+    sd = standard_deviations(fisher + UNIFORM_PRECISION * np.eye(box.d)) / per_log(box, x)
     return {n: float(v) for n, v in zip(box.names, sd, strict=True)}

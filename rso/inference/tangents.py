@@ -15,8 +15,9 @@ from rso.emulation.kernels import kernel_matrix
 from rso.emulation.kriging_likelihood import cholesky_factor
 from rso.inference.likelihood import Model
 
-LENGTH = 0.4  # of the unit cube, over which what the tangent leaves bends: between two runs it is nearly a cubic
-SMALL = 1e-13  # of the variance: keeps matrices of neighbouring runs definite
+# of the unit cube, over which what the tangent leaves bends: between two runs it is nearly a cubic
+TANGENT_KERNEL_LENGTH = 0.4
+TANGENT_JITTER_SHARE = 1e-13  # of the variance: keeps matrices of neighbouring runs definite
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +119,9 @@ def _bending(Z: np.ndarray, T: np.ndarray, G: np.ndarray, b: int, size: np.ndarr
         return None
     values = T - T[b] - (Z - Z[b]) @ G[b].T
     R = np.vstack([values, *np.moveaxis(G - G[b], 2, 0)])
-    return cho_solve((cholesky_factor(_kernel(Z, Z, left=True), SMALL), True), R / size) * size
+    return cho_solve((cholesky_factor(_kernel(Z, Z, left=True), TANGENT_JITTER_SHARE), True), R / size) * size
 
 
 def _kernel(X: np.ndarray, Y: np.ndarray, left: bool = False) -> np.ndarray:
     """Correlation of values (and, with `left`, slopes) at X with values and slopes at Y."""
-    return kernel_matrix("squared_exponential", X, Y, np.full(Y.shape[1], LENGTH), left=left, right=True)
+    return kernel_matrix("squared_exponential", X, Y, np.full(Y.shape[1], TANGENT_KERNEL_LENGTH), left=left, right=True)

@@ -11,8 +11,8 @@ from rso.inference.identifiability import AsStated, Determination, determine
 from rso.inference.intervals import Interval
 from rso.inference.verdict import physical
 
-WORTH = 1.1  # times as wide: less is not worth a word
-APART = 0.25  # of its width that the interval as stated lies outside: the two say different things
+MENTIONED_WIDENING_RATIO = 1.1  # times as wide: less is not worth a word
+MIN_OUTSIDE_SHARE = 0.25  # of its width that the interval as stated lies outside: the two say different things
 
 
 def with_usual(d: Determination, seed: int) -> Determination:
@@ -55,9 +55,9 @@ def moved_by(d: Determination, U: np.ndarray) -> np.ndarray:
 
 
 def elsewhere(a: Interval, b: Interval) -> bool:
-    """Whether interval a lies outside of b by more than `APART` of its width: they do not say the same."""
+    """Whether interval a lies outside of b by more than `MIN_OUTSIDE_SHARE` of its width: they do not say the same."""
     outside = max(b.low - a.low, 0.0) + max(a.high - b.high, 0.0)
-    return outside > APART * max(a.high - a.low, 1e-12)
+    return outside > MIN_OUTSIDE_SHARE * max(a.high - a.low, 1e-12)
 
 
 def widening(d: Determination, k: int) -> float:
@@ -74,7 +74,7 @@ def _said(d: Determination, k: int, found: AsStated) -> str:
     known, box = d.known[k], d.misfit.model.box
     a, b = found.interval, known.profile_interval
     moved = elsewhere(a, b)
-    if not found.shares or not (moved or (b.high - b.low) >= WORTH * (a.high - a.low)):
+    if not found.shares or not (moved or (b.high - b.low) >= MENTIONED_WIDENING_RATIO * (a.high - a.low)):
         return ""
     name = found.shares[0][0]
     curve, key = name.rsplit(": ", 1) if ": " in name else ("", name)

@@ -16,14 +16,17 @@ from rso.doe import Box
 from rso.inference.intervals import Interval, ProfileInterval
 
 Word = Literal["determined", "weakly", "not"]
-WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
-FACTOR = 1.75  # a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
-LEANING = 1.25  # the same where the range of another parameter makes an end: that is not the merit of the data
-SHARE = 0.5  # of the range stated or searched: an interval that leaves more than this says nothing
-UNSEEN = 1e-6  # of the uncertainty: a change that is round-off
-NOISES = np.geomspace(1.0, 1e-3, 61)  # times what it is
-MARGIN = 0.7  # between the noise at which the profile is narrow enough and that at which a new one would be too
-REFUTED = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
+VERDICT_WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
+# a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
+DETERMINED_FACTOR = 1.75
+# the same where the range of another parameter makes an end: that is not the merit of the data
+LEANING_DETERMINED_FACTOR = 1.25
+UNINFORMATIVE_RANGE_SHARE = 0.5  # of the range stated or searched: an interval that leaves more than this says nothing
+ROUND_OFF_SHARE = 1e-6  # of the uncertainty: a change that is round-off
+LOWER_NOISE_RATIOS = np.geomspace(1.0, 1e-3, 61)  # times what it is
+# between the noise at which the profile is narrow enough and that at which a new one would be too
+NOISE_SAFETY_RATIO = 0.7
+REFUTED_ERROR_RATIO = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
 
 
 @dataclass(frozen=True)
@@ -45,18 +48,20 @@ def judge_parameter(
     Parameters that may be zero or negative are measured against their stated range: within ± 10 % of it is determined.
     A range that was widened since makes no interval narrower.
     `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `scale` is what
-    the errors were multiplied with as the model does not fit: beyond `REFUTED` nothing is determined.
+    the errors were multiplied with as the model does not fit: beyond `REFUTED_ERROR_RATIO` nothing is determined.
     """
     low, high = physical(box, k, interval)
     width, covered = _shares(box, k, interval, box if stated is None else stated)
     if low > 0:
-        most = math.log(LEANING if leaning else FACTOR)
+        most = math.log(LEANING_DETERMINED_FACTOR if leaning else DETERMINED_FACTOR)
         close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
     else:
         close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
-    pressed = interval.open and scale > REFUTED  # it wants to go on, and fits nowhere
-    word: Word = "not" if covered >= SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
-    if word == "weakly" and close and not interval.open and scale <= REFUTED:
+    pressed = interval.open and scale > REFUTED_ERROR_RATIO  # it wants to go on, and fits nowhere
+    word: Word = (
+        "not" if covered >= UNINFORMATIVE_RANGE_SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
+    )
+    if word == "weakly" and close and not interval.open and scale <= REFUTED_ERROR_RATIO:
         return Verdict("determined", digits, None)
     return Verdict(word, digits if word == "weakly" and not interval.open else 0, None)
 
@@ -73,13 +78,13 @@ def quieter(box: Box, k: int, profile: ProfileInterval, level: float = 0.9, stat
     """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
 
     With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
-    hence `MARGIN`.
+    hence `NOISE_SAFETY_RATIO`.
     """
-    for f in NOISES:
+    for f in LOWER_NOISE_RATIOS:
         louder = replace(profile, rise=profile.rise / f**2)
         leaning = tuple(box.names[j] for j in louder.leaning(level))
         if judge_parameter(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
-            return MARGIN * float(f)
+            return NOISE_SAFETY_RATIO * float(f)
     return None
 
 
@@ -130,13 +135,13 @@ def verdict_sentences(
         given = f"under {missed}, " if missed else ""
         sure = f"{given}with {100 * level:.0f} % confidence {span}{_either_way(low, high)}"
         return f"{name} is determined: {sure}{other}.", ""
-    if scale > REFUTED and not interval.open and interval.high - interval.low < SHARE:
-        text = f"{name} {WORDS[verdict.word]}: {missed}, fits best from {span}{other}."
+    if scale > REFUTED_ERROR_RATIO and not interval.open and interval.high - interval.low < UNINFORMATIVE_RANGE_SHARE:
+        text = f"{name} {VERDICT_WORDS[verdict.word]}: {missed}, fits best from {span}{other}."
         return text, "What the model lacks has to be found first."
     ends = [w for w, at in (("lower", interval.at_low), ("upper", interval.at_high)) if at]
     bounds = f", as far as the {' and the '.join(ends)} bound of the search" if ends else other
     agrees = f"fits as well as any under {missed}" if missed else "agrees with the curve"
-    text = f"{name} {WORDS[verdict.word]}: every value from {span} {agrees}{bounds}."
+    text = f"{name} {VERDICT_WORDS[verdict.word]}: every value from {span} {agrees}{bounds}."
     inside = np.any([(profile.at >= p.low - 1e-9) & (profile.at <= p.high + 1e-9) for p in pieces], axis=0)
     worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
     over = f"Over the whole interval of {name}" if len(pieces) == 1 else f"Over all these values of {name}"
@@ -155,7 +160,7 @@ def verdict_sentences(
 def _little(over: str, change: float, sigma: float, place: str, unit: str) -> str:
     """How much a curve changes `over` an interval, against its uncertainty, where that shows most."""
     what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
-    if change < UNSEEN * sigma:
+    if change < ROUND_OFF_SHARE * sigma:
         return f"{over} the {what} does not change."
     much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
     return (

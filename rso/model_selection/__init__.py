@@ -2,8 +2,8 @@
 
 from rso.model_selection.evidence import log_evidence
 from rso.model_selection.goodness_of_fit import (
-    CONFIDENCE,
-    DRAWS,
+    FIT_CONFIDENCE,
+    N_REFITTED_DATA_SETS,
     CurveError,
     Goodness,
     GoodnessOfFit,
@@ -14,8 +14,8 @@ from rso.model_selection.goodness_of_fit import (
     simulate_elsewhere,
 )
 from rso.model_selection.selection import (
-    MARGIN,
-    RULE,
+    MIN_LOG_EVIDENCE_GAIN,
+    SELECTION_RULE,
     Added,
     Judged,
     ModelLevel,
@@ -25,10 +25,10 @@ from rso.model_selection.selection import (
 )
 
 __all__ = [
-    "CONFIDENCE",
-    "DRAWS",
-    "MARGIN",
-    "RULE",
+    "FIT_CONFIDENCE",
+    "MIN_LOG_EVIDENCE_GAIN",
+    "N_REFITTED_DATA_SETS",
+    "SELECTION_RULE",
     "Added",
     "CurveError",
     "Goodness",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rso.calibration.plan import STRESS, Plan
+from rso.calibration.plan import STRESS_SCALE_REASON, Plan
 from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capability
 from rso.core.similarity import Group, group, stress_exponent
 from rso.core.units import value_in_unit
@@ -19,8 +19,8 @@ from rso.study.errors import Problem, choices_text, study_error
 from rso.study.holds import hold_ranges, middle, relaxation_knobs, relaxes
 from rso.study.line_numbers import Place
 
-STUDY = "study"  # the model as the study file states it
-WIDE = 4.0  # a positive range with a larger ratio of its ends is searched on a log scale
+STUDY_LEVEL = "study"  # the model as the study file states it
+LOG_SCALE_RATIO = 4.0  # a positive range with a larger ratio of its ends is searched on a log scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def axes_of(plan: Plan, level: ModelLevel, ranges: Mapping[str, tuple[float, flo
         if e:
             name, power[k] = f"{k}{'/' if e > 0 else '·'}{modulus}", e
         p = dataclasses.replace(p, name=name, unit=_shared(p.unit, e), low=low, high=high)
-        rows.append((name, k, p, low, high, low > 0 and high > WIDE * low))
+        rows.append((name, k, p, low, high, low > 0 and high > LOG_SCALE_RATIO * low))
     box = Box(*map(tuple, zip(*((n, p.unit, low, high, log) for n, _, p, low, high, log in rows), strict=True)))
     open_or_held = {*(k for _, k, *_ in rows), *(k for k in held if k in level.relative)}
     others = [p for p in plan.backend.parameters if p.name not in open_or_held]
@@ -84,7 +84,7 @@ def axes_of(plan: Plan, level: ModelLevel, ranges: Mapping[str, tuple[float, flo
     constants = {p.name: p.unit for p in others if values.get(p.name, p.default) not in (0.0, p.neutral)}
     found = group([p for _, _, p, *_ in rows], plan.backend.channels, constants=constants)
     if plan.creeps.followed:
-        found = dataclasses.replace(found, reference=None, why=STRESS)
+        found = dataclasses.replace(found, reference=None, why=STRESS_SCALE_REASON)
     if not plan.study.doe.reduce:
         found = dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
     return Axes(box, found, {n: k for n, k, *_ in rows}, power, held, fixed, modulus)
@@ -110,7 +110,7 @@ def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
     study, backend = plan.study, plan.backend
     offered = _relaxing(plan, _offered(backend, study.backend.settings))
     if not study.ladder.levels:
-        return offered or _relaxing(plan, ((ModelLevel(STUDY, "the model of the study file"),),))
+        return offered or _relaxing(plan, ((ModelLevel(STUDY_LEVEL, "the model of the study file"),),))
     problems: list[Problem] = []
     rungs = []
     for n, rung in enumerate(study.ladder.levels):
@@ -198,8 +198,8 @@ def _named(
     for v in (v for rung in offered for v in rung):
         if v.name == wanted:
             return v
-    if wanted == STUDY:
-        return ModelLevel(STUDY, "the model of the study file")
+    if wanted == STUDY_LEVEL:
+        return ModelLevel(STUDY_LEVEL, "the model of the study file")
     if wanted in variants:
         text = str(variants[wanted].get("description", ""))
         return ModelLevel(wanted, text, variants[wanted]["settings"], opened, relative=frozenset(opened), adds=True)
@@ -210,7 +210,7 @@ def _named(
         text = f'no range is known for it; give a table: {{ name = "{wanted}", open = {{ {wanted} = [low, high] }} }}'
         problems.append(Problem(place, text, wanted))
         return None
-    choices = [STUDY, *(v.name for rung in offered for v in rung), *variants]
+    choices = [STUDY_LEVEL, *(v.name for rung in offered for v in rung), *variants]
     choices += [p.name for p in backend.parameters if p.plausible] + sorted({p.group for p in known.values()} - {""})
     problems.append(Problem(place, f"no such level; {choices_text(wanted, dict.fromkeys(choices))}", wanted))
     return None

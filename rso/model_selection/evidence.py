@@ -8,10 +8,10 @@ import numpy as np
 
 from rso.inference import Fit, Misfit
 
-POINTS = 2**12  # of the integral over the parameters
+N_EVIDENCE_POINTS = 2**12  # of the integral over the parameters
 
 
-def log_evidence(misfit: Misfit, fit: Fit, seed: int, points: int = POINTS) -> float:
+def log_evidence(misfit: Misfit, fit: Fit, seed: int, points: int = N_EVIDENCE_POINTS) -> float:
     """ln ∫ p(y | x) dx over the unit cube, all parameters equally likely beforehand on their scale.
 
     Importance sampling from a Gaussian twice as wide as Laplace's, no wider than half of the cube, quasi-random; the

@@ -28,8 +28,8 @@ from scipy.linalg import cholesky
 from rso.doe import Box
 from rso.inference import Data, Fit, Misfit, Model, levenberg_marquardt, split_common_errors
 
-CONFIDENCE = 0.95
-DRAWS = 400  # simulated data sets: a p-value of 0.05 is then known to 0.01
+FIT_CONFIDENCE = 0.95  # of the joint test: perfect models exceed its limits in one data set of twenty
+N_REFITTED_DATA_SETS = 400  # simulated data sets: a p-value of 0.05 is then known to 0.01
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class GoodnessOfFit:
     limit: float
     p_value: float
     points: int
-    draws: int = DRAWS
+    draws: int = N_REFITTED_DATA_SETS
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Goodness:
     share: float
     checks: tuple[GoodnessOfFit, ...]
     errors: tuple[CurveError, ...]
-    confidence: float = CONFIDENCE
+    confidence: float = FIT_CONFIDENCE
 
     @property
     def passes(self) -> bool:
@@ -100,7 +100,7 @@ class Left:
 # ------------------------------------------------------------------------------------------------------ the verdict
 
 
-def assess(parts: Sequence[Left], confidence: float = CONFIDENCE) -> Goodness:
+def assess(parts: Sequence[Left], confidence: float = FIT_CONFIDENCE) -> Goodness:
     """χ² of each part and NRMSE of each of its curves as one test; the draws of all parts are the same data sets."""
     S = []
     for part in parts:
@@ -140,7 +140,7 @@ def combined_p_value(S: np.ndarray, alpha: float) -> tuple[float, np.ndarray, np
 # ------------------------------------------------------------------------------------------------------ perfect models
 
 
-def bootstrap_refits(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulated:
+def bootstrap_refits(misfit: Misfit, fit: Fit, seed: int, draws: int = N_REFITTED_DATA_SETS) -> Simulated:
     """Parametric bootstrap: y* = f(x̂) + ε with ε ~ N(0, C), refitted from x̂ within the box.
 
     Where the size of C was itself taken from m degrees of freedom it is drawn again with each data set: the errors are

@@ -23,8 +23,8 @@ from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
 from rso.model_selection.study_ladder import FittedLevel, LadderFit
 from rso.study.cases import sketches
 
-FILE, SCHEMA = "ladder.json", 2
-LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
+LADDER_FILE, LADDER_SCHEMA = "ladder.json", 2  # raised when keys of the file change their meaning
+LENIENT_ERRORS_P = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
 
 
 def ladder_data(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
@@ -35,7 +35,7 @@ def ladder_data(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
     alarm = f"{100 * (1 - table.confidence):.3g}"
     return result_files.plainly(
         {
-            "schema": SCHEMA,
+            "schema": LADDER_SCHEMA,
             "study": {
                 "title": plan.study.study.title,
                 "file": plan.study.file.name,
@@ -43,7 +43,7 @@ def ladder_data(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
                 "units": plan.study.study.units,
             },
             "sketches": sketches(plan.study, plan.backend),
-            "rule": model_selection.RULE.format(alarm=alarm),
+            "rule": model_selection.SELECTION_RULE.format(alarm=alarm),
             "confidence": table.confidence,
             "draws": table.draws,
             "chosen": climb.chosen,
@@ -80,7 +80,7 @@ def ladder_warnings(plan: Plan, found: LadderFit) -> list[str]:
     j = climb.of(climb.chosen)
     assert j.goodness is not None
     t = j.goodness.checks[0]
-    if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
+    if t.p_value > LENIENT_ERRORS_P * (1 - 1 / (plan.study.ladder.draws + 1)):
         said.append(
             f"the fitted curves leave χ² = {significant(t.chi2, 3)}, a perfect model "
             f"{significant(t.expected, 3)} on average. The stated "
@@ -236,6 +236,6 @@ def _test(t: GoodnessOfFit) -> dict[str, Any]:
 def write_ladder(folder: Path, found: Mapping[str, Any]) -> Path:
     """Write ladder.json at once or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / FILE
+    path = folder / LADDER_FILE
     result_files.write_results(path, found)
     return path

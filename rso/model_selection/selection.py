@@ -12,8 +12,8 @@ from typing import Any
 
 from rso.model_selection.goodness_of_fit import Goodness
 
-MARGIN = math.log(20.0)  # of ln evidence: below 20 to 1 two levels are not told apart
-RULE = (
+MIN_LOG_EVIDENCE_GAIN = math.log(20.0)  # of ln evidence: below 20 to 1 two levels are not told apart
+SELECTION_RULE = (
     "A level is rejected if at most {alarm} % of data sets simulated from it fit as badly. χ² over all readings "
     "and the NRMSE of each curve are one joint test: a perfect model exceeds any limit in {alarm} %. A richer "
     "level is accepted only if its evidence is larger and the data determine every parameter that it adds, or "
@@ -150,7 +150,7 @@ def select_model(
         good = [j for j in better if j.adequate]
         taken = good or better
         before, holds = holds, taken[0] if taken else holds
-        rivals = tuple(j.level.name for j in good[1:] if j.log_evidence > good[0].log_evidence - MARGIN)
+        rivals = tuple(j.level.name for j in good[1:] if j.log_evidence > good[0].log_evidence - MIN_LOG_EVIDENCE_GAIN)
         steps += [_step(j, n, before, holds, rivals) for j in tried]
         done = bool(good)
     label = {v.name: v.label for rung in rungs for v in rung}

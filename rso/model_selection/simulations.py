@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rso import doe
-from rso.calibration.plan import Plan
+from rso.calibration.plan import PROOF_MODULUS_RATIO, Plan
 from rso.calibration.readings import curve_outputs
 from rso.contract import Case, ClosedForm, Response, capability
 from rso.emulation.emulator import Sample, reduced_box
@@ -16,10 +16,10 @@ from rso.evaluation import Evaluator, responses
 from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import Axes
 
-RUNS = {0: 1, 1: 8, 2: 16, 3: 30}  # of a level by the number of parameters that similarity leaves
-LEAST = 0.5  # of these, however many are known from the level below
-OTHER, SIMILAR = 1.25, 1e-6  # modulus of the run that proves similarity over the reference, and how well it must
-EACH = 12  # for every parameter beyond
+RUNS_BY_PARAMETERS = {0: 1, 1: 8, 2: 16, 3: 30}  # of a level by the number of parameters that similarity leaves
+MIN_NEW_RUNS_SHARE = 0.5  # of these, however many are known from the level below
+LEVEL_SIMILARITY_TOLERANCE = 1e-6  # of the largest value: how well the proof run must agree with similarity
+RUNS_PER_PARAMETER = 12  # for every parameter beyond
 
 
 class LadderUnanswered(Exception):
@@ -54,8 +54,8 @@ def level_design(axes: Axes, runs: int | None, seed: int, inherited: int = 0) ->
     reference = {} if axes.group.reference is None else {axes.group.reference: axes.group.reference_value}
     if box is None:
         return [reference]
-    usual = RUNS.get(box.d, EACH * box.d)
-    n = runs or max(usual - inherited, round(LEAST * usual))
+    usual = RUNS_BY_PARAMETERS.get(box.d, RUNS_PER_PARAMETER * box.d)
+    n = runs or max(usual - inherited, round(MIN_NEW_RUNS_SHARE * usual))
     X = np.linspace(0, 1, n)[:, None] if box.d == 1 else doe.design("lhs", box.d, n, seed)
     return [reference | dict(zip(box.names, map(float, row), strict=True)) for row in box.from_unit(X)]
 
@@ -79,13 +79,13 @@ def prove(plan: Plan, evaluator: Evaluator, level: ModelLevel, axes: Axes, known
     group = axes.group
     if group.reference is None:
         return
-    other = {k: v * OTHER ** group.exponents.get(k, 0) for k, v in known.values.items()}
+    other = {k: v * PROOF_MODULUS_RATIO ** group.exponents.get(k, 0) for k, v in known.values.items()}
     (answer,) = simulate_level(evaluator, level, axes, plan.cases, [other])
     if isinstance(answer, str):
         raise LadderUnanswered(f"the run that was to prove similarity has no answer: {answer}")
     found = sampled(plan, axes, other, answer).outputs
-    expected = {o.id: group.expand(o.channel, known.outputs[o.id], OTHER) for o in curve_outputs(plan)}
+    expected = {o.id: group.expand(o.channel, known.outputs[o.id], PROOF_MODULUS_RATIO) for o in curve_outputs(plan)}
     off = max(abs(found[i] - y) for i, y in expected.items()) / max(abs(y) for y in expected.values())
-    if off > SIMILAR:
-        text = f"similarity is off by {100 * off:.2g} % where the modulus is {OTHER:g} times as large"
+    if off > LEVEL_SIMILARITY_TOLERANCE:
+        text = f"similarity is off by {100 * off:.2g} % where the modulus is {PROOF_MODULUS_RATIO:g} times as large"
         raise LadderUnanswered(f"{text}: the model holds a stress that no parameter declares; set doe.reduce = false")

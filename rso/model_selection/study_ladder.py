@@ -12,7 +12,7 @@ import numpy as np
 
 from rso import model_selection
 from rso.calibration.plan import Plan, make_plan
-from rso.calibration.predictive_check import PredictiveCheck
+from rso.calibration.predictive_check import LIKELIEST_VALUE_DIGITS, PredictiveCheck
 from rso.calibration.readings import (
     curve_data,
     curve_outputs,
@@ -40,17 +40,16 @@ from rso.inference import (
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.verdict import REFUTED, physical
+from rso.inference.verdict import REFUTED_ERROR_RATIO, physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
 from rso.model_selection.candidate_models import Axes, axes_of, cases_of_levels, levels_of
 from rso.model_selection.held_out import validate_level
 from rso.model_selection.simulations import LadderUnanswered, level_design, prove, sampled, simulate_level
 from rso.study.schema import Study
 
-FEWEST = 4  # runs with an answer from which a level is learnt
-ROUNDS = 6  # runs of the most likely point, at most
-DIGITS = 6  # of the most likely values when they are recomputed
-SETTLED = 0.5  # of χ²: what the emulator may be off by at the most likely point
+MIN_RUNS_OF_LEVEL = 4  # runs with an answer from which a level is learnt
+MAX_LEVEL_OPTIMUM_RUNS = 6  # runs of the most likely point, at most
+MAX_EMULATOR_CHI2 = 0.5  # of χ²: what the emulator may be off by at the most likely point
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +195,7 @@ def fit_level(
     answers = simulate_level(evaluator, level, axes, plan.cases, points)
     samples = [sampled(plan, axes, p, a) for p, a in zip(points, answers, strict=True) if not isinstance(a, str)]
     last = next((a for a in answers if not isinstance(a, str)), None)
-    if last is None or len(samples) < min(FEWEST, len(points)):
+    if last is None or len(samples) < min(MIN_RUNS_OF_LEVEL, len(points)):
         why = next((a for a in answers if isinstance(a, str)), "")
         raise LadderUnanswered(
             f"only {len(samples)} of {len(points)} simulations have an answer; the first without: {why}"
@@ -235,13 +234,13 @@ def confirm_level(
     rounds is learnt as whole curves: a polynomial of few terms comes no nearer by one more run.
     """
     x = None
-    for done in range(ROUNDS):
+    for done in range(MAX_LEVEL_OPTIMUM_RUNS):
         misfit = likelihood(plan, emulator, last, "fit")
         fit = all_minima(misfit, seed=plan.seed, near=None if x is None else x[None])[0]
         if emulator.reduced is None:  # similarity, which was proved, knows every run already
             return emulator, last, 0.0, fit.x, True
         # Rounded, so that a ladder that is climbed again asks for the same runs.
-        theta = [float(f"{v:.{DIGITS}g}") for v in fit.theta]
+        theta = [float(f"{v:.{LIKELIEST_VALUE_DIGITS}g}") for v in fit.theta]
         x = np.clip(axes.box.to_unit(np.array(theta)), 0.0, 1.0)
         values = dict(zip(axes.box.names, theta, strict=True))
         (answer,) = simulate_level(evaluator, level, axes, plan.cases, [values])
@@ -250,11 +249,11 @@ def confirm_level(
         last, (gap, off) = answer, _gap(plan, misfit, x, answer)
         if off > 1e-6:  # the same point twice would tell nothing
             more = sampled(plan, axes, values, answer)
-            if done + 1 == ROUNDS // 2 and off > SETTLED:
+            if done + 1 == MAX_LEVEL_OPTIMUM_RUNS // 2 and off > MAX_EMULATOR_CHI2:
                 emulator = learnt(plan, axes, [*emulator.samples, more], "whole_curve")
             else:
                 emulator = relearn(emulator, [more], seed=plan.seed)
-        if off <= SETTLED:
+        if off <= MAX_EMULATOR_CHI2:
             return emulator, last, gap, x, True
     assert x is not None  # of the last round
     return emulator, last, gap, x, False
@@ -339,7 +338,7 @@ def if_autocorrelated(plan: Plan, found: FittedLevel, elsewhere: Sequence[Left])
     fit = all_minima(misfit, seed=plan.seed, near=near[None])[0]
     if math.isfinite(misfit.freedom):
         larger = max(fit.chi2 / max(misfit.n - misfit.model.box.d, 1), 1.0)
-        if larger > REFUTED**2:
+        if larger > REFUTED_ERROR_RATIO**2:
             return None
         misfit = replace(misfit, data=tuple(v.plus((larger - 1.0) * v.covariance) for v in misfit.data))
     simulated = model_selection.bootstrap_refits(misfit, fit, plan.seed, plan.study.ladder.draws)

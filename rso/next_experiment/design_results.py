@@ -16,16 +16,16 @@ from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.core.distributions import chi2_ppf
 from rso.inference.error_model import shares
-from rso.inference.verdict import FACTOR, REFUTED, physical
-from rso.next_experiment.study_design import AGAIN, DesignResult, Joint, Learnt
-from rso.optimal_design import ALIKE, ExpectedInformation, Worth, about_parameter, ranked
+from rso.inference.verdict import DETERMINED_FACTOR, REFUTED_ERROR_RATIO, physical
+from rso.next_experiment.study_design import REPEAT_SUFFIX, DesignResult, Joint, Learnt
+from rso.optimal_design import SAME_INFORMATION_NATS, ExpectedInformation, Worth, about_parameter, ranked
 from rso.study.cases import sketches
 
-FILE, SCHEMA = "next.json", 1
-ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
-DOUBTED = 0.99  # confidence with which the data exclude a truth that is worth a word
-ON_BOUND = 1e-6  # of the unit cube
-APART = 1.5  # factor between Fisher information and made-up data that is worth a word
+NEXT_FILE, NEXT_SCHEMA = "next.json", 1  # raised when keys of the file change their meaning
+DETERMINED_SD_LN = math.log(DETERMINED_FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
+EXCLUDED_TRUTH_CONFIDENCE = 0.99  # confidence with which the data exclude a truth that is worth a word
+LIKELIEST_BOUND_TOLERANCE = 1e-6  # of the unit cube
+MENTIONED_WIDTH_DISAGREEMENT = 1.5  # factor between Fisher information and made-up data that is worth a word
 
 
 def design_data(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
@@ -35,7 +35,7 @@ def design_data(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]
     singles, pairs = ranked_sets(found, 1), ranked_sets(found, 2)
     return result_files.plainly(
         {
-            "schema": SCHEMA,
+            "schema": NEXT_SCHEMA,
             "study": {
                 "title": plan.study.study.title,
                 "file": plan.study.file.name,
@@ -44,7 +44,7 @@ def design_data(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]
             },
             "sketches": sketches(plan.study, plan.backend),
             "focus": focus,
-            "enough": ENOUGH,
+            "enough": DETERMINED_SD_LN,
             "draws": plan.study.next.draws,
             "parameters": [
                 {"name": n, "unit": box.units[k], "low": box.low[k], "high": box.high[k]}
@@ -109,13 +109,13 @@ def design_sentences(
     if singles:
         best, after = singles[0], _sizes(found, singles[0])
         said.append(f"The best next experiment is “{best[0]}”: with it {name} would be known to {known(after)}.")
-        close = [n[0] for n in singles[1:] if np.mean(np.log(_sizes(found, n)) - np.log(after)) < ALIKE]
+        close = [n[0] for n in singles[1:] if np.mean(np.log(_sizes(found, n)) - np.log(after)) < SAME_INFORMATION_NATS]
         if close:
             said.append(f"Hardly worse: {', '.join(f'“{n}”' for n in close)}.")
-        again = [n for n in singles if n[0].endswith(AGAIN)]
+        again = [n for n in singles if n[0].endswith(REPEAT_SUFFIX)]
         if again and best not in again:
             least, new = _sizes(found, again[0]), [n for n in singles if n not in again]
-            no = [n[0] for n in new if np.mean(np.log(_sizes(found, n)) - np.log(least)) > -ALIKE]
+            no = [n[0] for n in new if np.mean(np.log(_sizes(found, n)) - np.log(least)) > -SAME_INFORMATION_NATS]
             said.append(
                 f"“{again[0][0]}” would bring it to {known(least)}"
                 + (f"; hardly more would come from {', '.join(f'“{n}”' for n in no)}." if no else ".")
@@ -128,16 +128,16 @@ def design_sentences(
     for j, v in enumerate(at):
         sizes = {n: _sizes(found, n)[j] for n in every}
         best_size = min(sizes.values(), default=before[j])
-        if best_size > ENOUGH:
+        if best_size > DETERMINED_SD_LN:
             lost.append(f"{name} = {v} (at best {_factor(best_size)})")
-        elif all(s > ENOUGH for n, s in sizes.items() if len(n) == 1):
+        elif all(s > DETERMINED_SD_LN for n, s in sizes.items() if len(n) == 1):
             weak.append(f"{name} = {v}")
     if lost:
         said.append(f"Nothing that was asked about, alone or two together, would determine {_or(lost)}.")
     if weak:
         said.append(f"Two of them are needed for {_or(weak)}.")
     off = [_sizes(found, n)[j] / _of(found, n)[j].fisher[name] for n in every for j in range(len(at))]
-    if off and (max(off) > APART or min(off) < 1 / APART):
+    if off and (max(off) > MENTIONED_WIDTH_DISAGREEMENT or min(off) < 1 / MENTIONED_WIDTH_DISAGREEMENT):
         said.append(
             f"Fisher information alone would have been off by factors of {1 / max(off):.2g} to {1 / min(off):.2g}: "
             "the numbers here come from simulated data."
@@ -153,12 +153,20 @@ def design_warnings(found: DesignResult) -> list[str]:
             f"The model misses what has been measured by {found.scale:.2g} times the stated errors. The errors of "
             "all experiments, future ones too, are enlarged by that factor"
         )
-        cure = "; what it lacks has to be found before a further experiment is chosen" if found.scale > REFUTED else ""
+        cure = (
+            "; what it lacks has to be found before a further experiment is chosen"
+            if found.scale > REFUTED_ERROR_RATIO
+            else ""
+        )
         said.append(f"{text}{cure}.")
-    limit = float(chi2_ppf(DOUBTED, 1))
+    limit = float(chi2_ppf(EXCLUDED_TRUTH_CONFIDENCE, 1))
     for x, theta, rise in zip(found.truths, box.from_unit(found.truths), found.rise, strict=True):
         if rise > limit:
-            on = [n for j, n in enumerate(box.names) if j != k and not ON_BOUND < x[j] < 1 - ON_BOUND]
+            on = [
+                n
+                for j, n in enumerate(box.names)
+                if j != k and not LIKELIEST_BOUND_TOLERANCE < x[j] < 1 - LIKELIEST_BOUND_TOLERANCE
+            ]
             held = (
                 f" with {' and '.join(on)} at the end of {'its range' if len(on) == 1 else 'their ranges'}"
                 if on
@@ -264,6 +272,6 @@ def markdown(data: Mapping[str, Any], pairs: int = 3) -> list[str]:
 def write_design(folder: Path, found: Mapping[str, Any]) -> Path:
     """Write next.json at once or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / FILE
+    path = folder / NEXT_FILE
     result_files.write_results(path, found)
     return path

@@ -10,15 +10,22 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data, force_curves, places_from_contact
 from rso.contract import Case, Programme
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.units import value_in_unit
 from rso.data import StatedNoise
 from rso.inference import CurvePlace, Data
 from rso.study.analysis_tables import NextExperiment
-from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
+from rso.study.cases import (
+    DEFAULT_SPEED_MM_S,
+    N_CURVE_TRAVELS,
+    case_for,
+    mark_channel,
+    profile_case,
+    profile_depths,
+    travels,
+)
 from rso.study.creep import creep_case
 from rso.study.errors import Problem, choices_text, study_error
-
-FORCES = ("Fx", "Fy", "Fz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +108,7 @@ def planned_experiment(plan: Plan, e: NextExperiment) -> Item:
         places = tuple(CurvePlace(e.name, mark_channel(m), np.array(depths)) for m in e.marks)
         return Item(e.name, e.words, _case(e.name, depths, settings), (Block(places, "mm", noise),), False)
     readings = np.round(np.arange(1, round(e.depth / e.step) + 1) * e.depth / round(e.depth / e.step), 9)
-    asked = (*(round(e.depth * k / STEPS, 6) for k in range(1, STEPS)), e.depth)
+    asked = (*(round(e.depth * k / N_CURVE_TRAVELS, 6) for k in range(1, N_CURVE_TRAVELS)), e.depth)
     blocks = tuple(Block((CurvePlace(e.name, c, readings),), "N", noise) for c in e.channels)
     return Item(e.name, e.words, _case(e.name, asked, settings), blocks, False)
 
@@ -110,7 +117,7 @@ def _case(name: str, asked: tuple[float, ...], settings: Mapping[str, object]) -
     try:
         speed = value_in_unit(settings["speed"], "mm/s")  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError):
-        speed = DEFAULT_SPEED
+        speed = DEFAULT_SPEED_MM_S
     if speed <= 0:
         raise ValueError(f"settings.speed = {settings['speed']!r}: must be positive")
     return Case(name, Programme.ramp(asked, speed), dict(settings))
@@ -136,7 +143,7 @@ def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[P
         backend.check(item.case)
     except (ValueError, TypeError, LookupError, AttributeError) as error:
         yield Problem((*place, "settings"), str(error))
-    forces = [c for c in backend.channels if c in FORCES]
+    forces = [c for c in backend.channels if c in FORCE_CHANNELS]
     for b in item.blocks:
         if block_channel(b) not in ("uz", *forces):
             text = (

@@ -41,18 +41,18 @@ from rso.inference import (
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.error_model import OF_THE_MODEL, joined_errors
+from rso.inference.error_model import MODEL_ERROR_NAMES, joined_errors
 from rso.model_selection import ModelLevel
-from rso.model_selection.candidate_models import STUDY, Axes, axes_of
+from rso.model_selection.candidate_models import STUDY_LEVEL, Axes, axes_of
 from rso.model_selection.simulations import level_design
 from rso.next_experiment.experiments import Block, Item, block_channel, done, planned_experiment, refuse
 from rso.optimal_design import ExpectedInformation, PossibleExperiment, expected_information, on_valley
 from rso.optimal_design.gains import weakest as known_worst
 from rso.study.errors import Problem, choices_text, study_error
 
-FEWEST = 5  # runs with an answer from which an experiment is learnt
-AGAIN = " once more"  # after the name of an experiment that is repeated
-TRUTHS = 5  # values of the parameter that is known worst, unless the study names them
+MIN_RUNS_OF_EXPERIMENT = 5  # runs with an answer from which an experiment is learnt
+REPEAT_SUFFIX = " once more"  # after the name of an experiment that is repeated
+N_TRUTHS = 5  # values of the parameter that is known worst, unless the study names them
 Near = Callable[[np.ndarray], Response]
 
 
@@ -105,7 +105,7 @@ def run_next(
     say: Callable[[str], None] = lambda _: None,
 ) -> DesignResult:  # fmt: skip
     """Simulate what is missing, fit what has been done alone and together, and ask what the rest would add."""
-    table, axes = plan.study.next, axes_of(plan, ModelLevel(STUDY), {})
+    table, axes = plan.study.next, axes_of(plan, ModelLevel(STUDY_LEVEL), {})
     possible, values = asked(plan, axes)
     items = [*done(plan), *possible]
     evaluator = Evaluator(plan.backend, store, executor, watch)
@@ -138,7 +138,9 @@ def run_next(
     s = whole.wider
     rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
     more = [with_scaled_errors(v.experiment, s) for v in learnt if not v.item.done]
-    again = [dataclasses.replace(with_scaled_errors(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
+    again = [
+        dataclasses.replace(with_scaled_errors(v.experiment, s), name=f"{v.item.name}{REPEAT_SUFFIX}") for v in have
+    ]
     singles = [(e,) for e in (*again, *more)]
     sets = [(), *singles, *itertools.combinations(more, 2)]
     existing = [with_scaled_errors(v.experiment, s) for v in have]
@@ -217,7 +219,7 @@ def learn_item(
     """Runs of an experiment over the (reduced) box and what is learnt from them, or why nothing is."""
     outcomes = [o for (o,) in evaluator.at([item.case], [axes.physical(p) for p in points])]
     good = [(p, o.response) for p, o in zip(points, outcomes, strict=True) if isinstance(o, Done)]
-    if len(good) < min(FEWEST, len(points)):
+    if len(good) < min(MIN_RUNS_OF_EXPERIMENT, len(points)):
         why = next(o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done))
         return f"only {len(good)} of {len(points)} simulations have an answer; the first without: {why}"
     outputs = [
@@ -262,7 +264,7 @@ def learnt_from(
         emulator = Emulator(axes.box, group, reduced, tuple(outputs), curves, tuple(samples))  # type: ignore[arg-type]
         return emulator, max(c.left_out for c in curves.values()) / max(c.largest for c in curves.values())
     emulator = learn_emulator(axes.box, group, outputs, samples, kind="whole_curve", seed=seed)
-    if len(samples) <= FEWEST:
+    if len(samples) <= MIN_RUNS_OF_EXPERIMENT:
         return emulator, 0.0
     k = len(samples) // 2
     others = [s for i, s in enumerate(samples) if i != k]
@@ -344,7 +346,7 @@ def autocorrelated(have: Sequence[Learnt], seed: int) -> list[Learnt]:
     known = iter(with_autocorrelation(*_misfit(have, seed)).data)
     found = []
     for v in have:
-        blocks = tuple(dataclasses.replace(b, data=next(known).without(*OF_THE_MODEL)) for b in v.item.blocks)
+        blocks = tuple(dataclasses.replace(b, data=next(known).without(*MODEL_ERROR_NAMES)) for b in v.item.blocks)
         item = dataclasses.replace(v.item, blocks=blocks)
         covariance = functools.partial(_errors, item, v.emulator, v.near)
         found.append(
@@ -365,13 +367,13 @@ def _misfit(have: Sequence[Learnt], seed: int) -> tuple[Misfit, np.ndarray]:
 def _places(axes: Axes, allowed: Interval, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:
     """Places (t,) in the unit cube of the values that the parameter is asked for.
 
-    Unless stated, over what the data allow of it, as far apart as `TRUTHS` of them are over its whole range: of other
+    Unless stated, over what the data allow of it, as far apart as `N_TRUTHS` of them are over its whole range: of other
     values nothing is to be expected.
     """
     given = values.get(axes.box.names[k])
     if given is None:
         low, high = max(allowed.low, 0.0), min(allowed.high, 1.0)
-        n = max(math.ceil(TRUTHS * (high - low) - 1e-6), 1)
+        n = max(math.ceil(N_TRUTHS * (high - low) - 1e-6), 1)
         return low + (high - low) * (np.arange(n) + 0.5) / n
     theta = np.tile(axes.box.from_unit(np.full((1, axes.box.d), 0.5)), (len(given), 1))
     theta[:, k] = given

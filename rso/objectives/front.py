@@ -15,9 +15,9 @@ from rso.objectives.surfaces import Surfaces, nondominated
 from rso.optimise.mixed import mixed_front
 from rso.optimise.nsga2 import Front
 
-SHARPENED = 20  # points of a front, for each objective, that a gradient method improves
-MOST_STEPS = 20  # changes of a level
-NEAR = 1e-3  # of the unit cube: points this near are one run
+SHARPENED_POINTS_PER_OBJECTIVE = 20  # points of a front, for each objective, that a gradient method improves
+MAX_LEVEL_CHANGES = 20  # from one neighbour to the next better one
+SAME_RUN_DISTANCE = 1e-3  # of the unit cube: points this near are one run
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def _by_levels(problem: _Problem, u: np.ndarray) -> list[np.ndarray]:
         return known[key]
 
     best = rated(u)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_LEVEL_CHANGES):
         around = [rated(v) for v in _neighbours(space, best[2])]
         now = min([best, *around], key=lambda r: r[:2])
         if now is best:
@@ -166,7 +166,8 @@ def _neighbours(space: Space, u: np.ndarray) -> list[np.ndarray]:
 
 
 def _sharpened(problem: _Problem, U: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Points of a front, at most as many as are SHARPENED for each objective, each improved in one objective.
+    """Points of a front, at most as many as are SHARPENED_POINTS_PER_OBJECTIVE for each objective, each improved in one
+    objective.
 
     The ends are improved in their own; an end that is the least of one objective is then the best in the next.
     """
@@ -179,7 +180,7 @@ def _sharpened(problem: _Problem, U: np.ndarray, F: np.ndarray) -> np.ndarray:
             end = _improved(problem, end, problem.objectives(end[None])[0], (k + 1) % m, True)
         found.append(end)
     if m > 1:
-        rows = np.unique(np.linspace(0, len(U) - 1, SHARPENED * m).round().astype(int))
+        rows = np.unique(np.linspace(0, len(U) - 1, SHARPENED_POINTS_PER_OBJECTIVE * m).round().astype(int))
         found += [_improved(problem, U[r], F[r], i % m, True) for i, r in enumerate(rows)]
     return np.array(found)
 
@@ -237,7 +238,7 @@ def representative_rows(F: np.ndarray, count: int) -> list[int]:
     picked = list(dict.fromkeys(picked))[:count]
     while len(picked) < min(count, len(F)):
         gap = np.linalg.norm(S[:, None] - S[picked][None], axis=2).min(axis=1)
-        if gap.max() < NEAR:
+        if gap.max() < SAME_RUN_DISTANCE:
             break
         picked.append(int(gap.argmax()))
     return sorted(picked, key=lambda k: tuple(F[k]))

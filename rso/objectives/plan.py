@@ -11,6 +11,7 @@ import numpy as np
 
 from rso import doe
 from rso.contract import Backend, Case, FreeCurves, Parameter, Programme, capability
+from rso.contract.responses import ALWAYS_CHANNELS
 from rso.core import disk
 from rso.core.quantities import OutputQuantity, limit_in_unit
 from rso.core.units import spaced
@@ -22,9 +23,8 @@ from rso.study.resolve import resolve
 from rso.study.schema import Study
 from rso.study.sources import backend_of, source_of
 
-CASE = "model"
-MOST_POINTS = 16 * 1024 * 1024  # bytes of a file of points
-ALWAYS = ("time", "travel")
+CASE_NAME = "model"
+MAX_DESIGN_FILE_BYTES = 16 * 1024 * 1024  # of a file of points
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def pareto_plan(study: Study, *, backend: Backend | None = None) -> ParetoPlan:
     if found is None:
         problems.append(Problem(("parameters",), "nothing to search: at least one needs low and high"))
         raise study_error(study.file, study.lines, problems)
-    case = Case(CASE, _programme(study), dict(study.backend.settings))
+    case = Case(CASE_NAME, _programme(study), dict(study.backend.settings))
     try:
         backend.check(case)
     except ValueError as error:
@@ -158,7 +158,7 @@ Outputs = dict[str, tuple[str, str | None, str]]
 def _outputs(backend: Backend, case: Case) -> Outputs:
     """What a run answers: name → unit, abscissa (None of one number), unit of that."""
     over: tuple[str | None, str] = (None, "") if case.programme.still else ("travel", "mm")
-    found: Outputs = {k: (unit, *over) for k, unit in backend.channels.items() if k not in ALWAYS}
+    found: Outputs = {k: (unit, *over) for k, unit in backend.channels.items() if k not in ALWAYS_CHANNELS}
     curves = capability(backend, FreeCurves)
     return found | ({} if curves is None else {k: (u, a, v) for k, (u, a, v) in curves.free_curves().items()})
 
@@ -271,7 +271,9 @@ def _from_file(plan: ParetoPlan) -> np.ndarray:
     space, path = plan.space, plan.study.folder / name
     try:
         rows = list(
-            csv.DictReader(disk.read_bytes(path, MOST_POINTS).decode("utf-8-sig").splitlines(), skipinitialspace=True)
+            csv.DictReader(
+                disk.read_bytes(path, MAX_DESIGN_FILE_BYTES).decode("utf-8-sig").splitlines(), skipinitialspace=True
+            )
         )
         theta = np.array([[_cell(space, n, row) for n in space.names] for row in rows]).reshape(-1, space.d)
         U = space.from_values(theta)

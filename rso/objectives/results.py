@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import rso
+from rso.calibration.exit_codes import EXIT_FAILED_RUNS, EXIT_NOT_MET, EXIT_NOT_VERIFIED
 from rso.contract import digest
 from rso.core import disk, plain_results
 from rso.core.plain_results import plainly, written_cell
@@ -24,9 +25,8 @@ from rso.objectives.runs import ParetoRun, limit_misses, objectives_of
 from rso.objectives.solving import ParetoCandidate, ParetoOutcome
 from rso.objectives.surfaces import nondominated
 
-SCHEMA, KIND = 1, "pareto"
+PARETO_SCHEMA, PARETO_KIND = 1, "pareto"  # raised when keys of the file change their meaning
 RUN_COLUMNS = ("key", "purpose", "state", "within_limits", "best", "cause", "reason", "wall_s", "cpu_s")
-EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_MET = 3, 4, 6
 
 
 def pareto_data(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]:
@@ -34,8 +34,8 @@ def pareto_data(found: ParetoOutcome, command: str, jobs: int) -> dict[str, Any]
     plan = found.plan
     best = _best_runs(found)
     data: dict[str, Any] = {
-        "schema": SCHEMA,
-        "kind": KIND,
+        "schema": PARETO_SCHEMA,
+        "kind": PARETO_KIND,
         "study": {
             "title": plan.study.study.title,
             "file": plan.study.file.name,

@@ -16,9 +16,9 @@ from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Event, Outcome, run_all
 from rso.evaluation.store import Crashed, Done, Failed, RunStore
 from rso.objectives.plan import ParetoPlan
-from rso.optimise.targets import ROUNDING
+from rso.optimise.targets import LIMIT_ROUNDING_SHARE
 
-WHOLE = Group(None, 1.0, {}, {}, "no similarity is applied")
+NO_SIMILARITY = Group(None, 1.0, {}, {}, "no similarity is applied")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def answered(plan: ParetoPlan, runs: Sequence[ParetoRun]) -> FeasibleRegion | No
     box = Box(names, ("1",) * len(names), (0.0,) * len(names), (1.0,) * len(names), (False,) * len(names))
     X = space.features(np.array([r.u for r in known]))
     values = [dict(zip(names, map(float, x), strict=True)) for x in X]
-    return feasibility.learn_feasibility(box, WHOLE, values, [r.state == "done" for r in known], plan.seed)
+    return feasibility.learn_feasibility(box, NO_SIMILARITY, values, [r.state == "done" for r in known], plan.seed)
 
 
 def limit_misses(plan: ParetoPlan, y: dict[str, float]) -> dict[str, float]:
@@ -102,7 +102,7 @@ def limit_misses(plan: ParetoPlan, y: dict[str, float]) -> dict[str, float]:
     for c in plan.limits:
         miss = c.miss(y[c.quantity.text])
         limit = c.high if y[c.quantity.text] > c.high else c.low
-        if miss > ROUNDING * abs(limit):
+        if miss > LIMIT_ROUNDING_SHARE * abs(limit):
             found[c.text] = miss
     return found
 

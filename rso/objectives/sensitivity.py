@@ -11,7 +11,7 @@ from rso.emulation.sensitivity import Morris, SobolIndices, morris, saltelli_ind
 from rso.objectives.plan import ParetoPlan
 from rso.objectives.surfaces import Surfaces
 
-STEPS = 41  # points of a slice along a range
+N_SLICE_POINTS = 41  # points of a slice along a range
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def sensitivities(plan: ParetoPlan, surfaces: Surfaces, centre: np.ndarray) -> S
 def _slice(surfaces: Surfaces, j: int, text: str, centre: np.ndarray) -> ParameterSlice:
     space = surfaces.space
     levels = len(space.levels[j])
-    x = (np.arange(levels) + 0.5) / levels if levels else np.linspace(0.0, 1.0, STEPS)
+    x = (np.arange(levels) + 0.5) / levels if levels else np.linspace(0.0, 1.0, N_SLICE_POINTS)
     U = np.tile(centre, (len(x), 1))
     U[:, j] = x
     y, sd = surfaces.each[text].predict(U)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rso.emulation import Scores
 from rso.emulation.feasibility import FeasibleRegion
-from rso.objectives.front import NEAR, PredictedFront, knee, representative_rows, search
+from rso.objectives.front import SAME_RUN_DISTANCE, PredictedFront, knee, representative_rows, search
 from rso.objectives.plan import ParetoPlan, designed, held_out_points
 from rso.objectives.runs import ParetoRun, StudyRuns, answered, data, limit_misses, objectives_of
 from rso.objectives.sensitivity import Sensitivities, sensitivities
@@ -19,10 +19,11 @@ from rso.objectives.surfaces import Surfaces, learn_surfaces, nondominated, scor
 from rso.optimise.mixed import mixed_front
 from rso.study.errors import Problem, study_error
 
-FLOOR = 0.01  # of the spread of a quantity: below this size differences are measured against it
-LEAST = 2e-4  # of a quantity: a distance to its limit that is not worth another run
-OPTIMISM = 2.0  # standard deviations
-RISING = 0.005  # share of the hypervolume that the last fifth of the generations may add and count as converged
+SIZE_FLOOR_SHARE = 0.01  # of the spread of a quantity: below this size differences are measured against it
+MIN_LIMIT_DISTANCE_SHARE = 2e-4  # of a quantity: a distance to its limit that is not worth another run
+OPTIMISM_SD = 2.0  # standard deviations by which everything may be better than predicted, where surfaces are explored
+# share of the hypervolume that the last fifth of the generations may add and count as converged
+MAX_CONVERGED_RISE_SHARE = 0.005
 Say = Callable[[str], None]
 
 
@@ -143,7 +144,7 @@ def _on_surfaces(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, say: Say
         say(f"  round {len(rounds)}: {rounds[-1]['words']}")
         now = _margins(plan, surfaces, candidates, tolerance)
         # Candidates that stand farther from a limit than predictions are off by now can come nearer.
-        worth = {t: max(5.0 * m, LEAST * _size_of(surfaces, candidates, t)) for t, m in now.items()}
+        worth = {t: max(5.0 * m, MIN_LIMIT_DISTANCE_SHARE * _size_of(surfaces, candidates, t)) for t, m in now.items()}
         loose = any(margins.get(t, 0.0) > least for t, least in worth.items())
         good = all(c.verified and not c.misses for c in candidates) and not (loose and left > 0)
         new = _new(runs, candidates, left)
@@ -168,10 +169,10 @@ def _explored(plan: ParetoPlan, runs: StudyRuns, surfaces: Surfaces, region: Fea
     """
     best = [objectives_of(plan, r.y)[0] for r in runs.made if r.y is not None and not limit_misses(plan, r.y)]
     start = _start(plan, runs.made)
-    front = search(plan, surfaces, seed=plan.seed, start=start, margins={}, region=region, optimism=OPTIMISM)
+    front = search(plan, surfaces, seed=plan.seed, start=start, margins={}, region=region, optimism=OPTIMISM_SD)
     known = np.array([r.u for r in runs.made])
     gain = plan.study.verify.tolerance * max(abs(min(best)), 1e-300) if best else 0.0
-    new = np.abs(known - front.U[0]).max(axis=1).min() > NEAR
+    new = np.abs(known - front.U[0]).max(axis=1).min() > SAME_RUN_DISTANCE
     if not front.feasible or not new or (best and front.F[0, 0] > min(best) - gain):
         return []
     return runs.make(front.U[:1], "exploration")
@@ -190,7 +191,7 @@ def _judged(plan: ParetoPlan, surfaces: Surfaces, u: np.ndarray, run: ParetoRun)
     predicted = {text: float(y[0]) for text, y in surfaces.means(u[None]).items()}
     if run.y is None:
         return ParetoCandidate(u, predicted, run, None, None, False, {})
-    sizes = {t: max(abs(v), FLOOR * surfaces.each[t].spread) for t, v in run.y.items()}
+    sizes = {t: max(abs(v), SIZE_FLOOR_SHARE * surfaces.each[t].spread) for t, v in run.y.items()}
     gaps = {t: abs(predicted[t] - v) / sizes[t] for t, v in run.y.items()}
     worst = max(gaps, key=lambda t: gaps[t])
     verified = gaps[worst] <= plan.study.verify.tolerance
@@ -214,7 +215,7 @@ def _margins(
 def _size_of(surfaces: Surfaces, candidates: list[ParetoCandidate], text: str) -> float:
     """What differences of a quantity are measured by: its value at the first candidate with an answer."""
     value = next((abs(c.run.y[text]) for c in candidates if c.run.y), 0.0)
-    return max(value, FLOOR * surfaces.each[text].spread)
+    return max(value, SIZE_FLOOR_SHARE * surfaces.each[text].spread)
 
 
 def _round(plan: ParetoPlan, candidates: list[ParetoCandidate]) -> dict[str, Any]:
@@ -321,7 +322,7 @@ def _warnings(found: ParetoOutcome) -> list[str]:
     if not found.front.feasible:
         said.append("no point was found that keeps all limits; the points shown violate them least")
     h = found.front.hypervolume
-    if len(h) >= 10 and h[-1] > 0 and (rise := 1.0 - h[-1 - len(h) // 5] / h[-1]) > RISING:
+    if len(h) >= 10 and h[-1] > 0 and (rise := 1.0 - h[-1 - len(h) // 5] / h[-1]) > MAX_CONVERGED_RISE_SHARE:
         said.append(
             f"the hypervolume still rose by {100 * rise:.2g} % over the last {len(h) // 5} generations: more of them "
             "(search.generations) may find a better front"

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from rso.core.polynomial_degree import HIGHEST
+from rso.core.polynomial_degree import MAX_POLYNOMIAL_DEGREE
 from rso.doe import Space
 from rso.emulation import Scores, Surrogate, fit_surrogate, multi_output, score
 from rso.emulation.common import monomial_exponents
 
-ALL = ()  # the key of a surface that holds for every category
+EVERY_CATEGORY = ()  # the key of a surface that holds for every category
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class QuantitySurface:
 
     def predict(self, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,) at points (n, d) of the unit cube."""
-        if ALL in self.models:
-            return self.models[ALL].predict(self.space.features(U))
+        if EVERY_CATEGORY in self.models:
+            return self.models[EVERY_CATEGORY].predict(self.space.features(U))
         X, mean, sd = self.space.features(U, categories=False), np.empty(len(U)), np.empty(len(U))
         for key, rows in _by_category(self.space, U).items():
             mean[rows], sd[rows] = self.models[key].predict(X[rows])
@@ -39,8 +39,8 @@ class QuantitySurface:
 
     def mean(self, U: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
-        if ALL in self.models:
-            return self.models[ALL].mean(self.space.features(U))
+        if EVERY_CATEGORY in self.models:
+            return self.models[EVERY_CATEGORY].mean(self.space.features(U))
         X, mean = self.space.features(U, categories=False), np.empty(len(U))
         for key, rows in _by_category(self.space, U).items():
             mean[rows] = self.models[key].mean(X[rows])
@@ -49,8 +49,8 @@ class QuantitySurface:
     @property
     def story(self) -> str:
         """What kind it is and how well it does."""
-        if ALL in self.models:
-            return self.models[ALL].story
+        if EVERY_CATEGORY in self.models:
+            return self.models[EVERY_CATEGORY].story
         names = [self.space.names[j] for j in self.space.categories]
         said = []
         for key, model in self.models.items():
@@ -67,7 +67,7 @@ class QuantitySurface:
     @property
     def left_out(self) -> Scores | None:
         """Errors by cross-validation; None where surfaces are several."""
-        return self.models[ALL].cv if ALL in self.models else None
+        return self.models[EVERY_CATEGORY].cv if EVERY_CATEGORY in self.models else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Surfaces:
 
     @cached_property
     def _together(self) -> Any:
-        models = [s.models.get(ALL) for s in self.each.values()]
+        models = [s.models.get(EVERY_CATEGORY) for s in self.each.values()]
         return None if None in models else multi_output(models)  # type: ignore[arg-type]
 
     def means(self, U: np.ndarray) -> dict[str, np.ndarray]:
@@ -109,7 +109,9 @@ def learn_surfaces(
     """
     apart = kind == "polynomial" and bool(space.categories)
     few = [
-        n for n, v, t in zip(space.names, space.levels, space.labels, strict=True) if v and not t and len(v) <= HIGHEST
+        n
+        for n, v, t in zip(space.names, space.levels, space.labels, strict=True)
+        if v and not t and len(v) <= MAX_POLYNOMIAL_DEGREE
     ]
     if kind == "polynomial" and few:
         least = min(len(rows) for rows in _by_category(space, U).values()) if apart else len(U)
@@ -121,7 +123,7 @@ def learn_surfaces(
     for text, y in columns.items():
         try:
             models = {}
-            for key, rows in _by_category(space, U).items() if apart else [(ALL, np.arange(len(U)))]:
+            for key, rows in _by_category(space, U).items() if apart else [(EVERY_CATEGORY, np.arange(len(U)))]:
                 X = space.features(U[rows], categories=not apart)
                 seen = None if held is None or apart else (space.features(held[0]), held[1][text])
                 names = space.feature_names() if not apart else None

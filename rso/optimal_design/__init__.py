@@ -13,10 +13,10 @@ from rso.optimal_design.expected_information import (
     on_valley,
 )
 from rso.optimal_design.gains import Gain, best_depth, gain, gains_of_repeats
-from rso.optimal_design.ranking import ALIKE, Worth, about_causes, about_parameter, ranked
+from rso.optimal_design.ranking import SAME_INFORMATION_NATS, Worth, about_causes, about_parameter, ranked
 
 __all__ = [
-    "ALIKE",
+    "SAME_INFORMATION_NATS",
     "ExpectedInformation",
     "Gain",
     "PossibleExperiment",

@@ -18,16 +18,16 @@ from scipy.linalg import cholesky, solve_triangular
 
 from rso.core.distributions import normal_cdf, normal_pdf, normal_ppf
 from rso.doe import Box, sobol_sequence
-from rso.inference.intervals import profile_likelihood, standard_deviations
+from rso.inference.intervals import CREDIBLE_LEVEL, profile_likelihood, standard_deviations
 from rso.inference.least_squares import fit_at, levenberg_marquardt
-from rso.inference.likelihood import SMALLEST, Data, Misfit, Model
-from rso.inference.sloppy_directions import UNIFORM, expected_sd, per_log
+from rso.inference.likelihood import MIN_ERROR_SHARE, Data, Misfit, Model
+from rso.inference.sloppy_directions import UNIFORM_PRECISION, expected_sd, per_log
 
-ALONG, ACROSS = 256, 64  # points of a posterior along the weakest parameter, and across it at each
-SCALES = 6  # widths, from that of the sharpest set to the whole box, on which points along it are close enough
-EDGE = 0.01  # of the box: nearer to its end no central interval can hold a truth
-WIDER = 2.5  # than the Gaussian across: data made up lie beside the truth
-LEVEL = 0.9
+N_POINTS_ALONG, N_POINTS_ACROSS = 256, 64  # points of a posterior along the weakest parameter, and across it at each
+# widths, from that of the sharpest set to the whole box, on which points along it are close enough
+N_POSTERIOR_WIDTHS = 6
+BOX_EDGE_SHARE = 0.01  # of the box: nearer to its end no central interval can hold a truth
+ACROSS_WIDENING_RATIO = 2.5  # than the Gaussian across: data made up lie beside the truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class PossibleExperiment:
     def whitening(self, x: np.ndarray) -> np.ndarray:
         """W (n, n) with Wᵀ W = C⁻¹ at x (d,)."""
         C, y = self.covariance(x), self.model.predict(x[None])[0]
-        floor = SMALLEST * (float(np.abs(y).max()) or 1.0)
+        floor = MIN_ERROR_SHARE * (float(np.abs(y).max()) or 1.0)
         L = cholesky(C + floor**2 * np.eye(len(C)), lower=True)
         return solve_triangular(L, np.eye(len(C)), lower=True)
 
@@ -95,7 +95,7 @@ def expected_information(
     sds = [(expected_sd(box, x, F), expected_sd(box, x, base + F)) for F in rows]
     if not draws:
         return [ExpectedInformation(n, a, f) for n, (a, f) in zip(names, sds, strict=True)]
-    sharpest = min(float(standard_deviations(base + F + UNIFORM * np.eye(box.d))[weakest]) for F in rows)
+    sharpest = min(float(standard_deviations(base + F + UNIFORM_PRECISION * np.eye(box.d))[weakest]) for F in rows)
     X, log_q = _points(box, x, weakest, existing, base, sharpest, seed)
     rng = np.random.default_rng([seed, 21])
     one = {e.name: _chi2(e, x, X, draws, rng) for e in (*existing, *every.values())}
@@ -131,21 +131,21 @@ def _points(
     valley = profile_likelihood(misfit, fit_at(misfit, x), weakest)
     others = np.arange(box.d) != weakest
     t, log_t = _along(float(x[weakest]), sharpest)
-    X = np.repeat(np.stack([np.interp(t, valley.at, p) for p in valley.path.T], axis=1), ACROSS, axis=0)
-    X[:, weakest], log_t = np.repeat(t, ACROSS), np.repeat(log_t, ACROSS)
+    X = np.repeat(np.stack([np.interp(t, valley.at, p) for p in valley.path.T], axis=1), N_POINTS_ACROSS, axis=0)
+    X[:, weakest], log_t = np.repeat(t, N_POINTS_ACROSS), np.repeat(log_t, N_POINTS_ACROSS)
     if not others.any():
         return X, log_t
-    z = sobol_sequence(int(others.sum()), ALONG * ACROSS, [seed, 22])
+    z = sobol_sequence(int(others.sum()), N_POINTS_ALONG * N_POINTS_ACROSS, [seed, 22])
     z = normal_ppf(np.clip(z, 1e-9, 1 - 1e-9))
-    part = fisher[np.ix_(others, others)] + UNIFORM * np.eye(int(others.sum()))
-    X[:, others] += WIDER * z @ np.linalg.inv(np.linalg.cholesky(part))
+    part = fisher[np.ix_(others, others)] + UNIFORM_PRECISION * np.eye(int(others.sum()))
+    X[:, others] += ACROSS_WIDENING_RATIO * z @ np.linalg.inv(np.linalg.cholesky(part))
     outside = np.any((X < 0) | (X > 1), axis=1)
     return np.clip(X, 0, 1), np.where(outside, np.inf, log_t - 0.5 * np.sum(z**2, axis=1))
 
 
 def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n,) of [0, 1] and ln of their density: a mixture of uniform and Gaussians of all widths about a truth."""
-    widths = np.geomspace(min(2.0 * sharpest, 0.5), 0.5, SCALES)
+    widths = np.geomspace(min(2.0 * sharpest, 0.5), 0.5, N_POSTERIOR_WIDTHS)
     fine = np.unique(
         np.clip(
             np.concatenate([truth + np.outer(widths, np.linspace(-5, 5, 401)).ravel(), np.linspace(0, 1, 2001)]), 0, 1
@@ -159,7 +159,7 @@ def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
             for w in widths
         ),
     ]
-    t = np.interp((np.arange(ALONG) + 0.5) / ALONG, np.mean(shares, axis=0), fine)
+    t = np.interp((np.arange(N_POINTS_ALONG) + 0.5) / N_POINTS_ALONG, np.mean(shares, axis=0), fine)
     heights = [
         np.ones_like(t),
         *(normal_pdf((t - truth) / w) / w / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths),
@@ -187,7 +187,7 @@ def _posterior(
     sd = np.sqrt(variance.mean(axis=0)) / per_log(box, x)
     order = np.argsort(X[:, weakest], kind="stable")
     below = np.cumsum(w[order], axis=0)[np.searchsorted(X[order, weakest], x[weakest]).clip(0, len(X) - 1)]
-    tail = 0.5 * (1 - LEVEL)
-    inside = EDGE < x[weakest] < 1 - EDGE
+    tail = 0.5 * (1 - CREDIBLE_LEVEL)
+    inside = BOX_EDGE_SHARE < x[weakest] < 1 - BOX_EDGE_SHARE
     covered = float(np.mean((below > tail) & (below < 1 - tail))) if inside else None
     return {n: float(s) for n, s in zip(box.names, sd, strict=True)}, covered

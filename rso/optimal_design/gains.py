@@ -11,7 +11,7 @@ from rso.doe import Box
 from rso.inference import Data, Determination, Known, expected_sd
 from rso.optimal_design.ranking import Worth, about_parameter, ranked
 
-READINGS = 10  # more of them at the depth that shows most
+N_MORE_READINGS = 10  # more of them at the depth that shows most
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def gains_of_repeats(d: Determination) -> list[Gain]:
     places = [place for one in data for place in one.places]
     if sigma.max() > 0:
         at, _ = best_depth(box, x, fisher, box.names.index(weakest(d.known)), J, sigma)
-        rows = np.repeat(J[at : at + 1], READINGS, axis=0)
-        errors = sigma[at] ** 2 * np.eye(READINGS)
+        rows = np.repeat(J[at : at + 1], N_MORE_READINGS, axis=0)
+        errors = sigma[at] ** 2 * np.eye(N_MORE_READINGS)
         found.append(gain(box, x, fisher, f"ten more readings at {places[at]}", rows, errors))
     return found
 

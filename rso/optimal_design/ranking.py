@@ -21,7 +21,8 @@ from typing import TypeVar
 
 import numpy as np
 
-ALIKE = 0.1  # nats, and of the best: tests that are expected to show as much but for this are not told apart
+# nats, and of the best: tests that are expected to show as much but for this are not told apart
+SAME_INFORMATION_NATS = 0.1
 
 T = TypeVar("T")
 
@@ -55,11 +56,12 @@ def about_causes(distance: Mapping[tuple[str, str], float], probability: Mapping
 
 
 def ranked(tests: Sequence[T], worth: Callable[[T], Worth]) -> list[T]:
-    """Tests in order: always the cheapest of those that show as much as the best that is left, but for `ALIKE`."""
+    """Tests in order: always the cheapest of those that show as much as the best that is left, but for
+    `SAME_INFORMATION_NATS`."""
     left, order = list(tests), list[T]()
     while left:
         most = max(worth(t).information for t in left)
-        near = [t for t in left if worth(t).information >= most - ALIKE * min(max(most, 0.0), 1.0)]
+        near = [t for t in left if worth(t).information >= most - SAME_INFORMATION_NATS * min(max(most, 0.0), 1.0)]
         best = min(near, key=lambda t: (worth(t).price, -worth(t).information))
         order.append(best)
         left = [t for t in left if t is not best]

@@ -3,7 +3,7 @@
 Causes whose forecasts of the test lie D standard deviations apart have, where k is true, a log likelihood ratio against
 l of about N(D²/2, D²), so that the test decides the matter with probability
 
-    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = DECIDED.
+    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = DECIDED_PROBABILITY.
 
 Where the truth is none of the causes that can be simulated nothing is decided: P need not sum to 1.
 Source: Atkinson & Fedorov, Biometrika 62 (1975) 57; Eriksson, Frisk & Krysander, Automatica 49 (2013) 1591 (D).
@@ -17,12 +17,13 @@ import numpy as np
 
 from rso.core.distributions import normal_cdf, normal_logpdf, normal_ppf
 
-DECIDED = 0.95  # probability of one hypothesis at which a matter is decided
-NEED = float(np.log(DECIDED / (1.0 - DECIDED)))
+DECIDED_PROBABILITY = 0.95  # probability of one hypothesis at which a matter is decided
+DECIDED_LOG_ODDS = float(np.log(DECIDED_PROBABILITY / (1.0 - DECIDED_PROBABILITY)))  # of that hypothesis
 
 
 def chance_to_decide(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
-    """The chance that one cause has `DECIDED` afterwards, by the distances D of pairs and the probabilities before."""
+    """The chance that one cause has `DECIDED_PROBABILITY` afterwards, by the distances D of pairs and the probabilities
+    before."""
     whole = max(sum(probability.values()), 1.0)  # the causes of a pair hold the same probability twice
     P = {k: max(v / whole, 1e-9) for k, v in probability.items()}
     chance = 0.0
@@ -33,8 +34,9 @@ def chance_to_decide(distance: Mapping[tuple[str, str], float], probability: Map
 
 
 def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
-    """Probability that a test of distance D leaves the truth with `DECIDED`, from the logarithm of its odds before."""
-    return normal_cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
+    """Probability that a test of distance D leaves the truth with `DECIDED_PROBABILITY`, from the logarithm of its odds
+    before."""
+    return normal_cdf((0.5 * np.square(D) + odds - DECIDED_LOG_ODDS) / np.maximum(D, 1e-9))
 
 
 def as_likely(off: np.ndarray, resolution: float) -> float:
@@ -51,6 +53,8 @@ def as_likely(off: np.ndarray, resolution: float) -> float:
         """ln p/q at x."""
         return normal_logpdf(x, mean, spread) - normal_logpdf(x, 0.0, resolution)
 
-    chance = 0.5 * np.mean(odds(mean + spread * read) >= NEED) + 0.5 * np.mean(-odds(resolution * read) >= NEED)
+    chance = 0.5 * np.mean(odds(mean + spread * read) >= DECIDED_LOG_ODDS) + 0.5 * np.mean(
+        -odds(resolution * read) >= DECIDED_LOG_ODDS
+    )
     z = float(normal_ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
-    return z + float(np.sqrt(z**2 + 2.0 * NEED))
+    return z + float(np.sqrt(z**2 + 2.0 * DECIDED_LOG_ODDS))

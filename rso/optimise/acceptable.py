@@ -8,8 +8,8 @@ import numpy as np
 
 from rso.optimise.nsga2 import Function
 
-STEPS = 12
-ROUNDS = 8
+MAX_APPROACH_STEPS = 12  # of Gauss–Newton: what has not arrived by then stays where it got to
+N_GROWTH_ROUNDS = 8  # in each of which points beyond the outermost ones are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def approach(X: np.ndarray, goal: Goal, aim: float) -> np.ndarray:
 
     X = X[np.isfinite(excess(X)).all(axis=1)]
     g = excess(X)
-    for _ in range(STEPS):
+    for _ in range(MAX_APPROACH_STEPS):
         moving = np.flatnonzero((g**2).sum(axis=1) > 1e-24)
         if not len(moving):
             break
@@ -67,7 +67,7 @@ def approach(X: np.ndarray, goal: Goal, aim: float) -> np.ndarray:
 def grow(X: np.ndarray, goal: Goal, aim: float, rng: np.random.Generator) -> np.ndarray:
     """Further points of the set beyond its outermost ones along each axis: thin ends escape any first sample."""
     found = [X]
-    for _ in range(ROUNDS):
+    for _ in range(N_GROWTH_ROUNDS):
         X = np.vstack(found)
         _, score, violation = goal.judge(X)
         A = X[(score <= 1) & (violation <= 0)]

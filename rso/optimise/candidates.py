@@ -19,7 +19,7 @@ from rso.optimise.targets import Target
 
 Kind = Literal["valley", "islands", "front", "single"]
 
-SAMPLE = 1024  # points from which the acceptable set is approached
+N_APPROACHING_POINTS = 1024  # points from which the acceptable set is approached
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def choose_candidates(
     goal, pool = Goal(residuals, violations, tolerance, low, high), front.X
     if free.any():
         narrow = basins(lambda U: goal.judge(into_box(U, low, high, free))[1], int(free.sum()), seed)
-        U = np.vstack([sobol_sequence(int(free.sum()), SAMPLE, seed), narrow])
+        U = np.vstack([sobol_sequence(int(free.sum()), N_APPROACHING_POINTS, seed), narrow])
         pool = np.vstack([pool, into_box(U, low, high, free)])
     spread = approach(pool, goal, 0.95)
     if not len(spread):

@@ -13,7 +13,7 @@ from rso.doe import sobol_sequence
 from rso.optimise.basins import basins
 
 Function = Callable[[np.ndarray], np.ndarray]
-WORST = 1e30
+WORST_OBJECTIVE = 1e30  # of a point without a finite value: worse than any violation
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +145,8 @@ def evaluated(X: np.ndarray, objectives: Function, constraints: Function | None)
     G = np.zeros((len(X), 0)) if constraints is None else np.asarray(constraints(X), float).reshape(len(X), -1)
     bad = ~(np.isfinite(F).all(axis=1) & np.isfinite(G).all(axis=1))
     # pymoo sorts NaN without a word: such a point is infeasible, worse than any violation, never on a front.
-    F, G = np.where(bad[:, None], WORST, F), np.where(bad[:, None], WORST, G)
-    return F, np.column_stack([np.maximum(G, 0.0), np.where(bad, WORST, 0.0)])
+    F, G = np.where(bad[:, None], WORST_OBJECTIVE, F), np.where(bad[:, None], WORST_OBJECTIVE, G)
+    return F, np.column_stack([np.maximum(G, 0.0), np.where(bad, WORST_OBJECTIVE, 0.0)])
 
 
 def _algorithm(d: int, population: int, generations: int, seed: int, start: np.ndarray) -> tuple[Any, Any]:

@@ -101,8 +101,8 @@ class Checked:
         return f"{self.demand} is violated{of}"
 
 
-ROUNDING = 1e-6  # of a limit: less is no violation
-READ_OFF = 3.0  # standard deviations by which a value read off noisy data may be missed
+LIMIT_ROUNDING_SHARE = 1e-6  # of a limit: less is no violation
+READ_OFF_TOLERANCE_SD = 3.0  # standard deviations by which a value read off noisy data may be missed
 
 
 def against(target: Target, output: str, value: float, error: float = 0.0) -> Checked:
@@ -110,7 +110,7 @@ def against(target: Target, output: str, value: float, error: float = 0.0) -> Ch
 
     A stated value is met within σ, one that was read off the data within 3 σ + error: it is no more certain than that.
     """
-    tolerance = READ_OFF * target.sigma + error if target.read else target.sigma
+    tolerance = READ_OFF_TOLERANCE_SD * target.sigma + error if target.read else target.sigma
     demand = f"{target} = {target.value:.4g}{spaced(target.unit)}"
     return Checked("target", output, demand, value, value - target.value, tolerance, target.unit)
 
@@ -119,7 +119,7 @@ def excess_over_limits(limits: Constraint, output: str, value: float) -> Checked
     """A recomputed value against limits; above `high` the miss is positive, below `low` negative."""
     miss = value - min(max(value, limits.low), limits.high)
     limit = limits.low if miss < 0 else limits.high
-    slack = ROUNDING * abs(limit) if np.isfinite(limit) else 0.0
+    slack = LIMIT_ROUNDING_SHARE * abs(limit) if np.isfinite(limit) else 0.0
     return Checked("constraint", output, f"{limits}{limits.words}", value, miss, slack, limits.unit)
 
 

@@ -100,7 +100,8 @@ def verify(
         emulator = learned
 
 
-FLOOR = 20.0  # standard deviations of a target: at 0.5 % a prediction may be off by a tenth of one, however small it is
+# standard deviations of a target: at 0.5 % a prediction may be off by a tenth of one, however small it is
+SMALL_TARGET_FLOOR_SD = 20.0
 
 
 def agreement(
@@ -112,7 +113,7 @@ def agreement(
     """
 
     def difference(i: str) -> float:
-        gap, size = abs(predicted[i][0] - recomputed[i]), max(abs(recomputed[i]), FLOOR * sigma[i])
+        gap, size = abs(predicted[i][0] - recomputed[i]), max(abs(recomputed[i]), SMALL_TARGET_FLOOR_SD * sigma[i])
         return gap / size if size > 0 else (math.inf if gap > 0 else 0.0)
 
     gaps = {i: difference(i) for i in sigma}

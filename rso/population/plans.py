@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from rso.calibration.plan import Plan, make_plan
 from rso.contract import Backend, digest
-from rso.study.cases import STEPS, travels
+from rso.study.cases import N_CURVE_TRAVELS, travels
 from rso.study.errors import StudyError
 from rso.study.specimens import SpecimenStudies, together
 
-NEAR = 0.8  # of the deepest: specimens pressed at least so deep are computed through the same travels
+# of the deepest: specimens pressed at least so deep are computed through the same travels
+SHARED_TRAVELS_DEPTH_SHARE = 0.8
 
 
 def specimen_plans(found: SpecimenStudies, backend: Backend | None = None) -> list[Plan]:
@@ -44,7 +45,7 @@ def shared_travels(plans: Sequence[Plan]) -> list[dict[str, tuple[float, ...]]]:
     for k, plan in enumerate(plans):
         for name in plan.case_of:
             curve = plan.curves[name]
-            if name in plan.holds or name in plan.creeps.followed or curve.back or len(curve.depth) < STEPS:
+            if name in plan.holds or name in plan.creeps.followed or curve.back or len(curve.depth) < N_CURVE_TRAVELS:
                 continue
             alike.setdefault(f"{name} {digest(plan.study.settings_of(name))}", []).append((k, name))
     for group in alike.values():
@@ -52,7 +53,7 @@ def shared_travels(plans: Sequence[Plan]) -> list[dict[str, tuple[float, ...]]]:
         left = sorted(group, key=lambda place: (-deepest[place], place))
         while left:
             first = left[0]
-            near = [place for place in left if deepest[place] >= NEAR * deepest[first]]
+            near = [place for place in left if deepest[place] >= SHARED_TRAVELS_DEPTH_SHARE * deepest[first]]
             common = travels(plans[first[0]].curves[first[1]], set())
             for k, name in near if len(near) > 1 else []:
                 found[k][name] = common

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 import rso
+from rso.calibration.exit_codes import EXIT_DONE
 from rso.calibration.plan import Plan
 from rso.core import disk
 from rso.core.distributions import chi2_cdf
 from rso.core.plain_results import plainly, write_results, written_cell
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
+from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.random_effects import (
     RandomEffects,
     SpecimenLikelihood,
@@ -26,16 +28,15 @@ from rso.inference.random_effects import (
     random_effects,
 )
 
-SCHEMA = 1
-FILE = "specimens.json"
-FOLDER = "specimens"  # below that of the results
-LEVEL = 0.9  # of the intervals of every specimen
-EXIT_DONE, EXIT_STOPPED = 0, 3
-TOO_ALIKE = 0.05  # probability of a Q as small: errors of the specimens are not their own
-FEW = 5  # specimens of which the scatter is hardly known
-ENDS = ("low", "high")
-NAMED = 4  # specimens that a sentence names
-SHARED = (
+SPECIMENS_SCHEMA = 1  # of specimens.json; raised when keys change their meaning
+SPECIMENS_FILE = "specimens.json"
+SPECIMENS_FOLDER = "specimens"  # below that of the results
+EXIT_STOPPED = 3  # as that of failed runs: some specimens have no answer
+SMALL_Q_CHANCE = 0.05  # probability of a Q as small: errors of the specimens are not their own
+MIN_SPECIMENS_FOR_SCATTER = 5  # of fewer the scatter is hardly known
+INTERVAL_END_NAMES = ("low", "high")
+MAX_NAMED_IN_SENTENCE = 4  # specimens that a sentence names
+SHARED_ERRORS_NOTE = (
     "Errors that all specimens share are in no interval of the mean, as that of one load cell or one indenter. More "
     "specimens do not average them out."
 )
@@ -45,7 +46,7 @@ Found = Mapping[str, Any]
 
 def folder_of(folder: Path, specimen: str) -> Path:
     """Where the results of a specimen lie."""
-    return folder / FOLDER / specimen
+    return folder / SPECIMENS_FOLDER / specimen
 
 
 def population_summary(
@@ -72,14 +73,14 @@ def population_summary(
     code, reason = _ended(rows)
     return plainly(
         {
-            "schema": SCHEMA,
+            "schema": SPECIMENS_SCHEMA,
             "study": {
                 "title": study.study.title.removesuffix(f": {study.specimen}"),
                 "file": study.file.name,
                 "seed": study.study.seed,
                 "units": study.study.units,
             },
-            "level": LEVEL,
+            "level": CREDIBLE_LEVEL,
             "specimens": rows,
             "population": population,
             "words": [p["words"] for p in population],
@@ -115,8 +116,8 @@ def write_summary(folder: Path, found: Found) -> list[Path]:
     import pandas as pd  # 0.4 s, which `rso check` does without
 
     folder.mkdir(parents=True, exist_ok=True)
-    write_results(folder / FILE, found)
-    paths = [folder / FILE]
+    write_results(folder / SPECIMENS_FILE, found)
+    paths = [folder / SPECIMENS_FILE]
     for name, rows in (("specimens", wide_rows(found)), ("population", population_rows(found))):
         safe = [{written_cell(k): written_cell(v) for k, v in row.items()} for row in rows]
         table = pd.DataFrame(safe).to_csv(index=False, lineterminator="\n")
@@ -144,7 +145,11 @@ def population_rows(found: Found) -> list[dict[str, Any]]:
     keys = ("parameter", "unit", "scale", "mean", "tau", "i2", "q", "q_p_value", "both_sides", "one_side")
     rows = []
     for p in found["population"]:
-        ends = {f"{k} {e}": p[k][n] for k in ("interval", "tau_interval", "prediction") for n, e in enumerate(ENDS)}
+        ends = {
+            f"{k} {e}": p[k][n]
+            for k in ("interval", "tau_interval", "prediction")
+            for n, e in enumerate(INTERVAL_END_NAMES)
+        }
         rows.append({k: p[k] for k in keys} | ends | {"outliers": "; ".join(p["outliers"])})
     return rows
 
@@ -168,7 +173,7 @@ def _specimen(
         reason = next((w for w in found["warnings"] if w.startswith("identification")), "nothing was identified")
     return {
         "name": name,
-        "folder": f"{FOLDER}/{name}",
+        "folder": f"{SPECIMENS_FOLDER}/{name}",
         "state": state,
         "reason": reason,
         "exit_code": found.get("exit_code") if found else None,
@@ -239,9 +244,9 @@ def _population(
             likelihoods[row["name"]] = made
     marked = _mark(name, likelihoods, rows)
     every = list(likelihoods.values())
-    effects = random_effects(every, LEVEL) if any(s.closed for s in every) else None
+    effects = random_effects(every, CREDIBLE_LEVEL) if any(s.closed for s in every) else None
     without = [s for n, s in likelihoods.items() if n not in marked]
-    again = random_effects(without, LEVEL) if marked and any(s.closed for s in without) else None
+    again = random_effects(without, CREDIBLE_LEVEL) if marked and any(s.closed for s in without) else None
     block = {
         "parameter": name,
         "unit": unit,
@@ -271,7 +276,7 @@ def _likelihood(block: Found, log: bool) -> SpecimenLikelihood | None:
         at, low, high = np.log(at), math.log(low), math.log(high)
     order = np.argsort(at)
     bounds = "lower" in block["bounds"], "upper" in block["bounds"]
-    return likelihood_of_profile(at[order], rise[order], (low, high), bounds, LEVEL)
+    return likelihood_of_profile(at[order], rise[order], (low, high), bounds, CREDIBLE_LEVEL)
 
 
 def _mark(name: str, likelihoods: Mapping[str, SpecimenLikelihood], rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -367,9 +372,9 @@ def _warnings(rows: Sequence[Found], population: Sequence[Found]) -> list[str]:
             said.append(f"{letter}: {_few(ones)} bounded on one side, which counts by the likelihood of that side")
         if p["outliers"]:
             said.append(f"{letter}: {_few(p['outliers'])} outlying (p < 0.05 over all specimens), not left out")
-        if 1 < p["both_sides"] < FEW:
+        if 1 < p["both_sides"] < MIN_SPECIMENS_FOR_SCATTER:
             said.append(f"{letter}: a scatter from {p['both_sides']} specimens is hardly known; see its interval")
-        if p["q"] is not None and (p_low := float(chi2_cdf(p["q"], p["both_sides"] - 1))) < TOO_ALIKE:
+        if p["q"] is not None and (p_low := float(chi2_cdf(p["q"], p["both_sides"] - 1))) < SMALL_Q_CHANCE:
             said.append(
                 f"{letter}: specimens agree better than their errors allow (p = {p_low:.2g}): these are shared by all, "
                 "or overstated. What is shared does not average out, and the interval of the mean is then too narrow"
@@ -377,7 +382,7 @@ def _warnings(rows: Sequence[Found], population: Sequence[Found]) -> list[str]:
     refuted = [r["name"] for r in rows if r["p_value"] is not None and r["p_value"] < 0.01]
     if refuted:
         said.append(f"the model misses the data (p < 0.01) of {_few(refuted)}: what their parameters mean is open")
-    return [*said, SHARED] if any(p["mean"] is not None for p in population) else said
+    return [*said, SHARED_ERRORS_NOTE] if any(p["mean"] is not None for p in population) else said
 
 
 def _one_side(block: Found, name: str) -> bool:
@@ -385,8 +390,8 @@ def _one_side(block: Found, name: str) -> bool:
 
 
 def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return f"{', '.join(names[:NAMED])}{more}"
+    more = f" and {len(names) - MAX_NAMED_IN_SENTENCE} more" if len(names) > MAX_NAMED_IN_SENTENCE else ""
+    return f"{', '.join(names[:MAX_NAMED_IN_SENTENCE])}{more}"
 
 
 def _ended(rows: Sequence[Found]) -> tuple[int, str | None]:

@@ -28,14 +28,15 @@ if TYPE_CHECKING:  # matplotlib 3.9 does not name the keys of its settings
     from matplotlib.typing import RcKeyType
 
 INK, GREY, LIGHT, PALE, PAPER = "#23272b", "#7b8085", "#c9ccca", "#eceeed", "#ffffff"
+STEEL = "#dfe4e7"  # of an indenter
 ACCENT, WARM = "#0b5a7d", "#b4481e"
-NARROW = 5.4  # the same of figures that a phone shows whole
-WIDTH = 7.2  # inch: 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
-_GROUP = "\x1f"  # between the name of a line and that of its group
+NARROW_WIDTH_INCH = 5.4  # of figures that a phone shows whole
+WIDTH_INCH = 7.2  # 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
+_GROUP_MARK = "\x1f"  # between the name of a line and that of its group
 _HALO, _HALO_STYLE = "halo", f"paint-order: stroke; stroke: {PAPER}; stroke-width: 2.2; stroke-linejoin: round"
 HALO: list[Stroke] = [withStroke(linewidth=2.2, foreground=PAPER)]
 
-_STYLE: dict[RcKeyType, Any] = {
+_FIGURE_STYLE: dict[RcKeyType, Any] = {
     "svg.hashsalt": "rso",
     "svg.fonttype": "none",
     "text.parse_math": False,  # names come from people's files and may hold a dollar sign
@@ -91,8 +92,8 @@ class Shade(TypedDict):
 
 
 SHADE: Shade = {"color": ACCENT, "alpha": 0.16, "lw": 0.0}  # where 90 % of readings are expected
-WIDTH_90 = 1.6449  # standard deviations of a normal law that hold 90 %
-FITTED, SIMULATED = "fitted", "simulated, as it is"
+SD_OF_90_PERCENT = 1.6449  # standard deviations of a normal law that hold 90 %
+FITTED_LABEL, SIMULATED_LABEL = "fitted", "simulated, as it is"
 
 
 @contextmanager
@@ -100,11 +101,11 @@ def style() -> Iterator[None]:
     """Figures drawn inside look the same whatever a user's own settings are."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_STYLE)
+        matplotlib.rcParams.update(_FIGURE_STYLE)
         yield
 
 
-def canvas(height: float, width: float = WIDTH) -> Figure:
+def canvas(height: float, width: float = WIDTH_INCH) -> Figure:
     """An empty figure, as wide as the page, `height` in inch; the layout leaves no label outside."""
     return Figure(figsize=(width, height), layout="constrained")
 
@@ -144,7 +145,7 @@ def _halos(figure: Figure) -> None:
 
 def grouped_as(name: str) -> str:
     """What stands behind the label of a line so that it is shown or hidden with all others of that name."""
-    return f"{_GROUP}{name}"
+    return f"{_GROUP_MARK}{name}"
 
 
 def _named(figure: Figure) -> list[tuple[str, int, Any]]:
@@ -171,7 +172,7 @@ def _places(figure: Figure, gid: str, k: int, artist: Any) -> dict[str, Any]:
     with np.errstate(all="ignore"):
         places = figure.axes[k].transData.transform(xy)
     inside = np.isfinite(places).all(1)
-    label, _, group = str(artist.get_label()).partition(_GROUP)
+    label, _, group = str(artist.get_label()).partition(_GROUP_MARK)
     label = "" if label.startswith("_") else label
     return {
         "a": k,

@@ -10,11 +10,12 @@ from rso.report.layout.digits import clean
 from rso.report.layout.document import Text
 from rso.report.reading import Results, listed
 
-OPENING = 200  # characters of a file's notes that the first page has room for
-MOST = 4  # of them
-_FULL, _WIDE = 0.7, 40  # of the longest line, if that has so many characters: such a line goes on in the next
-_END = re.compile(r"[.!?;:][)\]”\"']*$")
-_SHORTENED = re.compile(r"\b(?:e\.g|i\.e|cf|approx|ca|figs?|eqs?|no|vs|al|dr|st|z\.B|bzw|[A-Z])\.$", re.IGNORECASE)
+MAX_OPENING_CHARACTERS = 200  # characters of a file's notes that the first page has room for
+MAX_DATA_REMARKS = 4  # of them
+# of the longest line, if that has so many characters: such a line goes on in the next
+_FULL_LINE_SHARE, _MIN_FULL_LINE_CHARACTERS = 0.7, 40
+_SENTENCE_END = re.compile(r"[.!?;:][)\]”\"']*$")
+_ABBREVIATION = re.compile(r"\b(?:e\.g|i\.e|cf|approx|ca|figs?|eqs?|no|vs|al|dr|st|z\.B|bzw|[A-Z])\.$", re.IGNORECASE)
 
 
 def sentences(notes: Sequence[object]) -> list[str]:
@@ -22,19 +23,19 @@ def sentences(notes: Sequence[object]) -> list[str]:
     lines = [line for n in notes if (line := clean(n).strip())]
     longest, text = max(map(len, lines), default=0), ""
     for line, following in zip(lines, [*lines, ""][1:], strict=True):
-        broken = longest >= _WIDE and len(line) >= _FULL * longest and following
-        whole = _END.search(line) or broken or following[:1].islower()
+        broken = longest >= _MIN_FULL_LINE_CHARACTERS and len(line) >= _FULL_LINE_SHARE * longest and following
+        whole = _SENTENCE_END.search(line) or broken or following[:1].islower()
         text += line + (" " if whole else ". ")
     found: list[str] = []
     for piece in re.split(r"(?<=[.!?])\s+(?=[A-ZÄÖÜ0-9\"“(])", text.strip()):
-        if found and _SHORTENED.search(found[-1]):
+        if found and _ABBREVIATION.search(found[-1]):
             found[-1] += f" {piece}"
         else:
             found.append(piece)
     return found
 
 
-def opening(notes: Sequence[object], length: int = OPENING) -> str:
+def opening(notes: Sequence[object], length: int = MAX_OPENING_CHARACTERS) -> str:
     """As many whole first sentences as have room, and at least one."""
     said = ""
     for s in sentences(notes):
@@ -56,6 +57,6 @@ def data_remarks(results: Results) -> list[Text]:
         if text := opening(of_file(e)):
             said.setdefault(text, []).append(clean(e.get("file") or e["name"]))
     rows = [Text(f"{', '.join(dict.fromkeys(where))}: {text}", "remark") for text, where in said.items()]
-    more = len(rows) - MOST
+    more = len(rows) - MAX_DATA_REMARKS
     rest = [Text(f"{more} more files have notes; see Provenance.", "remark")] if more > 0 else []
-    return rows[:MOST] + rest
+    return rows[:MAX_DATA_REMARKS] + rest

@@ -15,8 +15,8 @@ from rso.report.layout.page import has_pdf
 from rso.report.pareto import figures as pareto_figures
 from rso.report.pareto import report as pareto_report
 
-SUFFIXES = (".svg", ".pdf", ".png")
-PPI = 300.0  # dots per inch of a PNG
+PICTURE_SUFFIXES = (".svg", ".pdf", ".png")
+PNG_DPI = 300.0  # dots per inch of a PNG
 
 
 def captions(results: Mapping[str, Any]) -> dict[str, str]:
@@ -35,8 +35,8 @@ def every(results: Mapping[str, Any]) -> dict[str, bytes | str]:
 
 def written(results: Mapping[str, Any], name: str, file: Path) -> Path:
     """Write a figure in the format of the file's ending; ValueError for another ending."""
-    if file.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"{file}: a figure is written as {', '.join(SUFFIXES)}")
+    if file.suffix.lower() not in PICTURE_SUFFIXES:
+        raise ValueError(f"{file}: a figure is written as {', '.join(PICTURE_SUFFIXES)}")
     drawn = pareto_figures.draw(results, name) if results.get("kind") == "pareto" else draw(results, name)
     return disk.replace(file, converted(drawn, file.suffix.lower()))
 
@@ -51,4 +51,4 @@ def converted(svg: str, suffix: str) -> bytes | str:
 
     page = '#set page(width: auto, height: auto, margin: 0pt)\n#image(bytes(sys.inputs.svg), format: "svg")'
     kind: Literal["pdf", "png"] = "pdf" if suffix == ".pdf" else "png"
-    return typst.compile(page.encode(), format=kind, ppi=PPI, sys_inputs={"svg": svg})
+    return typst.compile(page.encode(), format=kind, ppi=PNG_DPI, sys_inputs={"svg": svg})

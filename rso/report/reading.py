@@ -12,12 +12,12 @@ import numpy as np
 
 from rso.core.curves import loading
 from rso.core.digits import known, significant
+from rso.core.plain_results import RUN_STAGES
 from rso.core.symbols import in_units
 from rso.report.layout.digits import Unit, channel_text, clean, largest, sentence, shortest, shown, symbol
 
 Results = Mapping[str, Any]
-FLAT = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero
-STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
+NOISE_ABOUT_ZERO_NRMSE = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def about_zero(base: Mapping[str, Any]) -> bool:
 
     Of a force that grows as depth^p from zero the NRMSE of the mean is p/√(2p + 1), 1.1 at p = 3.
     """
-    return known(base.get("nrmse")) and base["nrmse"] > FLAT
+    return known(base.get("nrmse")) and base["nrmse"] > NOISE_ABOUT_ZERO_NRMSE
 
 
 def points(x: Sequence[Any] | None, y: Sequence[Any] | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -431,4 +431,4 @@ def target_output(target: Mapping[str, Any]) -> str:
 def finished(results: Results, stage: str) -> bool:
     """Whether the study has come as far as this stage."""
     last = results.get("stage")
-    return last in STAGES and STAGES.index(last) >= STAGES.index(stage)
+    return last in RUN_STAGES and RUN_STAGES.index(last) >= RUN_STAGES.index(stage)

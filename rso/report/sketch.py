@@ -9,19 +9,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from rso.report.canvas import ACCENT, GREY, HALO, INK, PAPER, WARM, WIDTH, canvas, svg
+from rso.report.canvas import ACCENT, GREY, HALO, INK, PAPER, STEEL, WARM, WIDTH_INCH, canvas, svg
 from rso.report.layout.digits import clean
 from rso.report.layout.document import Picture
 from rso.report.reading import listed
 
-NAME = "sketch"
-MOST = 3  # panels
-TALLEST, LOWEST = 2.9, 1.1  # inch
-SOFT = "#f3e3d7"  # a light tint that stays apart from white in print
-LAYERS = ("#e3b897", "#d2966c", "#ecd0b8")
-LABEL = 0.36  # of the width: names of layers
-HATCH = 0.03  # of the width: strokes of what holds
-STEEL = "#dfe4e7"
+SKETCH_PICTURE = "sketch"
+MAX_SKETCH_PANELS = 3  # different experiments beside each other
+MAX_SKETCH_HEIGHT_INCH, MIN_SKETCH_HEIGHT_INCH = 2.9, 1.1  # inch
+SPECIMEN_TINT = "#f3e3d7"  # a light tint that stays apart from white in print
+LAYER_TINTS = ("#e3b897", "#d2966c", "#ecd0b8")
+LAYER_LABEL_SHARE = 0.36  # of the width: names of layers
+HATCH_SHARE = 0.03  # of the width: strokes of what holds
 
 Found = Mapping[str, Any]
 
@@ -38,16 +37,16 @@ def sketch_blocks(found: Found) -> tuple[Picture, ...]:
         said.append(f"{names}: {words}." if len(drawn) > 1 else f"What is modelled: {words}.")
     left_out = len(listed(found, "sketches")) - len(drawn)
     more = f" {left_out} more are not drawn." if left_out > 0 else ""
-    return (Picture(NAME, f"{' '.join(said)} Section, {clean(drawn[0].get('plane'))}; to scale.{more}"),)
+    return (Picture(SKETCH_PICTURE, f"{' '.join(said)} Section, {clean(drawn[0].get('plane'))}; to scale.{more}"),)
 
 
-def sketch_figure(found: Found, wide: float = WIDTH) -> str:
+def sketch_figure(found: Found, wide: float = WIDTH_INCH) -> str:
     """The sections side by side, each to its own scale, as SVG `wide` inch wide."""
     drawn = _shown(found)
     spans = [_window(s) for s in drawn]
     shape = [float((high - low)[1] / (high - low)[0]) for low, high in spans]
     each = wide / len(drawn)
-    figure = canvas(min(max(max(each * r for r in shape), LOWEST), TALLEST), wide)
+    figure = canvas(min(max(max(each * r for r in shape), MIN_SKETCH_HEIGHT_INCH), MAX_SKETCH_HEIGHT_INCH), wide)
     for axes, s, (low, high) in zip(np.atleast_1d(figure.subplots(1, len(drawn))), drawn, spans, strict=True):
         axes.set_axis_off()
         axes.set_aspect("equal")
@@ -56,11 +55,11 @@ def sketch_figure(found: Found, wide: float = WIDTH) -> str:
         _draw(axes, s, float((high - low)[0]))
         if len(drawn) > 1:
             axes.set_title(", ".join(clean(n) for n in s.get("experiments") or ()), fontsize=8)
-    return svg(figure, NAME)
+    return svg(figure, SKETCH_PICTURE)
 
 
 def _shown(found: Found) -> list[Mapping[str, Any]]:
-    return [s for s in listed(found, "sketches") if _parts(s, "specimen")][:MOST]
+    return [s for s in listed(found, "sketches") if _parts(s, "specimen")][:MAX_SKETCH_PANELS]
 
 
 def _parts(sketch: Mapping[str, Any], *roles: str) -> list[tuple[str, np.ndarray, str]]:
@@ -77,18 +76,18 @@ def _window(sketch: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     every = np.vstack([p for _, p, _ in _parts(sketch, "specimen", "indenter", "deepest", "support", "dimension")])
     low, high = every.min(0), every.max(0)
     wide = float((high - low)[0])
-    beside = LABEL if _parts(sketch, "layer") else 0.06  # names of layers stand beside them
-    return low - wide * np.array([beside, 2.2 * HATCH]), high + wide * np.array([0.16, 0.02])
+    beside = LAYER_LABEL_SHARE if _parts(sketch, "layer") else 0.06  # names of layers stand beside them
+    return low - wide * np.array([beside, 2.2 * HATCH_SHARE]), high + wide * np.array([0.16, 0.02])
 
 
 def _draw(axes: Axes, sketch: Mapping[str, Any], wide: float) -> None:
     """Fills, then lines, then sizes."""
     for _, points, _ in _parts(sketch, "specimen"):
-        axes.add_patch(Polygon(points, closed=True, facecolor=SOFT, edgecolor="none", zorder=1))
+        axes.add_patch(Polygon(points, closed=True, facecolor=SPECIMEN_TINT, edgecolor="none", zorder=1))
     left = min(float(p[:, 0].min()) for _, p, _ in _parts(sketch, "specimen"))
     lowest = np.inf
     for k, (_, points, text) in enumerate(_parts(sketch, "layer")):
-        axes.add_patch(Polygon(points, closed=True, facecolor=LAYERS[k % 3], edgecolor=PAPER, lw=0.5, zorder=2))
+        axes.add_patch(Polygon(points, closed=True, facecolor=LAYER_TINTS[k % 3], edgecolor=PAPER, lw=0.5, zorder=2))
         lowest = min(float(points[:, 1].mean()), lowest - 0.045 * wide)
         axes.annotate(text, (left - 0.02 * wide, lowest), va="center", ha="right", fontsize=7.5)
     for _, points, _ in _parts(sketch, "indenter"):
@@ -99,10 +98,10 @@ def _draw(axes: Axes, sketch: Mapping[str, Any], wide: float) -> None:
     for _, points, _ in _parts(sketch, "edge"):
         axes.plot(*points.T, color=INK, lw=1.0, zorder=2.5, solid_capstyle="butt")
     for role, points, text in _parts(sketch, "held", "support"):
-        _hatched(axes, points, HATCH * wide, 1.6 if role == "held" else 1.0)
+        _hatched(axes, points, HATCH_SHARE * wide, 1.6 if role == "held" else 1.0)
         if text:
             k = int(np.argmin(points[:, 1] + 1e-6 * np.abs(points[:, 0])))
-            at = float(points[k, 0]), float(points[k, 1]) - 1.25 * HATCH * wide
+            at = float(points[k, 0]), float(points[k, 1]) - 1.25 * HATCH_SHARE * wide
             axes.annotate(text, at, ha="center", va="top", fontsize=7.5, color=GREY, path_effects=HALO, zorder=9)
     for _, points, text in _parts(sketch, "indenter"):
         at = float(points[:, 0].max()), float(0.7 * points[:, 1].max() + 0.3 * points[:, 1].min())

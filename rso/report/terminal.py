@@ -59,7 +59,7 @@ def summary(found: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-WORTH_A_LINE = 0.1  # of the variance of a parameter: what contributes less is in the table of the report
+MIN_SHOWN_VARIANCE_SHARE = 0.1  # of the variance of a parameter: what contributes less is in the table of the report
 
 
 def _budget(data: Mapping[str, Any]) -> list[str]:
@@ -71,7 +71,7 @@ def _budget(data: Mapping[str, Any]) -> list[str]:
             f"{100 * share:.2g} % from {r['input']}{f' of {of}' if (of := r['experiment']) else ''} "
             f"(±{quantity(r['uncertainty'], '' if r['unit'] == '1' else r['unit'], 3)})"
             for share, r in sorted(rows, key=lambda row: -row[0])
-            if share >= WORTH_A_LINE
+            if share >= MIN_SHOWN_VARIANCE_SHARE
         ]
         if each:
             lines.append(f"  of the variance of {symbol(p['parameter'])}: {', '.join(each)}")

@@ -9,7 +9,7 @@ from rso.result_types.objectives_file import ObjectivesFile
 from rso.result_types.run_file import RunFile
 from rso.result_types.specimens_file import SpecimensFile
 
-FILES: dict[str, type[ResultBlock]] = {
+RESULT_FILES: dict[str, type[ResultBlock]] = {
     "results.json": RunFile,
     "objectives/results.json": ObjectivesFile,
     "ladder.json": LadderFile,
@@ -20,7 +20,7 @@ FILES: dict[str, type[ResultBlock]] = {
 }
 
 __all__ = [
-    "FILES",
+    "RESULT_FILES",
     "DeformedFile",
     "DiagnosisFile",
     "LadderFile",

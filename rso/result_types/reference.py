@@ -8,10 +8,10 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from rso.result_types import FILES, ResultBlock
+from rso.result_types import RESULT_FILES, ResultBlock
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-HEAD = """# Result files
+SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+RESULTS_PAGE_HEAD = """# Result files
 
 `rso keys results` prints this page, `rso keys results.json` the part on one file, `rso keys results.json --schema`
 its JSON schema. What the analyses do is in [analyses](analyses.md). Without a unit here numbers are in N, mm, MPa
@@ -26,11 +26,11 @@ compared channel. The first of an experiment has the name of the experiment, any
 
 def page(file: str = "") -> list[str]:
     """The whole page, or the part on one file; ValueError naming the files."""
-    if file and file not in FILES:
-        raise ValueError(f"there is no result file {file!r}; choose one of {', '.join(FILES)}")
-    lines = [] if file else HEAD.splitlines()
+    if file and file not in RESULT_FILES:
+        raise ValueError(f"there is no result file {file!r}; choose one of {', '.join(RESULT_FILES)}")
+    lines = [] if file else RESULTS_PAGE_HEAD.splitlines()
     described: set[type[ResultBlock]] = set()
-    for name, block in FILES.items():
+    for name, block in RESULT_FILES.items():
         if file in ("", name):
             lines += ["", *_tables(f"`{name}`", block, described)]
     return lines if not file else lines[1:]
@@ -38,9 +38,9 @@ def page(file: str = "") -> list[str]:
 
 def result_schema(file: str) -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of a result file; ValueError naming the files."""
-    if file not in FILES:
-        raise ValueError(f"there is no result file {file!r}; choose one of {', '.join(FILES)}")
-    return {"$schema": DIALECT, **FILES[file].model_json_schema()}
+    if file not in RESULT_FILES:
+        raise ValueError(f"there is no result file {file!r}; choose one of {', '.join(RESULT_FILES)}")
+    return {"$schema": SCHEMA_DIALECT, **RESULT_FILES[file].model_json_schema()}
 
 
 def _tables(heading: str, block: type[ResultBlock], described: set[type[ResultBlock]], depth: int = 2) -> Iterator[str]:

@@ -8,8 +8,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import (
-    OR_ONE,
-    TEXT,
+    ONE_OR_MORE,
+    TEXT_SCHEMA,
     Bound,
     Channels,
     Confidence,
@@ -63,7 +63,7 @@ def _rungs(value: Any) -> Any:
     return tuple(tuple({"name": v} if isinstance(v, str) else v for v in rung) for rung in rungs)
 
 
-Rung = Annotated[tuple[Annotated[LevelTable, also(TEXT)], ...], OR_ONE]
+Rung = Annotated[tuple[Annotated[LevelTable, also(TEXT_SCHEMA)], ...], ONE_OR_MORE]
 
 
 class LadderTable(StudyFileTable):
@@ -83,7 +83,7 @@ class LadderTable(StudyFileTable):
     """Whether curves for validation count as those for selection: nothing is then left to validate on."""
 
 
-READINGS = 1000  # of a curve that might be measured: their covariance is a matrix
+MAX_PROFILE_READINGS = 1000  # of a curve that might be measured: their covariance is a matrix
 
 
 class NextExperiment(StudyFileTable):
@@ -118,8 +118,10 @@ class NextExperiment(StudyFileTable):
             raise ValueError("a profile needs both marks and depths, a force curve neither")
         if self.step > self.depth:
             raise ValueError(f"step = {self.step:g} mm is larger than depth = {self.depth:g} mm")
-        if self.depth / self.step > READINGS:
-            raise ValueError(f"step = {self.step:g} mm: more than {READINGS} readings down to {self.depth:g} mm")
+        if self.depth / self.step > MAX_PROFILE_READINGS:
+            raise ValueError(
+                f"step = {self.step:g} mm: more than {MAX_PROFILE_READINGS} readings down to {self.depth:g} mm"
+            )
         return self
 
 

@@ -24,9 +24,9 @@ from rso.contract import (
     digest,
     plain,
 )
-from rso.core.units import CHANNELS, COLUMNS, UNITS, same, value_in_unit
+from rso.core.units import CHANNEL_UNITS, COLUMN_UNITS, UNITS_OF_KIND, same, value_in_unit
 from rso.data import (
-    POINTS,
+    N_CLOUD_POINTS,
     Hold,
     MeasuredCurve,
     Measurement,
@@ -44,24 +44,28 @@ from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import TargetTable
 
-DEFAULT_SPEED = 0.5  # mm/s
-STEPS_BACK = 16  # travels at which a way back is computed, straight between them
-STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
-PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
-PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
-PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
-SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
-_SETTING = re.compile(r"unknown setting |[a-z_.]+( = |: )")  # how a backend begins the sentence on one setting
-SHALLOWEST = 1e-4  # of the radius of the indenter: a deepest travel below this is a unit misread
-FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
-LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
-READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
-LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
-BACK = "The unloading is compared, down to the strongest pull; loading and holds are not."
-UNLOADING = "The unloading is not compared; rso diagnose uses it."
-SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
-UNDRAWN = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")  # of settings
-MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
+DEFAULT_SPEED_MM_S = 0.5  # assumed where neither the study nor its files say one
+MAX_UNLOADING_TRAVELS = 16  # travels at which a way back is computed, straight between them
+N_CURVE_TRAVELS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
+MAX_PROFILE_DEPTHS = 2 * N_CURVE_TRAVELS  # different depths of a profile up to which each is asked for
+PLAUSIBLE_SPEEDS_MM_S = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
+OTHER_SPEED_RATIO = 1.5  # ratio of a stated to a recorded speed that is remarked upon
+SAME_SPEED_RATIO = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
+_SETTING_SENTENCE = re.compile(r"unknown setting |[a-z_.]+( = |: )")  # how a backend begins the sentence on one setting
+MIN_DEPTH_RATIO = 1e-4  # of the radius of the indenter: a deepest travel below this is a unit misread
+MIN_DEPTH_MM = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
+LARGE_NOISE_SHARE = 0.5  # of a range: a stated noise beyond is remarked upon
+MAX_DISPLACEMENTS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
+LOADING_COMPARED_NOTE = "Only the loading branch is compared; unloading and holds are for rso diagnose."
+UNLOADING_COMPARED_NOTE = "The unloading is compared, down to the strongest pull; loading and holds are not."
+UNLOADING_NOT_COMPARED_NOTE = "The unloading is not compared; rso diagnose uses it."
+PROFILE_NOT_USED_NOTE = (
+    'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
+)
+# of settings
+UNDRAWN_SETTINGS = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")
+# settings of the wrong type end in any of these
+MISREAD_SETTING_ERRORS = (ValueError, TypeError, LookupError, AttributeError)
 
 
 def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
@@ -79,7 +83,7 @@ def measured_clouds(study: Study) -> dict[str, SurfaceCloud]:
     clouds, problems = {}, []
     for n, e in enumerate(study.experiments):
         if e.kind == "surface":
-            points = POINTS if e.points is None else e.points
+            points = N_CLOUD_POINTS if e.points is None else e.points
             try:
                 clouds[e.name] = surface_cloud(study.measurement(e.name), study.noise_of(e.name), e.compared, points)
             except ValueError as error:
@@ -98,17 +102,17 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
         try:
             measurement = study.measurement(e.name)
             readings = len(measurement.repeats[0].depth)
-            if kind == "profile" and readings > READINGS:
-                raise ValueError(f"{readings} displacements of one profile: keep at most {READINGS}")
+            if kind == "profile" and readings > MAX_DISPLACEMENTS:
+                raise ValueError(f"{readings} displacements of one profile: keep at most {MAX_DISPLACEMENTS}")
             curve = combine(measurement, study.noise_of(e.name), e.compared[0], e.branch)
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
             deepest, radius = float(curve.depth.max()), _radius(study, e.name)
-            if deepest < (SHALLOWEST * radius or FINEST):
+            if deepest < (MIN_DEPTH_RATIO * radius or MIN_DEPTH_MM):
                 share = f", {deepest / radius:.1g} of the radius of the indenter, {radius:g} mm" if radius else ""
                 raise ValueError(
                     f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it "
-                    f"is read in? Choose from {UNITS['mm']}"
+                    f"is read in? Choose from {UNITS_OF_KIND['mm']}"
                 )
             curves[e.name] = curve
         except ValueError as error:
@@ -133,20 +137,20 @@ def remarks(study: Study, name: str, of_hold: Sequence[str] = ()) -> list[str]:
     e, measurement = study.experiment(name), study.measurement(name)
     doubtful = [*measurement.doubts, *_loud(measurement, e)]
     if e.kind == "profile":
-        return doubtful if e.role == "validate" else [*doubtful, SET_ASIDE]
+        return doubtful if e.role == "validate" else [*doubtful, PROFILE_NOT_USED_NOTE]
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
-    loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
-    loading = [BACK] if e.branch == "unloading" else loading
+    loading = [LOADING_COMPARED_NOTE] if returns or study.settings_of(name).get("unload") is True else []
+    loading = [UNLOADING_COMPARED_NOTE] if e.branch == "unloading" else loading
     if of_hold:
         back = any(np.any(r.segment == "unloading") for r in measurement.repeats)
-        loading = [*of_hold, *([UNLOADING] if back else [])]
+        loading = [*of_hold, *([UNLOADING_NOT_COMPARED_NOTE] if back else [])]
     own, stated = recorded_speed(measurement), stated_speed(study, name)
-    other = own is not None and stated is not None and not 1.0 / PACE < own / stated < PACE
+    other = own is not None and stated is not None and not 1.0 / OTHER_SPEED_RATIO < own / stated < OTHER_SPEED_RATIO
     said, speed = study.settings_of(name).get("speed"), []
     if other:
         speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {said!r}: the file's counts."]
-    if own is not None and stated is None and not PACES[0] < own < PACES[1]:
+    if own is not None and stated is None and not PLAUSIBLE_SPEEDS_MM_S[0] < own < PLAUSIBLE_SPEEDS_MM_S[1]:
         speed = [f"The times of the file say {own:.3g} mm/s: is the unit of its time right?"]
     return [*doubtful, *left_out, *speed, *loading]
 
@@ -158,14 +162,19 @@ def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
         key = "uz" if e.kind == "profile" else channel
         values = np.concatenate([r.channels[channel] for r in measurement.repeats])
         if channel in e.compared:
-            ranges[key] = (noise.of(channel), f"{channel} goes over", float(np.ptp([0.0, *values])), COLUMNS[channel])
+            ranges[key] = (
+                noise.of(channel),
+                f"{channel} goes over",
+                float(np.ptp([0.0, *values])),
+                COLUMN_UNITS[channel],
+            )
     deepest = max(float(r.depth.max()) for r in measurement.repeats)
     ranges["depth"] = (noise.depth, "depth goes over", deepest, "mm")
     ranges["contact"] = (noise.contact, "depth goes over", deepest, "mm")
     return [
         f"noise.{key} = {stated:g} {unit} is more than half of the {span:.3g} {unit} that {what}: is its unit right?"
         for key, (stated, what, span, unit) in ranges.items()
-        if stated > LOUD * span
+        if stated > LARGE_NOISE_SHARE * span
     ]
 
 
@@ -176,14 +185,14 @@ def sketches(study: Study, backend: Backend) -> list[dict[str, Any]]:
         return []
     alike: dict[str, list[str]] = {}
     for e in study.experiments:
-        own = {k: v for k, v in study.settings_of(e.name).items() if k not in UNDRAWN}
+        own = {k: v for k, v in study.settings_of(e.name).items() if k not in UNDRAWN_SETTINGS}
         alike.setdefault(json.dumps(plain(own), sort_keys=True), []).append(e.name)
     found = []
     for text, names in alike.items():
         deepest = max(float(r.depth.max()) for n in names for r in study.measurement(n).repeats)
         try:
             sketch = drawing.sketch(json.loads(text), max(deepest, 0.0))
-        except MISREAD:  # whoever runs it says why
+        except MISREAD_SETTING_ERRORS:  # whoever runs it says why
             continue
         found.append({"experiments": names, **dataclasses.asdict(sketch)})
     return found
@@ -194,7 +203,7 @@ def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None)
     if curve.back:
         return _travels_back(curve)
     deepest = float(curve.depth.max()) if hold is None else hold.depth
-    steps = 1 if len(curve.depth) == 1 else STEPS
+    steps = 1 if len(curve.depth) == 1 else N_CURVE_TRAVELS
     digits = 6 - math.floor(math.log10(deepest)) if deepest > 0.0 else 6
     grid = [round(deepest * k / steps, digits) for k in range(1, steps)]
     kept = {u for u in grid if all(abs(u - t) > 0.01 * deepest for t in targets)}
@@ -208,7 +217,7 @@ def travels(curve: MeasuredCurve, targets: set[float], hold: Hold | None = None)
 def _travels_back(curve: MeasuredCurve) -> tuple[float, ...]:
     """Travels of an unloading: those of its readings, or as many evenly spaced ones as are bearable."""
     u = np.unique(np.round(curve.depth, 9))
-    u = u if len(u) <= STEPS_BACK else np.linspace(u[0], u[-1], STEPS_BACK)
+    u = u if len(u) <= MAX_UNLOADING_TRAVELS else np.linspace(u[0], u[-1], MAX_UNLOADING_TRAVELS)
     return tuple(map(float, u))
 
 
@@ -278,7 +287,7 @@ def profile_depths(curve: MeasuredCurve) -> tuple[float, ...]:
     for depth in u:
         if kept[-1] - depth > 1e-3 * u[0]:  # nearer ones are the same depth, read twice
             kept.append(float(depth))
-    return tuple(kept[::-1]) if len(kept) <= PROFILES else travels(curve, set())
+    return tuple(kept[::-1]) if len(kept) <= MAX_PROFILE_DEPTHS else travels(curve, set())
 
 
 def speed_of(study: Study, name: str) -> tuple[float, str]:
@@ -289,8 +298,8 @@ def speed_of(study: Study, name: str) -> tuple[float, str]:
     m, stated = study.measurement(name), stated_speed(study, name)
     recorded = recorded_speed(m) if m.kind == "force" else None
     if recorded is None:
-        return (stated, "as stated") if stated else (DEFAULT_SPEED, "assumed")
-    if stated and 1.0 / SAME_PACE < recorded / stated < SAME_PACE:
+        return (stated, "as stated") if stated else (DEFAULT_SPEED_MM_S, "assumed")
+    if stated and 1.0 / SAME_SPEED_RATIO < recorded / stated < SAME_SPEED_RATIO:
         return stated, "as stated"
     return float(f"{recorded:.3g}"), "by its times"
 
@@ -401,11 +410,13 @@ def refuse_what_is_not_modelled(
 def foreign_units(study: Study, backend: Backend) -> list[Problem]:
     """Channels that the backend declares in another unit than that in which they meet what was measured."""
     place: Place = ("backend", "use" if study.backend.command is None else "command")
-    wrong = [(c, unit) for c, unit in backend.channels.items() if c in CHANNELS and not same(unit, CHANNELS[c])]
+    wrong = [
+        (c, unit) for c, unit in backend.channels.items() if c in CHANNEL_UNITS and not same(unit, CHANNEL_UNITS[c])
+    ]
     return [
         Problem(
             place,
-            f"the backend {backend.name!r} declares channel {c!r} in {unit}; choose {CHANNELS[c]}, in which it is "
+            f"the backend {backend.name!r} declares channel {c!r} in {unit}; choose {CHANNEL_UNITS[c]}, in which it is "
             "compared: responses are not converted",
         )
         for c, unit in wrong
@@ -416,7 +427,7 @@ def _refusal(backend: Backend, case: Case) -> str | None:
     """Why the backend does not model a case, or None if it does."""
     try:
         backend.check(case)
-    except MISREAD as error:
+    except MISREAD_SETTING_ERRORS as error:
         return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
     return None
 
@@ -424,7 +435,7 @@ def _refusal(backend: Backend, case: Case) -> str | None:
 def _one_a_line(refusal: str) -> list[str]:
     """The problems that a refusal names: its lines where each begins with a setting, else the whole of it."""
     lines = refusal.splitlines()
-    return lines if len(lines) > 1 and all(map(_SETTING.match, lines)) else [refusal]
+    return lines if len(lines) > 1 and all(map(_SETTING_SENTENCE.match, lines)) else [refusal]
 
 
 def place_of_setting(study: Study, n: int, message: str) -> Place:

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, create_model, model_validator
 
 from rso.contract import finite
-from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, unit_or_count_factor
-from rso.data import CONTACT, Column
+from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMN_UNITS, UNITS_OF_KIND, kind_of, unit_or_count_factor
+from rso.data import ZERO_AT_CONTACT, Column
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Compliance, Stiffness, expected, formed
 
 
 def _zeros(value: Any) -> Any:
-    """A finite number, a list of them as a tuple, or CONTACT."""
-    if value == CONTACT:
+    """A finite number, a list of them as a tuple, or ZERO_AT_CONTACT."""
+    if value == ZERO_AT_CONTACT:
         return value
     several = list(value) if isinstance(value, list | tuple) else [value]
     if not several or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
-        raise ValueError(f"expected a number, a list with one for each file of an experiment, or {CONTACT!r}")
+        raise ValueError(f"expected a number, a list with one for each file of an experiment, or {ZERO_AT_CONTACT!r}")
     if not all(map(finite, several)):
         raise ValueError("must be finite")
     return tuple(map(float, several)) if isinstance(value, list | tuple) else float(value)
@@ -51,7 +51,7 @@ class MinusTable(StudyFileTable):
             raise ValueError("compliance is 1 / stiffness: leave one of them out")
         if self.unit is not None:
             bends = self.stiffness is not None or self.compliance is not None
-            _known(self.unit, "N" if bends else "mm", "" if bends else FORCE)
+            _known(self.unit, "N" if bends else "mm", "" if bends else FORCE_SUBTRACTION_ADVICE)
         return self
 
 
@@ -78,11 +78,11 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
     """Unit and sign are such as the column can have."""
     if table is None:
         return None
-    if table.flip and name not in COLUMNS:
+    if table.flip and name not in COLUMN_UNITS:
         raise ValueError(f"flip turns the sign of a measured value; {name} has none")
-    if table.zero == CONTACT and name not in ("depth", "Fz"):
+    if table.zero == ZERO_AT_CONTACT and name not in ("depth", "Fz"):
         raise ValueError(f"the contact that a record shows is the zero of depth and Fz; {name} has none")
-    if table.zero and name not in COLUMNS:
+    if table.zero and name not in COLUMN_UNITS:
         raise ValueError(f"zero is subtracted from a measured value; {name} is none")
     if table.values is not None and name != "segment":
         raise ValueError(f"values says what the codes of a column of segments mean; {name} has none")
@@ -103,7 +103,7 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
     return table
 
 
-FORCE = "; a force is subtracted with the stiffness or compliance of what it bends"
+FORCE_SUBTRACTION_ADVICE = "; a force is subtracted with the stiffness or compliance of what it bends"
 
 
 def _known(unit: str, base: str, more: str) -> None:
@@ -111,7 +111,7 @@ def _known(unit: str, base: str, more: str) -> None:
     try:
         unit_or_count_factor(unit, base)
     except ValueError as error:
-        choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is'
+        choices = f'{UNITS_OF_KIND[base]}, or "0.00125 {base}" for what one count is'
         raise ValueError(f"unit = {unit!r}: {error}; choose from {choices}{more}") from error
 
 

@@ -8,14 +8,14 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 # Letters of other scripts, and digits, that most typefaces draw as a Latin letter: of capitals, then of small ones.
-_CAPITALS = str.maketrans("ΑΒΕΖΗΙΚΜΝΟΡΤΥΧАВЕЅІЈКМНОРСТУХԜҺӀ", "ABEZHIKMNOPTYXABESIJKMHOPCTYXWHI")
-_SMALL = str.maketrans("авеѕіјһкмнорԛстуѵԝхυαγεικνορτχωɑɡıℓ01", "abesijhkmhopqctyvwxuayeikvoptxwagilol")
+_CAPITAL_LOOKALIKES = str.maketrans("ΑΒΕΖΗΙΚΜΝΟΡΤΥΧАВЕЅІЈКМНОРСТУХԜҺӀ", "ABEZHIKMNOPTYXABESIJKMHOPCTYXWHI")
+_SMALL_LOOKALIKES = str.maketrans("авеѕіјһкмнорԛстуѵԝхυαγεικνορτχωɑɡıℓ01", "abesijhkmhopqctyvwxuayeikvoptxwagilol")
 
 
 def drawn(name: str) -> str:
     """What a name looks like: without case and blanks (but between digits), letters of other scripts as Latin ones."""
     text = re.sub(r"(?<!\d)\s+|\s+(?!\d)", "", unicodedata.normalize("NFKC", name))
-    return text.translate(_CAPITALS).casefold().translate(_SMALL)
+    return text.translate(_CAPITAL_LOOKALIKES).casefold().translate(_SMALL_LOOKALIKES)
 
 
 def look_alikes(names: Iterable[str]) -> Iterator[tuple[int, str, str]]:

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.contract import Backend, Case, Programme, Segment, beyond_control
+from rso.core.curves import CREEP_CHANNEL
 from rso.data import CreepHold, MeasuredCurve, creep_curve, creep_of
 from rso.study.cases import speed_of
-from rso.study.holds import REACH, SOONEST, hold_ranges, relaxation_knobs, relaxes
+from rso.study.holds import MAX_RELAXATION_TIME_RATIO, MIN_RELAXATION_TIME_RATIO, hold_ranges, relaxation_knobs, relaxes
 from rso.study.schema import Study
 
-SUFFIX = " creep"  # behind the name of an experiment: that of its hold at a force
-TRAVEL = "travel"
+CREEP_SUFFIX = " creep"  # behind the name of an experiment: that of its hold at a force
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Creeps:
 
 def loading_experiment(name: str) -> str:
     """The experiment whose loading comes before a hold at a force, or the name itself of another."""
-    return name.removesuffix(SUFFIX)
+    return name.removesuffix(CREEP_SUFFIX)
 
 
 def creep_case(study: Study, name: str, hold: CreepHold) -> Case:
@@ -60,10 +60,10 @@ def with_creep(
     for name, hold in found.items():
         if isinstance(hold, str) or not _followed(study, backend, values, beside, name, hold):
             continue
-        own = name + SUFFIX
+        own = name + CREEP_SUFFIX
         followed[own] = hold
         curves[own] = creep_curve(study.measurement(name), study.noise_of(name), hold)
-        tables.append(study.experiment(name).model_copy(update={"name": own, "channels": (TRAVEL,)}))
+        tables.append(study.experiment(name).model_copy(update={"name": own, "channels": (CREEP_CHANNEL,)}))
         measurements[own] = dataclasses.replace(study.measurement(name), doubts=(), notes=())
     if tables:
         study = study.beside(tables, measurements)
@@ -79,7 +79,7 @@ def _followed(
     hold: CreepHold,
 ) -> bool:
     case = creep_case(study, name, hold)
-    if TRAVEL not in backend.channels or beyond_control(backend, case) is not None:
+    if CREEP_CHANNEL not in backend.channels or beyond_control(backend, case) is not None:
         return False
     replaced = [dataclasses.replace(case, settings={**case.settings, **s}) for _, s in beside]
     models = [(values, case), *(({**values, **v}, c) for (v, _), c in zip(beside, replaced, strict=True))]
@@ -100,7 +100,7 @@ def said_of(
         f"the indenter creeps by {hold.grows:.3g} mm" if hold.grows else "the depth does not grow by more than noise"
     )
     span = f"{hold.force:.3g} N for {hold.lasts:.3g} s, where {grows}"
-    if name + SUFFIX in creeps.followed:
+    if name + CREEP_SUFFIX in creeps.followed:
         used = f"It is held at {span}: {len(hold.since)} moments of it are compared, depth over time."
         return [used, *_too_short(hold, taus)]
     refused = beyond_control(backend, creep_case(study, name, hold))
@@ -121,15 +121,16 @@ def said_of(
 def _too_short(hold: CreepHold, taus: Mapping[str, tuple[float, float]]) -> list[str]:
     """What a hold cannot show of the times that are open: beyond its end, and before its first moment."""
     said = []
+    longest, shortest = MAX_RELAXATION_TIME_RATIO * hold.lasts, MIN_RELAXATION_TIME_RATIO * float(hold.since[0])
     for name, (low, high) in taus.items():
-        if high > REACH * hold.lasts:
+        if high > longest:
             said.append(
-                f"A hold of {hold.lasts:.3g} s cannot determine {name} beyond about {REACH * hold.lasts:.2g} s, and "
+                f"A hold of {hold.lasts:.3g} s cannot determine {name} beyond about {longest:.2g} s, and "
                 f"its range goes to {high:.3g} s. Creep is a straight line there, which fixes only share/{name}."
             )
-        if low < SOONEST * float(hold.since[0]):
+        if low < shortest:
             said.append(
                 f"Its first moment, {hold.since[0]:.3g} s, cannot determine {name} below about "
-                f"{SOONEST * float(hold.since[0]):.2g} s: faster creep is over by then and looks like a softer body."
+                f"{shortest:.2g} s: faster creep is over by then and looks like a softer body."
             )
     return said

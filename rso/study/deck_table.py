@@ -10,24 +10,24 @@ from pydantic import AfterValidator, Field, model_validator
 
 from rso.contract import Parameter
 from rso.core.similarity import stress_exponent
-from rso.core.units import CHANNELS, conversion_factor, in_base, is_of, value_in_unit
+from rso.core.units import CHANNEL_UNITS, conversion_factor, in_base, is_of, value_in_unit
 from rso.evaluation.decks import READERS, DeckOutput, Failure
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Names, list_to_tuple
 
-SCALED = 1e6  # times a range: how far a modulus may leave it, as similarity sees to
-_FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
-OWN_KEYS = {  # of readers, beside those that all have
+HARD_BOUND_RATIO = 1e6  # times a range: how far a modulus may leave it, as similarity sees to
+_PYTHON_FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+READER_KEYS = {  # of readers, beside those that all have
     "table": {"column"},
     "regex": {"pattern"},
     "calculix": {"set", "column"},
     "febio": {"column", "item"},
 }
-NEEDED = {"table": (), "regex": ("pattern",), "calculix": ("set", "column"), "febio": ("column",)}
+NEEDED_READER_KEYS = {"table": (), "regex": ("pattern",), "calculix": ("set", "column"), "febio": ("column",)}
 
 
 def _reader(value: str) -> str:
-    if value in READERS or _FUNCTION.fullmatch(value):
+    if value in READERS or _PYTHON_FUNCTION.fullmatch(value):
         return value
     raise ValueError(f'choose from {", ".join(READERS)}, or a Python function "module:function"')
 
@@ -81,11 +81,11 @@ class OutputTable(StudyFileTable):
 
     @model_validator(mode="after")
     def _keys_of_its_reader(self) -> OutputTable:
-        own = OWN_KEYS.get(self.reader, set())
-        every = set().union(*OWN_KEYS.values())
+        own = READER_KEYS.get(self.reader, set())
+        every = set().union(*READER_KEYS.values())
         if wrong := [k for k in every if k in self.model_fields_set and k not in own]:
             raise ValueError(f"{wrong[0]} is no key of the reader {self.reader!r}")
-        if lost := [k for k in NEEDED.get(self.reader, ()) if getattr(self, k) is None]:
+        if lost := [k for k in NEEDED_READER_KEYS.get(self.reader, ()) if getattr(self, k) is None]:
             raise ValueError(f"the reader {self.reader!r} needs {lost[0]}")
         if self.over is not None and (self.at is not None or self.at_column is None):
             raise ValueError("over names an abscissa: give at_column, the column that holds it, and no at")
@@ -95,7 +95,7 @@ class OutputTable(StudyFileTable):
 
     def output(self, channel: str) -> DeckOutput:
         """What is read, in the unit of the channel; ValueError for a unit of another kind."""
-        base = CHANNELS.get(channel) or ("1" if self.unit is None else _base(self.unit))
+        base = CHANNEL_UNITS.get(channel) or ("1" if self.unit is None else _base(self.unit))
         default = {"calculix": "step", "febio": "time"}.get(self.reader, "order")
         at = self.at or default
         scale, over_unit = 1.0, "1"
@@ -182,7 +182,7 @@ def deck_parameter(name: str, table: Any) -> tuple[Parameter, tuple[float, float
             raise ValueError(f"bounds = {list(table.bounds)} do not hold {low:g} to {high:g} {unit}")
         return Parameter(name, table.description or name, unit, first, last, whole=table.whole), (low, high)
     scaled = low > 0 and _of_stress(unit) and table.values is None and not table.whole
-    hard = (low / SCALED, high * SCALED) if scaled else (low, high)
+    hard = (low / HARD_BOUND_RATIO, high * HARD_BOUND_RATIO) if scaled else (low, high)
     return Parameter(name, table.description or name, unit, *hard, whole=table.whole), (low, high)
 
 

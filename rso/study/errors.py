@@ -13,8 +13,8 @@ from pydantic import BaseModel, ValidationError
 
 from rso.study.line_numbers import LineElsewhere, Place, line_of
 
-_SHOWN, _LONGEST = 60, 800
-_MANY, _NEAREST = 24, 8  # choices that are all listed; otherwise so many of the nearest
+_MAX_SHOWN_CHARACTERS, _MAX_MESSAGE_CHARACTERS = 60, 800  # of a key or a value in a message, and of a whole message
+_MAX_LISTED_CHOICES, _N_NEAREST_CHOICES = 24, 8  # choices that are all listed; otherwise so many of the nearest
 
 
 class StudyError(ValueError):
@@ -52,7 +52,7 @@ def _placed(file: Path, line: int, problem: Problem) -> str:
 
 def _cut(message: str) -> str:
     """A message may hold what the user wrote, of any length."""
-    return message if len(message) <= _LONGEST else message[:_LONGEST] + "…"
+    return message if len(message) <= _MAX_MESSAGE_CHARACTERS else message[:_MAX_MESSAGE_CHARACTERS] + "…"
 
 
 def choices_text(name: str, choices: Iterable[str]) -> str:
@@ -63,9 +63,9 @@ def choices_text(name: str, choices: Iterable[str]) -> str:
     by_lower = {c.lower(): c for c in known}
     near = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=2, cutoff=0.5)]
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    if len(known) <= _MANY:
+    if len(known) <= _MAX_LISTED_CHOICES:
         return f"{hint}choose from {', '.join(known)}"
-    some = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=_NEAREST, cutoff=0.0)]
+    some = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=_N_NEAREST_CHOICES, cutoff=0.0)]
     return f"{hint}choose from {', '.join(some)} and {len(known) - len(some)} more"
 
 
@@ -123,7 +123,10 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 def _dotted(place: Place) -> str:
     """``search.targets[0].depth``"""
-    words = [key if isinstance(key, int) else key if len(key) <= _SHOWN else key[:_SHOWN] + "…" for key in place]
+    words = [
+        key if isinstance(key, int) else key if len(key) <= _MAX_SHOWN_CHARACTERS else key[:_MAX_SHOWN_CHARACTERS] + "…"
+        for key in place
+    ]
     text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in words)
     return text.removeprefix(".") or "study file"
 
@@ -132,4 +135,4 @@ def _shown(value: Any) -> str:
     if value is None or isinstance(value, dict | BaseModel):
         return ""
     text = repr(value)
-    return f" = {text if len(text) <= _SHOWN else text[:_SHOWN] + '…'}"
+    return f" = {text if len(text) <= _MAX_SHOWN_CHARACTERS else text[:_MAX_SHOWN_CHARACTERS] + '…'}"

@@ -101,7 +101,7 @@ def visible_line(value: str) -> str:
     return value
 
 
-TEXT = {"type": "string"}
+TEXT_SCHEMA = {"type": "string"}
 
 
 def expected(words: str) -> Any:
@@ -114,7 +114,7 @@ def also(*schemas: dict[str, Any]) -> Any:
     return Field(json_schema_extra={"or": list(schemas)})
 
 
-OR_ONE = Field(json_schema_extra={"alone": True})  # a list that a file may say by its only member
+ONE_OR_MORE = Field(json_schema_extra={"alone": True})  # a list that a file may say by its only member
 
 
 def number_in(
@@ -133,8 +133,10 @@ Files = Annotated[
     BeforeValidator(one_or_more),
     Field(min_length=1, json_schema_extra={"expected": "a file, or a list of files", "alone": True}),
 ]
-_NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
-Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]
+_NAME_FORM = (
+    "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
+)
+Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAME_FORM)]
 NotNegativeForce = number_in("N", ge=0, le=1e6)
 NotNegativeLength = number_in("mm", ge=0, le=1e6)
 Depth = number_in("mm", gt=0, le=1e6)

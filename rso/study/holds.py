@@ -16,11 +16,11 @@ from rso.study.resolve import Resolved
 from rso.study.schema import Study
 from rso.study.search_table import TargetTable
 
-REACH = 3.0  # times as long as the hold: a relaxation time beyond is not told from a drift
-SOONEST = 0.5  # of the first moment of a hold: a relaxation time below is over by then
-LATER = 1.1  # times the length of a hold up to which its last moment is meant
-RATES = 1.5  # ratio of speeds that are different ones
-APART = 10.0  # ratio of the ends of a range of times, at least where plausible times leave none
+MAX_RELAXATION_TIME_RATIO = 3.0  # times as long as the hold: a relaxation time beyond is not told from a drift
+MIN_RELAXATION_TIME_RATIO = 0.5  # of the first moment of a hold: a relaxation time below is over by then
+MAX_LAST_MOMENT_RATIO = 1.1  # times the length of a hold up to which its last moment is meant
+DIFFERENT_SPEED_RATIO = 1.5  # ratio of speeds that are different ones
+MIN_TIME_RANGE_RATIO = 10.0  # ratio of the ends of a range of times, at least where plausible times leave none
 
 
 def middle(resolved: Resolved) -> dict[str, float]:
@@ -59,8 +59,11 @@ def hold_ranges(pair: tuple[Parameter, Parameter], hold: Hold | CreepHold) -> di
     """Ranges of a share and a time that a hold can show: the plausible ones, times as far as it lasts."""
     share, time = pair
     assert share.plausible is not None and time.plausible is not None
-    low, high = SOONEST * float(hold.since[0]), REACH * hold.lasts
-    low, high = max(low, min(time.plausible[0], high / APART)), min(high, max(time.plausible[1], APART * low))
+    low, high = MIN_RELAXATION_TIME_RATIO * float(hold.since[0]), MAX_RELAXATION_TIME_RATIO * hold.lasts
+    low, high = (
+        max(low, min(time.plausible[0], high / MIN_TIME_RANGE_RATIO)),
+        min(high, max(time.plausible[1], MIN_TIME_RANGE_RATIO * low)),
+    )
     return {share.name: share.plausible, time.name: (float(f"{low:.2g}"), float(f"{high:.2g}"))}
 
 
@@ -91,7 +94,7 @@ def place_of_target(study: Study, t: TargetTable, hold: Hold | CreepHold | None)
     """Depth (mm) and time in the hold (s) at which a target is met; StudyError for a hold that is not compared."""
     if not t.since:
         return (t.depth if hold is None else min(t.depth, hold.depth)), 0.0
-    if hold is None or t.since > hold.lasts * LATER:
+    if hold is None or t.since > hold.lasts * MAX_LAST_MOMENT_RATIO:
         why = "no hold of it is compared" if hold is None else f"it holds for {hold.lasts:.3g} s"
         text = f"the target {t.channel} of {t.experiment!r} {t.since:g} s into its hold: {why}"
         raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
@@ -141,7 +144,7 @@ def unseen(study: Study, backend: Backend, opened: Mapping[str, object], fitted:
     """What is said of open relaxation times where no record that is fitted holds, and all go at one speed."""
     times = [p.name for p in backend.parameters if p.unit == "s" and p.name in opened]
     speeds = [speed_of(study, name)[0] for name in fitted]
-    if not times or max(speeds) > RATES * min(speeds):
+    if not times or max(speeds) > DIFFERENT_SPEED_RATIO * min(speeds):
         return []
     return [
         f"No fitted record holds, and all go at one speed: relaxation ({' and '.join(times)}) and a modulus are "

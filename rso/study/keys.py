@@ -7,21 +7,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
-from rso.core.default_backend import PACKAGE
+from rso.core.default_backend import BACKEND_PACKAGE
 from rso.study.errors import choices_text
-from rso.study.fields import TEXT
+from rso.study.fields import TEXT_SCHEMA
 from rso.study.schema import Study
 
 Shape = Mapping[str, Any]  # a piece of a JSON schema
-LONGEST = 80  # characters of what somebody asked for that are shown
-HUGE = 1e6  # a bound that no study comes near is not worth a word
+MAX_ASKED_CHARACTERS = 80  # characters of what somebody asked for that are shown
+UNMENTIONED_BOUND = 1e6  # a bound that no study comes near is not worth a word
 
-HEAD = f"""# The study file
+STUDY_PAGE_HEAD = f"""# The study file
 
 A study is one TOML file. Numbers are in N, mm, MPa and s, or text with a unit of the same kind (`"3.2 kPa"`, `"1 %"`).
 An unknown key is an error that names file, line and choices; `rso check` reads a study and computes nothing. `rso keys`
 prints this page, `rso keys search` a part of it. Settings and parameters are the backend's: those of the one here stand
-in [the finite element model](finite_elements.md), and `python -m {PACKAGE} --schema` prints them."""
+in [the finite element model](finite_elements.md), and `python -m {BACKEND_PACKAGE} --schema` prints them."""
 
 
 def reference(table: str = "") -> list[str]:
@@ -32,8 +32,10 @@ def reference(table: str = "") -> list[str]:
     inner = [name for name in names if name.endswith(f".{table}")]
     table = inner[0] if table not in names and len(inner) == 1 else table
     if table and table not in names:
-        raise ValueError(f"there is no table {table[:LONGEST]!r}; {choices_text(table[:LONGEST], names)}")
-    lines = [] if table else HEAD.splitlines()
+        raise ValueError(
+            f"there is no table {table[:MAX_ASKED_CHARACTERS]!r}; {choices_text(table[:MAX_ASKED_CHARACTERS], names)}"
+        )
+    lines = [] if table else STUDY_PAGE_HEAD.splitlines()
     for name, heading, shape in parts:
         if not table or name == table or name.startswith(f"{table}."):
             lines += ["", f"## {heading}", "", *_described(shape), "", *_keys(shape)]
@@ -47,7 +49,7 @@ def study_schema() -> dict[str, Any]:
     own["required"] = [key for key in own["required"] if key != "data"]  # specimens have their own
     alone = {"properties": {"experiments": {"items": {"required": ["data"]}}}}
     whole |= {"if": {"not": {"required": ["specimens"]}}, "then": alone}
-    whole["properties"]["specimens"] = _or(whole["properties"]["specimens"], [TEXT])
+    whole["properties"]["specimens"] = _or(whole["properties"]["specimens"], [TEXT_SCHEMA])
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}
 
 
@@ -59,7 +61,7 @@ def _as_written(shape: Any) -> Any:
         return shape
     inner = {key: _as_written(value) for key, value in shape.items()}
     other = [*inner.pop("or", []), *([inner["items"]] if inner.pop("alone", None) is True else [])]
-    other += [TEXT] if isinstance(shape.get("unit"), str) else []
+    other += [TEXT_SCHEMA] if isinstance(shape.get("unit"), str) else []
     return _or(inner, other) if other else inner
 
 
@@ -161,7 +163,11 @@ def _bounds(value: Shape) -> str:
         "exclusiveMaximum": "<",
         "lt": "<",
     }
-    return "".join(f", {sign} {value[key]:.15g}" for key, sign in signs.items() if abs(value.get(key, HUGE)) < HUGE)
+    return "".join(
+        f", {sign} {value[key]:.15g}"
+        for key, sign in signs.items()
+        if abs(value.get(key, UNMENTIONED_BOUND)) < UNMENTIONED_BOUND
+    )
 
 
 def _shown(default: Any, value: Shape) -> str:

@@ -17,37 +17,43 @@ from typing import Any
 
 import numpy as np
 
-from rso.core.default_backend import USE, command_line
+from rso.core.default_backend import DEFAULT_BACKEND, command_line
 from rso.core.inline_toml import inline
 from rso.core.units import value_in_unit
 from rso.data import read_measurement, recorded_speed
-from rso.study.cases import DEFAULT_SPEED
+from rso.study.cases import DEFAULT_SPEED_MM_S
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choices_text
-from rso.study.laboratory_nominal import FILE, Nominal, read_nominal
+from rso.study.laboratory_nominal import NOMINAL_FILE, Nominal, read_nominal
 from rso.study.schema import Study
 
-_NUMBER = r"(-?\d+(?:\.\d+)?)"
-_POINT = re.compile(rf"^(?:point|pt|p|pos|position|site)[_ ]?{_NUMBER}[_ ]{_NUMBER}$", re.IGNORECASE)
-_CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)(?![\d.])", re.IGNORECASE)
-_PLACE = re.compile(r"^(point|pt|pos|position|site)([_ -]|\d)", re.IGNORECASE)  # a name that means a place
-_TOP = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
-_NUMBERED = re.compile(r"^(\d+)[_ -]+(?=[^\W\d])")  # 04_site_20_0: the fourth test
-READ = (".csv", ".xlsx")
-LOCK = "~$"  # what a spreadsheet lays beside a workbook that is open
+_NUMBER_IN_NAME = r"(-?\d+(?:\.\d+)?)"
+_POINT_NAME = re.compile(
+    rf"^(?:point|pt|p|pos|position|site)[_ ]?{_NUMBER_IN_NAME}[_ ]{_NUMBER_IN_NAME}$", re.IGNORECASE
+)
+_CYCLE_NAME = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)(?![\d.])", re.IGNORECASE)
+_PLACE_NAME = re.compile(r"^(point|pt|pos|position|site)([_ -]|\d)", re.IGNORECASE)  # a name that means a place
+_TOP_NAME = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
+_TEST_NUMBER = re.compile(r"^(\d+)[_ -]+(?=[^\W\d])")  # 04_site_20_0: the fourth test
+READ_SUFFIXES = (".csv", ".xlsx")
+LOCK_PREFIX = "~$"  # what a spreadsheet lays beside a workbook that is open
 
 
 def study_of_folder(folder: Path, seed: int, beside: Path) -> str:
     """The study file for a folder; `beside` is where it will be written.  ValueError naming what is missing."""
     nominal = read_nominal(folder)
-    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in READ and not f.name.startswith(LOCK))
+    files = sorted(
+        f for f in folder.iterdir() if f.suffix.lower() in READ_SUFFIXES and not f.name.startswith(LOCK_PREFIX)
+    )
     if not files:
         raise ValueError(f"{folder}: holds no CSV file")
     for f in files:
         _refuse_unclear(f)
     for name in nominal.columns_of:
         if name not in (names := [f.name for f in files]):
-            raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choices_text(name, names)}")
+            raise ValueError(
+                f"{folder / NOMINAL_FILE}: columns_of.{name}: there is no such file; {choices_text(name, names)}"
+            )
     files.sort(key=_order([f.stem for f in files]))
     lines = [
         "[study]",
@@ -55,7 +61,7 @@ def study_of_folder(folder: Path, seed: int, beside: Path) -> str:
         f"seed = {seed}",
         "",
         "[backend]",
-        f"use = {inline(USE)}",
+        f"use = {inline(DEFAULT_BACKEND)}",
         "",
         "[backend.settings]",
         *(f"{key} = {inline(table)}" for key, table in nominal.settings.items()),
@@ -90,7 +96,7 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
         lines += ['kind = "profile"']
     elif {"Fx", "Fy"} <= set(read_measurement(file, nominal.of_file(file.name).columns()).channels):
         lines += ['channels = ["Fz", "Fx", "Fy"]']
-    cycle = _CYCLE.match(_bare(name))
+    cycle = _CYCLE_NAME.match(_bare(name))
     settings = [f"point = {list(place_in_name(name) or (0.0, 0.0))}"]
     rate = float(cycle[1]) if cycle else nominal.rate
     if rate and not profile:
@@ -106,19 +112,19 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
 
 def place_in_name(name: str) -> tuple[float, float] | None:
     """The point (mm) that the name of a file says, if it says one."""
-    point = _POINT.match(_bare(name))
+    point = _POINT_NAME.match(_bare(name))
     return (float(point[1]), float(point[2])) if point else None
 
 
 def may_be_a_place(name: str) -> bool:
     """Whether the name of a file seems to say a point and is not understood."""
-    return place_in_name(name) is None and _PLACE.search(_bare(name)) is not None
+    return place_in_name(name) is None and _PLACE_NAME.search(_bare(name)) is not None
 
 
 def unread(folder: Path) -> list[str]:
     """Files of a folder that may hold readings and are not read."""
     return [
-        f"{f.name} is not read: only {' and '.join(READ)} files are"
+        f"{f.name} is not read: only {' and '.join(READ_SUFFIXES)} files are"
         for f in sorted(folder.iterdir())
         if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".ods")
     ]
@@ -131,7 +137,7 @@ def files_of(study: Study) -> list[dict[str, Any]]:
         m, settings = study.measurement(e.name), study.settings_of(e.name)
         force, recorded = m.kind == "force", recorded_speed(m)
         stated = value_in_unit(settings["speed"], "mm/s") if "speed" in settings else None
-        speed = recorded or stated or DEFAULT_SPEED
+        speed = recorded or stated or DEFAULT_SPEED_MM_S
         returns = any(np.any(r.segment == "unloading") for r in m.repeats)
         found.append(
             {
@@ -169,8 +175,8 @@ def _columns(table: ColumnsTable) -> Iterator[str]:
 def _refuse_unclear(file: Path) -> None:
     """ValueError for a name that seems to say where or how it was pressed in a way that is not understood."""
     name = _bare(file.stem)
-    clear = _POINT.match(name) or _TOP.match(name)
-    if clear or not (_PLACE.search(name) or len(re.findall(r"\d+", name)) > 1):
+    clear = _POINT_NAME.match(name) or _TOP_NAME.match(name)
+    if clear or not (_PLACE_NAME.search(name) or len(re.findall(r"\d+", name)) > 1):
         return
     raise ValueError(
         f"{file}: the name does not say where it was pressed. Understood: point_X_Y (point_20_0.csv is pressed at "
@@ -182,7 +188,7 @@ def _refuse_unclear(file: Path) -> None:
 
 def _bare(name: str) -> str:
     """A name without the number of the test before it."""
-    return _NUMBERED.sub("", name)
+    return _TEST_NUMBER.sub("", name)
 
 
 def _is_profile(name: str) -> bool:
@@ -191,7 +197,7 @@ def _is_profile(name: str) -> bool:
 
 def _order(names: list[str]) -> Callable[[Path], tuple[float, float, str]]:
     """Key of the order of testing: the numbers before the names where every test has one of its own, else by kind."""
-    numbers = {n: int(m[1]) for n in names if not _is_profile(n) and (m := _NUMBERED.match(n))}
+    numbers = {n: int(m[1]) for n in names if not _is_profile(n) and (m := _TEST_NUMBER.match(n))}
     told = len(set(numbers.values())) == sum(not _is_profile(n) for n in names)
     return lambda f: (float(numbers.get(f.stem, math.inf)), 0.0, f.stem) if told else (*_rank(f.stem), f.stem)
 
@@ -199,7 +205,7 @@ def _order(names: list[str]) -> Callable[[Path], tuple[float, float, str]]:
 def _rank(name: str) -> tuple[int, float]:
     """Order of testing: loading, cycles from slow to fast, deep, other points, profile."""
     name = _bare(name)
-    cycle = _CYCLE.match(name)
+    cycle = _CYCLE_NAME.match(name)
     if cycle:
         return 1, float(cycle[1])
     kinds = {"mp_load": 0, "mp_cycle": 1, "mp_deep": 2, "point": 3, "profile": 4}

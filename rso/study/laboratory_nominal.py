@@ -22,21 +22,30 @@ from rso.core.default_backend import command_line
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choices_text, problem_text, schema_problems
 
-FILE = "nominal.json"
-NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm", "correlation_mm")
-LABORATORY = command_line().LABORATORY
-PARTS, SUPPORTS, (ASSUMED, _WHY) = LABORATORY["parts"], LABORATORY["supports"], LABORATORY["assumed"]
-WORDS = tuple(word for kind in SUPPORTS.values() for word in kind["words"])
-_DENIAL, _BETWEEN, _WORD = "not|no|non|never|without|neither|nor", "in|on|a|the|any", "|".join(WORDS)
-_NEGATED = re.compile(rf"\b({_DENIAL})[ -]+(({_BETWEEN}) +)*({_WORD})\b", re.IGNORECASE)
-_LOOSE = re.compile(
-    rf"\b(loose(ly)?|free(ly)?|{'|'.join(f'un{w}' for w in SUPPORTS[ASSUMED]['words'])})\b", re.IGNORECASE
+NOMINAL_FILE = "nominal.json"
+NOISE_KEYS = ("force_N", "depth_mm", "repeat_gain", "profile_mm", "correlation_mm")
+LABORATORY_WORDS = command_line().LABORATORY
+LABORATORY_PARTS, LABORATORY_SUPPORTS, (ASSUMED_SUPPORT, _WHY_ASSUMED) = (
+    LABORATORY_WORDS["parts"],
+    LABORATORY_WORDS["supports"],
+    LABORATORY_WORDS["assumed"],
 )
-_NEARLY = 0.7  # likeness from which an unknown key is a misspelled one
-_BESIDE = LABORATORY["beside"]  # older names beside the support
-MOST = 1_000_000  # bytes
-_UNITS = ["N, mm, MPa, s"]
-_WORDS = (
+SUPPORT_WORDS = tuple(word for kind in LABORATORY_SUPPORTS.values() for word in kind["words"])
+_DENIAL_WORDS, _WORDS_BETWEEN, _SUPPORT_WORD = (
+    "not|no|non|never|without|neither|nor",
+    "in|on|a|the|any",
+    "|".join(SUPPORT_WORDS),
+)
+_NEGATED_SUPPORT = re.compile(rf"\b({_DENIAL_WORDS})[ -]+(({_WORDS_BETWEEN}) +)*({_SUPPORT_WORD})\b", re.IGNORECASE)
+_LOOSE_SUPPORT = re.compile(
+    rf"\b(loose(ly)?|free(ly)?|{'|'.join(f'un{w}' for w in LABORATORY_SUPPORTS[ASSUMED_SUPPORT]['words'])})\b",
+    re.IGNORECASE,
+)
+_MISSPELLED_KEY_LIKENESS = 0.7  # likeness from which an unknown key is a misspelled one
+_OLDER_SUPPORT_KEYS = LABORATORY_WORDS["beside"]  # older names beside the support
+MAX_NOMINAL_FILE_BYTES = 1_000_000  # far more than the words and numbers of one specimen
+_STATED_UNITS = ["N, mm, MPa, s"]
+_DESCRIPTIVE_KEYS = (
     "remark",
     "family",
     "frame",
@@ -48,7 +57,17 @@ _WORDS = (
     "points_mm",
     "profile",
 )  # for people: not read
-_KEYS = (*PARTS, "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE, *_WORDS)
+_NOMINAL_KEYS = (
+    *LABORATORY_PARTS,
+    "support",
+    "noise",
+    "rate_mm_per_min",
+    "units",
+    "columns",
+    "columns_of",
+    *_OLDER_SUPPORT_KEYS,
+    *_DESCRIPTIVE_KEYS,
+)
 
 
 @dataclass(frozen=True)
@@ -74,9 +93,9 @@ class Nominal:
 
 def read_nominal(folder: Path) -> Nominal:
     """Read a folder's nominal.json; ValueError naming file, key, value and choices."""
-    path = folder / FILE
+    path = folder / NOMINAL_FILE
     try:
-        data = disk.read_json(path, MOST)
+        data = disk.read_json(path, MAX_NOMINAL_FILE_BYTES)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: cannot be read ({error})") from error
     if not isinstance(data, dict):
@@ -88,26 +107,26 @@ def read_nominal(folder: Path) -> Nominal:
 
 
 def _nominal(data: Mapping[str, Any]) -> Nominal:
-    unused = _unknown("", data, _KEYS)
-    tables = {name: _table(data, name) for name in PARTS}
-    for name, part in PARTS.items():
+    unused = _unknown("", data, _NOMINAL_KEYS)
+    tables = {name: _table(data, name) for name in LABORATORY_PARTS}
+    for name, part in LABORATORY_PARTS.items():
         unused += _unknown(f"{name}.", tables[name], (*part["sizes"], *part["granted"]))
         for key in part["granted"].keys() & tables[name].keys():
             _one_of(f"{name}.{key}", tables[name][key], part["granted"][key])
     if "units" in data:
-        _one_of("units", data["units"], _UNITS)
+        _one_of("units", data["units"], _STATED_UNITS)
     noise = _table(data, "noise")
     for key in noise:  # another unit of what is known
-        if key not in NOISE and key.split("_")[0] in {k.split("_")[0] for k in NOISE}:
-            raise ValueError(f"noise.{key} is unknown; {choices_text(key, NOISE)}")
-    unused += _unknown("noise.", noise, NOISE)
-    stated = {k: _number(f"noise.{k}", noise[k]) for k in NOISE if k in noise}
+        if key not in NOISE_KEYS and key.split("_")[0] in {k.split("_")[0] for k in NOISE_KEYS}:
+            raise ValueError(f"noise.{key} is unknown; {choices_text(key, NOISE_KEYS)}")
+    unused += _unknown("noise.", noise, NOISE_KEYS)
+    stated = {k: _number(f"noise.{k}", noise[k]) for k in NOISE_KEYS if k in noise}
     rate = _number("rate_mm_per_min", data["rate_mm_per_min"], zero=False) if "rate_mm_per_min" in data else None
-    settings = {name: _part(name, tables[name]) for name in PARTS}
+    settings = {name: _part(name, tables[name]) for name in LABORATORY_PARTS}
     settings["support"], assumed = _support(data)
-    assumed = (*assumed, *(f"{FILE}: {key} is not used" for key in unused))
+    assumed = (*assumed, *(f"{NOMINAL_FILE}: {key} is not used" for key in unused))
     if not stated:
-        assumed = (*assumed, f"{FILE} states no noise: only what repeats and readings show counts")
+        assumed = (*assumed, f"{NOMINAL_FILE} states no noise: only what repeats and readings show counts")
     columns = _columns(("columns",), data.get("columns", {}))
     columns_of = {name: _columns(("columns_of", name), v) for name, v in _table(data, "columns_of").items()}
     return Nominal(settings, stated, rate, assumed, columns, columns_of)
@@ -123,8 +142,8 @@ def _columns(place: tuple[str, ...], table: Any) -> ColumnsTable:
 
 def _part(name: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
     """Specimen or indenter as a setting, its sizes in mm."""
-    found = dict(PARTS[name]["setting"])
-    for key, (setting, n) in PARTS[name]["sizes"].items():
+    found = dict(LABORATORY_PARTS[name]["setting"])
+    for key, (setting, n) in LABORATORY_PARTS[name]["sizes"].items():
         given = table.get(key) if n > 1 else [table.get(key)]
         sizes = _lengths(f"{name}.{key}", given, n)
         found[setting] = sizes if n > 1 else sizes[0]
@@ -133,18 +152,18 @@ def _part(name: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _support(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], tuple[str, ...]]:
     """The support as a setting, from words or a table with `kind`, and what of it was not stated."""
-    beside = {new: data[old] for old, new in _BESIDE.items() if old in data}
+    beside = {new: data[old] for old, new in _OLDER_SUPPORT_KEYS.items() if old in data}
     if "support" not in data:
-        said = f'{FILE} states no support: "{ASSUMED}" is assumed, {_WHY}'
-        return {"kind": ASSUMED}, (said, *_unused(beside))
+        said = f'{NOMINAL_FILE} states no support: "{ASSUMED_SUPPORT}" is assumed, {_WHY_ASSUMED}'
+        return {"kind": ASSUMED_SUPPORT}, (said, *_unused(beside))
     support = data["support"]
     table = dict(support) if isinstance(support, dict) else {"kind": support}
     kind = _kind("support.kind" if isinstance(support, dict) else "support", table.pop("kind", None))
-    numbers = SUPPORTS[kind]["numbers"]
+    numbers = LABORATORY_SUPPORTS[kind]["numbers"]
     if not numbers:
         if table:
             key, value = next(iter(table.items()))
-            others = " or ".join(f'"{k}"' for k, v in SUPPORTS.items() if v["numbers"])
+            others = " or ".join(f'"{k}"' for k, v in LABORATORY_SUPPORTS.items() if v["numbers"])
             raise ValueError(f'support.{key} = {value!r}: belongs to kind = {others}; "{kind}" has no other key')
         return {"kind": kind}, _unused(beside)
     if unknown := set(table) - set(numbers):
@@ -153,19 +172,19 @@ def _support(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], tuple[str, ...
     usual = {k: v for k, (_, v) in numbers.items()}
     found = {k: _number(f"support.{k}", v) for k, v in {**usual, **beside, **table}.items()}
     assumed = [f"{k} = {v:g}" for k, v in usual.items() if k not in beside and k not in table]
-    words = f"{FILE} does not state all of the {kind}: {', '.join(assumed)} assumed"
+    words = f"{NOMINAL_FILE} does not state all of the {kind}: {', '.join(assumed)} assumed"
     return {"kind": kind} | {numbers[k][0]: found[k] for k in numbers}, (words,) if assumed else ()
 
 
 def _kind(key: str, value: Any) -> str:
     """The kind of support: words of one kind alone, none of them denied."""
-    *keys, last = ("kind", *(key for kind in SUPPORTS.values() for key in kind["numbers"]))
-    words = f"words with one of {', '.join(WORDS)}, or a table with {', '.join(keys)} and {last}"
+    *keys, last = ("kind", *(key for kind in LABORATORY_SUPPORTS.values() for key in kind["numbers"]))
+    words = f"words with one of {', '.join(SUPPORT_WORDS)}, or a table with {', '.join(keys)} and {last}"
     if not isinstance(value, str):
         raise ValueError(f"{key} = {value!r}: {words}")
-    said = _NEGATED.sub("", value)
-    kinds = [kind for kind, its in SUPPORTS.items() if _has(said, its["words"])]
-    loose = _LOOSE.search(said)
+    said = _NEGATED_SUPPORT.sub("", value)
+    kinds = [kind for kind, its in LABORATORY_SUPPORTS.items() if _has(said, its["words"])]
+    loose = _LOOSE_SUPPORT.search(said)
     if loose is not None:
         raise ValueError(f"{key} = {value!r}: {loose[0]!r} is not understood; say what is so, in {words}")
     if len(kinds) != 1:
@@ -179,7 +198,7 @@ def _has(text: str, words: Iterable[str]) -> bool:
 
 
 def _unused(beside: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(f"{k} is not used: {LABORATORY['without_numbers']}" for k in beside)
+    return tuple(f"{k} is not used: {LABORATORY_WORDS['without_numbers']}" for k in beside)
 
 
 def _unknown(table: str, given: Iterable[str], known: Sequence[str]) -> list[str]:
@@ -187,7 +206,7 @@ def _unknown(table: str, given: Iterable[str], known: Sequence[str]) -> list[str
     given = list(given)
     unknown = [key for key in given if key not in known]
     for key in unknown:
-        if difflib.get_close_matches(key, [k for k in known if k not in given], n=1, cutoff=_NEARLY):
+        if difflib.get_close_matches(key, [k for k in known if k not in given], n=1, cutoff=_MISSPELLED_KEY_LIKENESS):
             raise ValueError(f"{table}{key} is unknown; {choices_text(key, known)}")
     return [f"{table}{key}" for key in unknown]
 

@@ -21,10 +21,10 @@ class LineElsewhere(int):
         return made
 
 
-_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
-_KEY = re.compile(r'[ \t]*(?:"((?:[^"\\\n]|\\.)*)"|\'([^\'\n]*)\'|([A-Za-z0-9_-]+))[ \t]*')
-_STRING = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'', re.DOTALL)
-_SCALAR = re.compile(r"[^,\]}\n#]*")
+_TOML_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_TOML_KEY = re.compile(r'[ \t]*(?:"((?:[^"\\\n]|\\.)*)"|\'([^\'\n]*)\'|([A-Za-z0-9_-]+))[ \t]*')
+_TOML_STRING = re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'', re.DOTALL)
+_TOML_SCALAR = re.compile(r"[^,\]}\n#]*")
 
 
 def toml_lines(text: str) -> dict[Place, int]:
@@ -63,14 +63,14 @@ class _Scanner:
             self.found.setdefault(place[:n], self.line)
 
     def _skip(self) -> None:
-        match = _BLANK.match(self.text, self.at)
+        match = _TOML_BLANK.match(self.text, self.at)
         assert match  # of nothing at least
         self.at = match.end()
 
     def _keys(self) -> list[str]:
         """A dotted key."""
         keys = []
-        while match := _KEY.match(self.text, self.at):
+        while match := _TOML_KEY.match(self.text, self.at):
             self.at = match.end()
             keys.append(next(group for group in match.groups() if group is not None))
             if not self.text.startswith(".", self.at):
@@ -111,7 +111,7 @@ class _Scanner:
         if first in ("[", "{"):
             self._inside(place, first)
         else:
-            match = _STRING.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
+            match = _TOML_STRING.match(self.text, self.at) or _TOML_SCALAR.match(self.text, self.at)
             assert match  # of nothing at least
             self.at = match.end()
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from rso.data import Measurement, Noise, combine, fingerprint, read_measurement, value_at
-from rso.evaluation.joint import ROUTE
+from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.confusable_text import look_alikes
@@ -313,10 +313,11 @@ def _check_backends(study: Study, specimen: str) -> Iterator[Problem]:
     for n, e in enumerate(study.experiments):
         if e.backend is not None and e.backend not in study.backends:
             yield Problem(("experiments", n, "backend"), choices_text(e.backend, study.backends), e.backend)
-        if ROUTE in e.settings:
-            place = ("experiments", n, "settings", ROUTE)
+        if BACKEND_SETTING in e.settings:
+            place = ("experiments", n, "settings", BACKEND_SETTING)
             yield Problem(
-                place, f"the backend of an experiment stands beside its settings: backend = {e.settings[ROUTE]!r}"
+                place,
+                f"the backend of an experiment stands beside its settings: backend = {e.settings[BACKEND_SETTING]!r}",
             )
     used = {e.backend for e in study.experiments}
     for name, table in study.backends.items():
@@ -330,7 +331,7 @@ def _check_backends(study: Study, specimen: str) -> Iterator[Problem]:
         yield Problem(("ladder",), "a ladder is of one backend; this study has several ([backends])")
 
 
-MEASURED = {  # tables and keys that mean something only where there are data
+MEASURED_ONLY_KEYS = {  # tables and keys that mean something only where there are data
     "columns": (),
     "identify": (),
     "diagnose": (),
@@ -339,21 +340,21 @@ MEASURED = {  # tables and keys that mean something only where there are data
     "search": ("targets", "constraints", "metric", "repair", "repair_limit", "variants"),
     "doe": ("reduce",),
 }
-DISCRETE = ("whole", "values", "choices")
+DISCRETE_KEYS = ("whole", "values", "choices")
 
 
 def _check_objectives(study: Study) -> Iterator[Problem]:
     """What belongs to data has no place in a study without, and the other way round."""
     if study.objectives is None:
         for name, table in study.parameters.items():
-            for key in DISCRETE:
+            for key in DISCRETE_KEYS:
                 if getattr(table, key):
                     text = "belongs to a study with [objectives]; a fit to measurements searches ranges, low to high"
                     yield Problem(("parameters", name, key), text)
         if study.search.method == "simulations":
             yield Problem(("search", "method"), "belongs to a study with [objectives]", study.search.method)
         return
-    for place, keys in MEASURED.items():
+    for place, keys in MEASURED_ONLY_KEYS.items():
         if place in study.model_fields_set and not keys:
             yield Problem((place,), "belongs to a study with data; this one has [objectives]")
         for key in keys:

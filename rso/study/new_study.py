@@ -17,11 +17,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from rso.contract import Backend, Given, Line, NewStudies, capability
-from rso.core.default_backend import USE
+from rso.core.default_backend import DEFAULT_BACKEND
 from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES, in_base, people
 from rso.data import (
-    CONTACT,
+    ZERO_AT_CONTACT,
     HeaderError,
     Measurement,
     Noise,
@@ -39,11 +39,11 @@ from rso.study.errors import choices_text
 from rso.study.laboratory_folder import may_be_a_place, place_in_name
 from rso.study.settings_files import paths_seen_from
 
-GUESS = "# <-"  # behind what nobody has stated
-TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
-TOP = (0.0, 0.0)
-TEST = "press"  # the experiment of a study of many specimens
-SPECIMEN = "specimen"  # the setting with its sizes
+GUESS_MARK = "# <-"  # behind what nobody has stated
+BOTH_SIGNS_TURNED_NOTE = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
+TOP_POINT_MM = (0.0, 0.0)  # x and y of the top of a specimen
+TEST_NAME = "press"  # the experiment of a study of many specimens
+SPECIMEN_SETTING = "specimen"  # the setting with its sizes
 
 
 @dataclass(frozen=True)
@@ -101,17 +101,17 @@ def specimens_texts(file: Path, table: Path, backend: Backend, test: NewTest, fi
     keys = [_keys(e) for e in experiments]
     common = {k: v for k, v in keys[0].items() if all(own.get(k) == v for own in keys)}
     own = list(dict.fromkeys(k for each in keys for k in each if k not in common))
-    shape = settings[SPECIMEN].value if SPECIMEN in settings else {}
+    shape = settings[SPECIMEN_SETTING].value if SPECIMEN_SETTING in settings else {}
     sizes = {k: v for k, v in shape.items() if isinstance(v, int | float) and not isinstance(v, bool)}
     lines = _head(backend, folder, "Indentation of several specimens", settings, parameters, test.columns)
-    lines.insert(1, f"specimens = {inline(table.name)}  {GUESS} a row for each: write its own sizes there\n")
+    lines.insert(1, f"specimens = {inline(table.name)}  {GUESS_MARK} a row for each: write its own sizes there\n")
     guessed = any(e.measurement.guessed for e in experiments)
     first = replace(experiments[0], measurement=replace(experiments[0].measurement, guessed=guessed))
-    lines += _lines(first, TEST, common, None)
+    lines += _lines(first, TEST_NAME, common, None)
     text = io.StringIO()
     rows = csv.writer(text, delimiter=";", lineterminator="\n")
-    columns = [f"settings.{SPECIMEN}.{k}" for k in sizes] + [f"experiments.{TEST}.{k}" for k in own]
-    rows.writerow(["name", f"data.{TEST}", *columns, "note"])
+    columns = [f"settings.{SPECIMEN_SETTING}.{k}" for k in sizes] + [f"experiments.{TEST_NAME}.{k}" for k in own]
+    rows.writerow(["name", f"data.{TEST_NAME}", *columns, "note"])
     for e, each in zip(experiments, keys, strict=True):
         cells = [inline(each[k]) if k in each else "" for k in own]
         rows.writerow([e.name, _beside(e.files[0], folder), *sizes.values(), *cells, ""])
@@ -150,11 +150,11 @@ def _head(
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
         "[study]",
-        f"title = {inline(title)}  {GUESS} for the report",
+        f"title = {inline(title)}  {GUESS_MARK} for the report",
         "seed = 1",
         "",
         "[backend]",
-        f"use = {inline(USE)}",
+        f"use = {inline(DEFAULT_BACKEND)}",
         "",
         "[backend.settings]",
         *(_line(key, replace(line, value=paths_seen_from(line.value, folder))) for key, line in settings.items()),
@@ -227,7 +227,7 @@ def _uncertainty(backend: Backend, settings: Mapping[str, Line], parameters: Map
     return [
         "# [uncertainty]  # standard uncertainties of stated dimensions; without them intervals take these as exact",
         *(
-            f'# {name} = "{u * each[name][1]:.2g} {each[name][0]}"  {GUESS} {words}, with care'
+            f'# {name} = "{u * each[name][1]:.2g} {each[name][0]}"  {GUESS_MARK} {words}, with care'
             for name, (words, u) in found.items()
         ),
         "",
@@ -277,13 +277,13 @@ def _words(name: str, column: Mapping[str, Any]) -> list[str]:
     less, told = column.get("minus"), ("stiffness", "compliance")
     said = [name] * bool(name) + [column[k] for k in ("header", "unit") if k in column]
     said += [word for k in told if k in column for word in (k, column[k])]
-    said += ["flip"] * ("flip" in column) + ["contact"] * (column.get("zero") == CONTACT)
+    said += ["flip"] * ("flip" in column) + ["contact"] * (column.get("zero") == ZERO_AT_CONTACT)
     return said if less is None else [*said, "minus", *_words("", less)]
 
 
 def _line(key: str, line: Line) -> str:
     """A setting or parameter as the study says it, with what is said behind it."""
-    mark = f"  {GUESS} " if line.guess else "  # " if line.remark else ""
+    mark = f"  {GUESS_MARK} " if line.guess else "  # " if line.remark else ""
     return f"{key} = {inline(line.value)}{mark}{line.remark}"
 
 
@@ -300,7 +300,7 @@ def _parameters(studies: NewStudies, settings: Mapping[str, Line], force: _Exper
         rows = rows[np.argsort(r.depth[rows], kind="stable")]
         depth, value = r.depth[rows], r.channels["Fz"][rows]
     try:
-        return studies.first_parameters({**values, "point": list(force.point or TOP)}, depth, value)
+        return studies.first_parameters({**values, "point": list(force.point or TOP_POINT_MM)}, depth, value)
     except ValueError as error:
         raise ValueError(f"{force.files[0]}: {error}") from error
 
@@ -332,11 +332,11 @@ def _keys(e: _Experiment) -> dict[str, Any]:
     """Keys of an experiment beside its data, with dots, as its readings show them."""
     m = e.measurement
     if m.kind == "profile":
-        return {"kind": "profile", "settings.point": list(e.point or TOP)}
+        return {"kind": "profile", "settings.point": list(e.point or TOP_POINT_MM)}
     keys: dict[str, Any] = {"branch": "unloading"} if pulls_off(m) else {}
     if {"Fx", "Fy"} <= set(m.channels):
         keys["channels"] = ["Fz", "Fx", "Fy"]
-    keys["settings.point"] = list(e.point or TOP)
+    keys["settings.point"] = list(e.point or TOP_POINT_MM)
     if any(np.any(r.segment == "unloading") for r in m.repeats):
         keys["settings.unload"] = True
     return keys
@@ -346,18 +346,22 @@ def _lines(e: _Experiment, name: str, keys: Mapping[str, Any], data: str | list[
     """An experiment as the study says it; its data may stand elsewhere."""
     m = e.measurement
     lines = ["[[experiments]]", f"name = {inline(name)}", f'role = "{e.role}"']
-    turned = f"  {GUESS} {TURNED}" * m.guessed
+    turned = f"  {GUESS_MARK} {BOTH_SIGNS_TURNED_NOTE}" * m.guessed
     lines += [f"data = {inline(data)}{turned}"] if data is not None else [turned.strip()] * m.guessed
-    stuck = f"  {GUESS} Fz pulls during unloading, which shows how it sticks"
+    stuck = f"  {GUESS_MARK} Fz pulls during unloading, which shows how it sticks"
     lines += [f"{k} = {inline(v)}{stuck * (k == 'branch')}" for k, v in keys.items() if "." not in k]
     settings = {k.removeprefix("settings."): v for k, v in keys.items() if k.startswith("settings.")}
-    whose = f"  {GUESS} by the name of the file" if e.by_name else f"  {GUESS} the top" if e.point is None else ""
+    whose = (
+        f"  {GUESS_MARK} by the name of the file" if e.by_name else f"  {GUESS_MARK} the top" if e.point is None else ""
+    )
     lines += [f"settings = {inline(settings)}{whose}"] if settings else []
     if m.kind == "force" and not recorded_speed(m):
         lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body is history-dependent']
     unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']
     if m.kind == "force":
-        lines += [f"# noise = {{ {', '.join(unseen)} }}  {GUESS} what a record cannot show of itself; usual figures"]
+        lines += [
+            f"# noise = {{ {', '.join(unseen)} }}  {GUESS_MARK} what a record cannot show of itself; usual figures"
+        ]
     return lines
 
 

@@ -11,7 +11,7 @@ from rso.core.quantities import Limits, OutputQuantity, read_limits, read_quanti
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Depth, list_to_tuple
 
-MOST = 4  # objectives: a front of more is no picture, and nearly every design stands on it
+MAX_OBJECTIVES = 4  # objectives: a front of more is no picture, and nearly every design stands on it
 
 
 def _each(read: Callable[[str], Any]) -> AfterValidator:
@@ -51,8 +51,10 @@ class ObjectivesTable(StudyFileTable):
         every = [*self.minimise, *self.maximise]
         if not every:
             raise ValueError('give minimise = ["cost"] or maximise = ["stiffness"]')
-        if len(every) > MOST:
-            raise ValueError(f"{len(every)} objectives: at most {MOST}; state limits for the others (constraints)")
+        if len(every) > MAX_OBJECTIVES:
+            raise ValueError(
+                f"{len(every)} objectives: at most {MAX_OBJECTIVES}; state limits for the others (constraints)"
+            )
         if twice := [v for k, v in enumerate(every) if v in every[:k]]:
             raise ValueError(f"{twice[0]!r} is listed twice")
         if self.travel is not None and list(self.travel) != sorted(set(self.travel)):

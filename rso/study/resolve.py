@@ -15,7 +15,7 @@ from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
 from rso.study.search_table import TargetTable
 
-_WIDEST = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
+_MAX_LOG_RANGE_RATIO = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
 
 
 @dataclass(frozen=True)
@@ -241,8 +241,8 @@ def _axis(parameter: Parameter, table: ParameterTable, place: Place, problems: l
     if table.scale == "log" and low <= 0:
         problems.append(Problem((*place, "low"), f"a log scale needs low > 0 {parameter.unit}", table.low))
         return None
-    if table.scale == "log" and high > _WIDEST * low:
-        text = f"a log scale from {low:g} to {high:g} {parameter.unit} spans more than {_WIDEST:g} : 1"
+    if table.scale == "log" and high > _MAX_LOG_RANGE_RATIO * low:
+        text = f"a log scale from {low:g} to {high:g} {parameter.unit} spans more than {_MAX_LOG_RANGE_RATIO:g} : 1"
         problems.append(Problem((*place, "low"), text, table.low))
         return None
     return Axis(parameter, low, high, table.scale)
@@ -267,7 +267,7 @@ def _category(parameter: Parameter, table: ParameterTable, place: Place, problem
     return Axis(parameter, at[0], at[-1], "linear", tuple(map(float, at)), tuple(parameter.choices[k] for k in at))
 
 
-MOST_WHOLE = 10_000  # whole numbers of a range
+MAX_WHOLE_NUMBERS = 10_000  # whole numbers of a range
 
 
 def _whole(parameter: Parameter, table: ParameterTable, place: Place, problems: list[Problem]) -> Axis | None:
@@ -281,8 +281,8 @@ def _whole(parameter: Parameter, table: ParameterTable, place: Place, problems: 
         written = table.low if wrong[0] == "low" else table.high
         problems.append(Problem((*place, wrong[0]), "a whole number is expected (whole = true)", written))
         return None
-    if not low < high <= low + MOST_WHOLE:
-        text = f"low = {low:g} must be below high = {high:g}, by at most {MOST_WHOLE}"
+    if not low < high <= low + MAX_WHOLE_NUMBERS:
+        text = f"low = {low:g} must be below high = {high:g}, by at most {MAX_WHOLE_NUMBERS}"
         problems.append(Problem(place, text))
         return None
     if table.scale == "log" and low <= 0:

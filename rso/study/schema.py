@@ -21,17 +21,17 @@ from pydantic import (
 )
 
 from rso.core import disk
-from rso.core.polynomial_degree import HIGHEST
+from rso.core.polynomial_degree import MAX_POLYNOMIAL_DEGREE
 from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.evaluation.decks import DELIMITERS, Deck
-from rso.evaluation.joint import ROUTE
+from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
 from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.deck_table import FailureTable, OutputTable, deck_parameter, names_of_settings, pattern_alone, two_marks
 from rso.study.fields import (
-    TEXT,
+    TEXT_SCHEMA,
     Bound,
     Channels,
     Count,
@@ -89,7 +89,7 @@ class BackendTable(StudyFileTable):
     """Further files that are put beside them unchanged, such as a mesh."""
     outputs: dict[str, OutputTable] = Field(default_factory=dict)
     """Where the program writes each channel, Fz = {…}."""
-    failed: Annotated[FailureTable, BeforeValidator(pattern_alone), also(TEXT)] | None = None
+    failed: Annotated[FailureTable, BeforeValidator(pattern_alone), also(TEXT_SCHEMA)] | None = None
     """What in the output means that there is no answer; a text is a regular expression."""
     delimiters: Annotated[tuple[str, str], BeforeValidator(two_marks)] = DELIMITERS
     """What placeholders begin and end with, for input files that have braces of their own."""
@@ -275,7 +275,7 @@ class SurrogateTable(StudyFileTable):
 
     kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
     """Response surfaces: chosen by their scores, or of one kind; whole_curve learns curves, not single forces."""
-    degree: Annotated[int, Field(ge=1, le=HIGHEST)] | None = None
+    degree: Annotated[int, Field(ge=1, le=MAX_POLYNOMIAL_DEGREE)] | None = None
     """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
     """Error on new runs above which runs are added, at most verify.max_infill: a share of the output's spread over the
@@ -497,7 +497,7 @@ class Study(StudyFileTable):
         e = self.experiment(name)
         if e.backend is None:
             return {**self.backend.settings, **e.settings}
-        return {**self.backends[e.backend].settings, **e.settings, ROUTE: e.backend}
+        return {**self.backends[e.backend].settings, **e.settings, BACKEND_SETTING: e.backend}
 
     def written(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         """Settings as results keep them: with paths of files relative to the study file."""

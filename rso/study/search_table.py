@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from rso.core.units import COLUMNS, value_in_unit
+from rso.core.units import COLUMN_UNITS, value_in_unit
 from rso.study.base_table import StudyFileTable
 from rso.study.fields import Bound, Depth, Moment, Name, Positive, even, formed, list_to_tuple
 
@@ -28,7 +28,7 @@ class TargetTable(StudyFileTable):
     @field_validator("value", mode="before")
     @classmethod
     def _in_unit_of_channel(cls, value: Any, info: ValidationInfo) -> float:
-        return value_in_unit(value, COLUMNS.get(info.data.get("channel", "Fz"), "N"))
+        return value_in_unit(value, COLUMN_UNITS.get(info.data.get("channel", "Fz"), "N"))
 
 
 class ConstraintTable(StudyFileTable):
@@ -49,9 +49,9 @@ class ConstraintTable(StudyFileTable):
     @classmethod
     def _in_unit_of_channel(cls, value: Any, info: ValidationInfo) -> float:
         channel = info.data.get("channel", "Fz")
-        if channel not in COLUMNS and isinstance(value, str):
+        if channel not in COLUMN_UNITS and isinstance(value, str):
             raise ValueError(f"the unit of channel {channel!r} is the backend's, give a bare number in it")
-        return value_in_unit(value, COLUMNS.get(channel, "1"))
+        return value_in_unit(value, COLUMN_UNITS.get(channel, "1"))
 
     @model_validator(mode="after")
     def _ordered(self) -> ConstraintTable:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-KEY = "file"  # of a table of settings, at any depth
+FILE_KEY = "file"  # of a table of settings, at any depth
 
 
 def with_absolute_paths(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -50,7 +50,7 @@ def named_files(settings: Mapping[str, Any]) -> list[str]:
 
 def _names(data: Any) -> Iterator[str]:
     for key, value in data.items() if isinstance(data, Mapping) else ():
-        if key == KEY and isinstance(value, str):
+        if key == FILE_KEY and isinstance(value, str):
             yield value
         yield from _names(value)
 
@@ -58,4 +58,4 @@ def _names(data: Any) -> Iterator[str]:
 def _changed(data: Any, change: Callable[[str], str]) -> Any:
     if not isinstance(data, Mapping):
         return data
-    return {k: change(v) if k == KEY and isinstance(v, str) else _changed(v, change) for k, v in data.items()}
+    return {k: change(v) if k == FILE_KEY and isinstance(v, str) else _changed(v, change) for k, v in data.items()}

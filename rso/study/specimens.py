@@ -14,11 +14,11 @@ from rso.study.errors import Problem, StudyError, choices_text, study_error
 from rso.study.line_numbers import Place, toml_lines
 from rso.study.loader import study_of
 from rso.study.schema import Study
-from rso.study.specimens_table import NAME, SpecimenRow, rows_of_file, rows_of_tables
+from rso.study.specimens_table import SPECIMEN_PLACEHOLDER, SpecimenRow, rows_of_file, rows_of_tables
 from rso.study.toml_text import study_source, tables_of
 
-FEW = 3  # specimens that a message names
-UNASKED = ("dispatch", "report", "specimens")  # tables that change no answer
+MAX_LISTED_SPECIMENS = 3  # specimens that a message names
+ANSWER_FREE_TABLES = ("dispatch", "report", "specimens")  # tables that change no answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def load_specimens(path: str | Path) -> SpecimenStudies:
         name = row.table.name
         try:
             own, places = _merged(raw, lines, row)
-            mark = digest({k: v for k, v in own.items() if k not in UNASKED})
+            mark = digest({k: v for k, v in own.items() if k not in ANSWER_FREE_TABLES})
             studies.append(study_of(file, own, places, name, mark))
         except StudyError as error:
             for line in error.problems:
@@ -103,9 +103,11 @@ def together(wrong: Mapping[str, Sequence[str]], count: int) -> list[str]:
     """Problems by whose they are; those of only some specimens name these."""
     found = []
     for text, names in wrong.items():
-        left = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+        left = f" and {len(names) - MAX_LISTED_SPECIMENS} more" if len(names) > MAX_LISTED_SPECIMENS else ""
         who = "specimen" if len(names) == 1 else "specimens"
-        found.append(text if len(names) == count > 1 else f"{text} ({who} {', '.join(names[:FEW])}{left})")
+        found.append(
+            text if len(names) == count > 1 else f"{text} ({who} {', '.join(names[:MAX_LISTED_SPECIMENS])}{left})"
+        )
     return found
 
 
@@ -187,7 +189,7 @@ def _merged(
 
 def _named(files: Any, name: str) -> Any:
     if isinstance(files, str):
-        return files.replace(NAME, name)
+        return files.replace(SPECIMEN_PLACEHOLDER, name)
     return [_named(f, name) for f in files] if isinstance(files, list) else files
 
 

@@ -16,16 +16,16 @@ from rso.data.files.columns import cells_of, is_number, separator_of
 from rso.data.files.lines import file_text, numbered_lines
 from rso.study.base_table import StudyFileTable
 from rso.study.errors import Problem, choices_text, schema_problems
-from rso.study.fields import TEXT, Name, Settings, also, expected
+from rso.study.fields import TEXT_SCHEMA, Name, Settings, also, expected
 from rso.study.line_numbers import LineElsewhere, Place
 
-NAME = "{name}"  # in names of data files: that of the specimen
-ROOTS = ("data", "settings", "experiments", "backends", "parameters")
-MOST = 10_000  # rows of a table
-_KEY = re.compile(r'\s*(?:"([^"]*)"|([^\s."\[\]()]+))\s*')
-_UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]\s*")
-_THOUSANDS = re.compile(r"[-+]?\d{1,3},\d{3}")
-_BRACKETS = ("[", "{")
+SPECIMEN_PLACEHOLDER = "{name}"  # in names of data files: that of the specimen
+COLUMN_ROOTS = ("data", "settings", "experiments", "backends", "parameters")
+MAX_SPECIMENS = 10_000  # rows of a table
+_COLUMN_KEY = re.compile(r'\s*(?:"([^"]*)"|([^\s."\[\]()]+))\s*')
+_HEAD_AND_UNIT = re.compile(r"(.*?)\s*\[([^\[\]]*)\]\s*")
+_COMMA_THOUSANDS = re.compile(r"[-+]?\d{1,3},\d{3}")
+_OPENING_BRACKETS = ("[", "{")
 
 
 def _by_experiment(value: Any) -> Any:
@@ -37,7 +37,7 @@ OwnFiles = Annotated[
     dict[str, Any],
     BeforeValidator(_by_experiment),
     expected("a file or a list of files, or a table of these by experiment"),
-    also(TEXT, {"type": "array", "items": TEXT}),
+    also(TEXT_SCHEMA, {"type": "array", "items": TEXT_SCHEMA}),
 ]
 
 
@@ -108,8 +108,8 @@ def rows_of_file(path: Path, problems: list[str]) -> list[SpecimenRow]:
     except ValueError as error:
         problems.append(str(error))
         return []
-    if len(rows) < 2 or len(rows) > MOST:
-        problems.append(f"{path}: {max(len(rows) - 1, 0)} rows of specimens; from 1 to {MOST} are expected")
+    if len(rows) < 2 or len(rows) > MAX_SPECIMENS:
+        problems.append(f"{path}: {max(len(rows) - 1, 0)} rows of specimens; from 1 to {MAX_SPECIMENS} are expected")
         return []
     separator = separator_of(rows[0][1])
     heads = cells_of(rows[0][1], separator)
@@ -158,24 +158,24 @@ def rows_of_file(path: Path, problems: list[str]) -> list[SpecimenRow]:
 
 def _column(head: str) -> tuple[Place, str]:
     """Keys and unit of a column; ValueError for what is none."""
-    match = _UNIT.fullmatch(head)
+    match = _HEAD_AND_UNIT.fullmatch(head)
     text, unit = (match[1], match[2].strip()) if match else (head, "")
     keys: list[str] = []
     at = 0
-    while (found := _KEY.match(text, at)) is not None:
+    while (found := _COLUMN_KEY.match(text, at)) is not None:
         keys.append(found[1] if found[1] is not None else found[2])
         at = found.end()
         if not text.startswith(".", at):
             break
         at += 1
-    choices = ["name", "note", *(f"{root}.…" for root in ROOTS)]
+    choices = ["name", "note", *(f"{root}.…" for root in COLUMN_ROOTS)]
     if at < len(text) or not keys:
         raise ValueError(
             f"keys with dots are expected, such as settings.specimen.thickness; {choices_text(head, choices)}"
         )
     root, deep = keys[0], len(keys)
     good = root in ("name", "note", "data") and deep == 1
-    good |= (root in ("data", "settings") and deep > 1) or (root in ROOTS[2:] and deep > 2)
+    good |= (root in ("data", "settings") and deep > 1) or (root in COLUMN_ROOTS[2:] and deep > 2)
     if not good:
         whole = "; a setting is written out, such as settings.specimen.thickness" if deep == 1 else ""
         raise ValueError(f"no key of a specimen; {choices_text(root, choices)}{whole}")
@@ -191,7 +191,7 @@ def _cell(cell: str, place: Place, unit: str) -> Any:
     if place[0] == "data":
         files = [f.strip() for f in cell.split(";")]
         return files[0] if len(files) == 1 else files
-    if _THOUSANDS.fullmatch(cell):
+    if _COMMA_THOUSANDS.fullmatch(cell):
         raise ValueError("is its comma a decimal one? Write a point, or leave it out")
     if is_number(cell):
         number = cell.replace(",", ".").replace("−", "-")
@@ -201,7 +201,7 @@ def _cell(cell: str, place: Place, unit: str) -> Any:
         return int(number) if re.fullmatch(r"[-+]?\d+", number) else float(number)
     if unit:
         raise ValueError(f"a number in {unit} is expected")
-    if cell in ("true", "false") or cell.startswith(_BRACKETS):
+    if cell in ("true", "false") or cell.startswith(_OPENING_BRACKETS):
         try:
             return tomllib.loads(f"v = {cell}")["v"]
         except tomllib.TOMLDecodeError as error:

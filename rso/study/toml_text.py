@@ -10,9 +10,9 @@ from typing import Any
 from rso.study.confusable_text import too_deep
 from rso.study.errors import StudyError, choices_text
 
-MAX_BYTES = 1_000_000
-MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length
-DEEPEST = 64  # tables and arrays within one another
+MAX_STUDY_FILE_BYTES = 1_000_000  # of text that people write by hand: more is another file
+MAX_LINE_CHARACTERS = 10_000  # the time to read a dotted key grows with the square of its length
+MAX_NESTING = 64  # tables and arrays within one another
 
 
 def study_source(path: str | Path) -> tuple[Path, str]:
@@ -34,8 +34,10 @@ def study_source(path: str | Path) -> tuple[Path, str]:
         if not file.is_file():
             raise StudyError([f"{file}: is not a file; a study file such as study.toml is expected"])
         size = file.stat().st_size
-        if size > MAX_BYTES:
-            raise StudyError([f"{file}: {size / 1e6:.1f} MB is too large for a study file ({MAX_BYTES / 1e6:.0f} MB)"])
+        if size > MAX_STUDY_FILE_BYTES:
+            raise StudyError(
+                [f"{file}: {size / 1e6:.1f} MB is too large for a study file ({MAX_STUDY_FILE_BYTES / 1e6:.0f} MB)"]
+            )
         raw = file.read_bytes()
     except OSError as error:
         raise StudyError([f"{path}: cannot be read ({error.strerror})"]) from error
@@ -53,7 +55,7 @@ def study_source(path: str | Path) -> tuple[Path, str]:
 def tables_of(file: Path, text: str) -> dict[str, Any]:
     """The parsed file; a syntax error keeps its line."""
     for number, line in enumerate(text.split("\n"), 1):
-        if len(line) > MAX_LINE:
+        if len(line) > MAX_LINE_CHARACTERS:
             raise StudyError([f"{file}:{number}: not a study file: a line of {len(line)} characters ({line[:60]!r}…)"])
     try:
         found = tomllib.loads(text)
@@ -66,8 +68,8 @@ def tables_of(file: Path, text: str) -> dict[str, Any]:
         raise StudyError([f"{file}: not a study file: brackets are nested too deeply"]) from error
     except ValueError as error:  # an integer of thousands of digits
         raise StudyError([f"{file}: not valid TOML: {error}"]) from error
-    if (deep := too_deep(found, DEEPEST)) is not None:
+    if (deep := too_deep(found, MAX_NESTING)) is not None:
         raise StudyError(
-            [f"{file}: not a study file: {str(deep)[:60]} holds tables or arrays nested more than {DEEPEST} deep"]
+            [f"{file}: not a study file: {str(deep)[:60]} holds tables or arrays nested more than {MAX_NESTING} deep"]
         )
     return found

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Rectangle
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, WIDTH, style
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, WIDTH_INCH, style
 
 A, B = 60.0, 35.0  # mm, semi-axes; height as width
 R, CLEARANCE, LENGTH = 3.0, 1.0, 11.0  # mm: ball, bowl, indenter
@@ -88,7 +88,7 @@ def above(axes: Axes) -> None:
 def main() -> None:
     """Write the picture."""
     with style():
-        figure = Figure(figsize=(WIDTH, 3.5), dpi=150, layout="constrained", facecolor=PAPER)
+        figure = Figure(figsize=(WIDTH_INCH, 3.5), dpi=150, layout="constrained", facecolor=PAPER)
         FigureCanvasAgg(figure)
         left, right = figure.subplots(1, 2)
         side(left)

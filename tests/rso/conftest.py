@@ -13,7 +13,7 @@ import sample_studies as studies
 
 from rso.core import disk
 from rso.emulation import emulator
-from rso.result_types import FILES
+from rso.result_types import RESULT_FILES
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -22,9 +22,9 @@ def every_result_file_is_as_documented() -> Iterator[None]:
     replace = disk.replace
 
     def checked(path: Path, content: bytes | str, *, durably: bool = False) -> Path:
-        if path.name in FILES:
+        if path.name in RESULT_FILES:
             pareto = path.name == "results.json" and json.loads(content).get("kind") == "pareto"
-            FILES[f"objectives/{path.name}" if pareto else path.name].model_validate_json(content)
+            RESULT_FILES[f"objectives/{path.name}" if pareto else path.name].model_validate_json(content)
         return replace(path, content, durably=durably)
 
     with pytest.MonkeyPatch.context() as patch:

@@ -176,7 +176,7 @@ def test_a_figure_has_the_format_of_its_ending(results, suffix, head):
 def test_a_machine_is_examined(monkeypatch, capsys):
     assert main(["doctor", "--fast"]) == 0
     assert "✓ numpy" in capsys.readouterr().out
-    monkeypatch.setattr(doctor, "LIBRARIES", ("not-there-at-all",))
+    monkeypatch.setattr(doctor, "EXAMINED_LIBRARIES", ("not-there-at-all",))
     assert main(["doctor", "--fast", "--json"]) == 1
     states = {row["text"]: row["state"] for row in json.loads(capsys.readouterr().out)}
     assert states["not-there-at-all is not installed: pip install not-there-at-all"] == "bad"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rso.contract
-from rso.calibration.cost_model import GUESS, Pace, _cost
+from rso.calibration.cost_model import UNKNOWN_SIMULATION_S, Pace, _cost
 from rso.contract import (
     CAPABILITIES,
     Backend,
@@ -187,7 +187,7 @@ def test_a_key_holds_a_fingerprint_where_there_is_one():
 
 def test_a_cost_is_guessed_without_one():
     priced = type("Priced", (Bare,), {"cost": lambda self, values, case: 3.0})()
-    assert _cost(Bare(), {}, CASE) == GUESS and _cost(priced, {}, CASE) == 3.0
+    assert _cost(Bare(), {}, CASE) == UNKNOWN_SIMULATION_S and _cost(priced, {}, CASE) == 3.0
     assert "kind of model" in Pace(priced, 1.0).basis and "kind of model" not in Pace(Bare(), 1.0).basis
 
 

@@ -22,7 +22,7 @@ import rso
 from rso.calibration import plan
 from rso.cli import main, progress
 from rso.evaluation import Finished, Planned
-from rso.study.laboratory_nominal import NOISE, WORDS, read_nominal
+from rso.study.laboratory_nominal import NOISE_KEYS, SUPPORT_WORDS, read_nominal
 
 HERE = Path(__file__).parent
 TOP = studies.SECTIONS["[experiments]"]
@@ -321,7 +321,7 @@ def test_the_example_of_a_folder_is_one_that_is_read(tmp_path, capsys):
         assert found.settings["indenter"]["radius"] == 3.0 and found.rate == 30.0 and found.assumed == ()
         for word in ("mp_load.csv", "mp_cycle_30.csv", "point_20_0.csv", "profile.csv", "5 to 20 kPa", "remark"):
             assert word in text
-    for words in (*WORDS, *NOISE):
+    for words in (*SUPPORT_WORDS, *NOISE_KEYS):
         assert words in page
 
 

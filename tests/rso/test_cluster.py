@@ -135,7 +135,7 @@ def test_no_scheduler_there(tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     import rso.evaluation.cluster as room
 
-    monkeypatch.setattr(room, "CONNECT_S", 2.0)
+    monkeypatch.setattr(room, "CONNECTION_TIMEOUT_S", 2.0)
     studies.write(tmp_path, dispatch='engine = "dask"\naddress = "tcp://127.0.0.1:1"')
     start = time.monotonic()
     assert main(["run", str(tmp_path)]) == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.data import CONTACT, Column, contact_point, read_measurement
+from rso.data import ZERO_AT_CONTACT, Column, contact_point, read_measurement
 from rso.data.contact_point import approached, begins_in_air, contact_onset
 from rso.data.files import header_aliases
 from rso.study.loader import load_study
@@ -196,7 +196,10 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
     rng = np.random.default_rng(2)
     u, F = record(rng, 121, 1e-3)
     files = [write(tmp_path / f"{k}.csv", "Pos (mm),F (N)", 50.0 + s - u, 0.3 - F) for k, s in enumerate((0.0, 0.7))]
-    columns = {"depth": Column("Pos (mm)", flip=True, zero=CONTACT), "Fz": Column("F (N)", flip=True, zero=CONTACT)}
+    columns = {
+        "depth": Column("Pos (mm)", flip=True, zero=ZERO_AT_CONTACT),
+        "Fz": Column("F (N)", flip=True, zero=ZERO_AT_CONTACT),
+    }
     m = read_measurement(files, columns)
     for r in m.repeats:
         np.testing.assert_allclose(r.depth, u, atol=4 * m.contact)
@@ -210,7 +213,7 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
     with pytest.raises(ValueError, match=r"zero = 'contact': no approach is seen"):
         read_measurement(
             write(tmp_path / "a.csv", "Pos (mm),F (N)", u[u >= 0], F[u >= 0]),
-            {"depth": Column("Pos (mm)", zero=CONTACT), "Fz": Column("F (N)")},
+            {"depth": Column("Pos (mm)", zero=ZERO_AT_CONTACT), "Fz": Column("F (N)")},
         )
 
 
@@ -296,7 +299,10 @@ def test_what_is_refused_after_its_sign_was_turned_says_so(tmp_path):
 def test_a_contact_in_counts_is_said_in_counts(tmp_path):
     u, F = record(np.random.default_rng(0), noise=1e-3)
     path = write(tmp_path / "a.csv", "Step (steps),Load (N)", np.round((u + AIR) / 0.005), F)
-    columns = {"depth": Column("Step (steps)", "0.005 mm", zero=CONTACT), "Fz": Column("Load (N)", zero=CONTACT)}
+    columns = {
+        "depth": Column("Step (steps)", "0.005 mm", zero=ZERO_AT_CONTACT),
+        "Fz": Column("Load (N)", zero=ZERO_AT_CONTACT),
+    }
     (said,) = (d for d in read_measurement(path, columns).doubts if "contact is found" in d)
     place = re.search(r"found at ([\d.]+) × 0\.005 mm ± ([\d.]+) × 0\.005 mm", said)
     assert abs(float(place[1]) - AIR / 0.005) < 3.0 * float(place[2])

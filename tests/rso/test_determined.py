@@ -153,7 +153,7 @@ def test_a_chain_says_whether_it_has_converged(monkeypatch):
     on_cells = sample_posterior(misfit, [d.fit], seed=0)
     ends = [np.quantile(v.X, [0.05, 0.95], axis=0) for v in (good, on_cells)]
     np.testing.assert_allclose(*ends, atol=0.1 * float(np.ptp(ends[0], axis=0).min()))
-    monkeypatch.setattr(posterior_grid, "MOST", dict.fromkeys((1, 2, 3), 100))
+    monkeypatch.setattr(posterior_grid, "MAX_CELLS", dict.fromkeys((1, 2, 3), 100))
     assert sample_posterior(misfit, [d.fit], seed=0).method == "chain"
 
 

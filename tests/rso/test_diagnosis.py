@@ -19,7 +19,7 @@ from rso.discrepancy.evidence.attribution import Evidence, set_up
 from rso.discrepancy.evidence.cross_validation import _chosen_without, left_out_gaps
 from rso.discrepancy.evidence.gaussian_mixture import mixture_log_evidence, posterior, posterior_each
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, DiagnosisSettings
 from rso.discrepancy.wording import _named, _otherwise, _single
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
@@ -46,7 +46,7 @@ def tables(names: tuple[str, ...], validate: bool) -> Library:
 
 
 def with_priors(**changed) -> DiagnosisSettings:
-    return dataclasses.replace(SETTINGS, priors=dataclasses.replace(SETTINGS.priors, **changed))
+    return dataclasses.replace(DIAGNOSIS_SETTINGS, priors=dataclasses.replace(DIAGNOSIS_SETTINGS.priors, **changed))
 
 
 def diagnose(seed: int, truth=None, names=NAMES, validate: bool = False, **chain: float) -> Diagnosis:
@@ -64,7 +64,7 @@ def test_nothing_planted_is_no_gap():
     found = [diagnose(seed, names=("stiff", "skin", "soften")) for seed in range(100, 120)]
     alarms = [d for d in found if d.verdict != "no_gap"]
     assert len(alarms) <= 4
-    assert all(d.p_value <= SETTINGS.rules.false_alarm for d in alarms)
+    assert all(d.p_value <= DIAGNOSIS_SETTINGS.rules.false_alarm for d in alarms)
     assert all(not d.causes for d in found if d.verdict == "no_gap")
     assert 0.7 < np.mean([d.size_over_noise for d in found]) < 1.2
 
@@ -78,7 +78,7 @@ def test_what_is_planted_is_named_with_its_size(name, value, chain):
     for seed in range(3):
         planted = {name: value}
         found.append(diagnose(seed, None if chain else planted, **(planted if chain else {})))
-    assert all(d.p_value <= SETTINGS.rules.false_alarm for d in found)
+    assert all(d.p_value <= DIAGNOSIS_SETTINGS.rules.false_alarm for d in found)
     named = [d for d in found if name in d.named]
     assert len(named) == 3
     alone = [d for d in found if d.verdict == ("measurement" if chain else "explained")]
@@ -152,7 +152,8 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     for more in (False, True):
         each = [P[s, more] for s in ("stiff", "shift", "shift at one place")]
         np.testing.assert_allclose(each, each[0], rtol=1e-12)
-    np.testing.assert_allclose(P["shift", "stiff", False], 0.5 * SETTINGS.priors.pair / 3, rtol=1e-12)  # of 3 pairs
+    # of 3 pairs
+    np.testing.assert_allclose(P["shift", "stiff", False], 0.5 * DIAGNOSIS_SETTINGS.priors.pair / 3, rtol=1e-12)
     beside = np.concatenate([np.arange(at.start, at.stop) for t, _, at in plan.rows() if t.place == 1])
     rest = np.setdiff1d(np.arange(plan.n), beside)
     away = next(e for e in library.effects if e.name == "shift at (10, 0)")
@@ -259,7 +260,7 @@ def test_a_look_alike_makes_it_ambiguous():
 def test_offsets_that_differ_from_curve_to_curve_are_the_measurement():
     names = ("stiff", "soften", "offset", "offset_each")
     found = [diagnose(seed, names=names, each_offset=0.12) for seed in (1, 2, 3)]
-    assert sum(d.verdict == "measurement" for d in found if d.p_value <= SETTINGS.rules.false_alarm) >= 2
+    assert sum(d.verdict == "measurement" for d in found if d.p_value <= DIAGNOSIS_SETTINGS.rules.false_alarm) >= 2
     for d in found:  # all of them are: none is singled out
         assert "in one curve" not in " ".join(diagnosis_data(d.bench.library, d, (), None, "")["words"])
 
@@ -481,7 +482,7 @@ def test_one_curve_alone_is_answered_humbly():
 @pytest.mark.parametrize("names", [("offset_each",), ("stiff",), ("gain_each", "stiff")])
 def test_a_short_catalogue_is_a_catalogue(names):
     d = diagnose(0, names=names)
-    assert d.verdict == "no_gap" or d.p_value <= SETTINGS.rules.false_alarm
+    assert d.verdict == "no_gap" or d.p_value <= DIAGNOSIS_SETTINGS.rules.false_alarm
 
 
 def test_nothing_stated_and_no_repeats():
@@ -513,7 +514,7 @@ def screwed(e, size: float, pitch: float):
     return dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats))
 
 
-@pytest.mark.parametrize("menu, seen", [(SETTINGS.priors.gaps, True), (((0.03, 0.2), (0.15, 0.2)), False)])
+@pytest.mark.parametrize("menu, seen", [(DIAGNOSIS_SETTINGS.priors.gaps, True), (((0.03, 0.2), (0.15, 0.2)), False)])
 def test_a_gap_that_is_small_and_rough_is_seen(menu, seen):
     """0.025 mm in 1.3 mm: a competitor that is only smooth, or only large, finds it less probable than nothing."""
     plan = make_test_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
@@ -646,7 +647,7 @@ def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
         abs(
             mixture_log_evidence(h, h.white(y)[None])[0]
             + logsumexp(added.gained)
-            - np.log(marginal_ranges.SIZES)
+            - np.log(marginal_ranges.N_UNSEEN_SIZE_DRAWS)
             - want
         )
         < 1.0
@@ -691,7 +692,7 @@ def test_what_a_plan_can_see_is_what_the_verdict_finds():
     from rso.discrepancy.evidence import detectable as room
 
     lax = dataclasses.replace(
-        SETTINGS, rules=dataclasses.replace(SETTINGS.rules, false_alarm=0.5)
+        DIAGNOSIS_SETTINGS, rules=dataclasses.replace(DIAGNOSIS_SETTINGS.rules, false_alarm=0.5)
     )  # as a poor plan's 5 % are
     library = tables(NAMES, False)
     y = library.plan.values()
@@ -715,7 +716,7 @@ def test_what_is_seen_without_ever_being_clear_has_rivals_too(monkeypatch):
     library = tables(NAMES, False)
     y = library.plan.values()
     evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
-    monkeypatch.setattr(room, "CLEAR", 1.0)
+    monkeypatch.setattr(room, "MIN_POWER_FOR_CONFUSION", 1.0)
     seen = [d for d in room.detectable(evidence, y, 0) if d.limit is not None]
     assert len(seen) > 2
     assert all(d.recognised > 0.1 for d in seen)

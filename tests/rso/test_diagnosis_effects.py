@@ -10,10 +10,10 @@ from rso.contract import parameters_of
 from rso.data import Chain
 from rso.discrepancy import make_test_plan
 from rso.discrepancy.library.effects import (
-    ASTRAY,
-    BRISK,
-    LASTING,
-    ORDINARY,
+    DECLARED_FORCES_N,
+    DECLARED_LOADING_TIMES_S,
+    DECLARED_TEST_TIMES_S,
+    ONE_PLACE_ERROR_RATIO,
     Effect,
     Size,
     catalogue,
@@ -70,7 +70,7 @@ def test_errors_of_the_force_channel_grow_with_the_forces():
     found = toy.effects("stiff", "bias", "drift", "compliance", "gain", "offset")
     usual = {e.name: (e.size.low, e.size.high) for e in suited(found, 1.0)}
     assert usual == {e.name: (e.size.low, e.size.high) for e in found}
-    grown = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 50.0 * ORDINARY[1])}
+    grown = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 50.0 * DECLARED_FORCES_N[1])}
     for name, factor in {"stiff": 1, "bias": 50, "drift": 50, "compliance": 0.02, "gain": 1, "offset": 1}.items():
         np.testing.assert_allclose(grown[name], factor * np.array(usual[name]), rtol=1e-12)
 
@@ -80,7 +80,7 @@ def test_errors_of_the_record_are_those_of_a_small_test():
     found = toy.effects(
         "stiff", "bias", "compliance", "gain", "offset", "offset_each", "backlash", "permanent_set", "nonlinearity"
     )
-    few = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 0.01 * ORDINARY[0], 0.1)}
+    few = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 0.01 * DECLARED_FORCES_N[0], 0.1)}
     usual = {e.name: np.array([e.size.low, e.size.high]) for e in found}
     factors = {
         "stiff": 1,
@@ -95,7 +95,7 @@ def test_errors_of_the_record_are_those_of_a_small_test():
     }
     for name, factor in factors.items():
         np.testing.assert_allclose(few[name], factor * usual[name], rtol=1e-12)
-    for force in ORDINARY:
+    for force in DECLARED_FORCES_N:
         assert [e.size for e in suited(found, force)] == [e.size for e in found]
 
 
@@ -117,7 +117,10 @@ def test_errors_of_clock_and_drift_are_those_of_a_quick_or_a_slow_test(times, la
         np.testing.assert_allclose((s.size.low, s.size.high), np.multiply((e.size.low, e.size.high), factors[e.name]))
         assert factors[e.name] != 1 or s.size == e.size
     (e,), (s,) = toy.effects("g"), suited(toy.effects("g"), 1.0, 1.0, times)
-    quick, long = (v / min(max(v, a), b) for v, (a, b) in zip(times, (BRISK, LASTING), strict=True))
+    quick, long = (
+        v / min(max(v, a), b)
+        for v, (a, b) in zip(times, (DECLARED_LOADING_TIMES_S, DECLARED_TEST_TIMES_S), strict=True)
+    )
     found = s.shape[0].low / e.shape[0].low / quick, s.shape[0].high / e.shape[0].high / long
     assert all(2**-0.5 <= v <= 2**0.5 for v in found)  # a share that is a power of two
     for near in ((1.0001 * times[0], times[1]), (times[0], 0.9999 * times[1])):
@@ -128,7 +131,10 @@ def test_times_of_a_plan_are_those_of_its_quickest_loading_and_longest_record():
     plan = make_test_plan(toy.laboratory(toy.TRUTH, 0))
     speeds = [t.peak / t.speed for t in plan.tests]
     assert plan.times == (min(speeds), max(t.time[-1] for t in plan.tests))
-    assert BRISK[0] < plan.times[0] < BRISK[1] and LASTING[0] < plan.times[1] < LASTING[1]
+    assert (
+        DECLARED_LOADING_TIMES_S[0] < plan.times[0] < DECLARED_LOADING_TIMES_S[1]
+        and DECLARED_TEST_TIMES_S[0] < plan.times[1] < DECLARED_TEST_TIMES_S[1]
+    )
 
 
 def test_crosstalk_into_a_channel_that_nobody_measured_is_no_effect():
@@ -149,13 +155,15 @@ def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_seve
     assert e.source == own["shift at (0, 0)"].source != own["shift"].source == "shift" and e.size.name == "shift"
     assert [e.acts(p) for p in places.values()] == [False, True]
     assert all(own["shift"].acts(p) for p in places.values())
-    assert (e.size.low, e.size.high) == (-1.5 * ASTRAY, 1.5 * ASTRAY)
+    assert (e.size.low, e.size.high) == (-1.5 * ONE_PLACE_ERROR_RATIO, 1.5 * ONE_PLACE_ERROR_RATIO)
     assert e.measured and own["bias"].measured and not own["shift"].measured
     assert localised(found, {"(0, 0)": places["(0, 0)"]}) == found  # one place: the same as everywhere
     ratio = Effect("k", "", "model", Size("k", "", "1", 0.8, 1.25, 1.0), scope="place")
     (_, one, _) = localised((ratio,), places)
     # around neutral
-    np.testing.assert_allclose((one.size.low, one.size.high), (1 - 0.2 * ASTRAY, 1 + 0.25 * ASTRAY), atol=1e-12)
+    np.testing.assert_allclose(
+        (one.size.low, one.size.high), (1 - 0.2 * ONE_PLACE_ERROR_RATIO, 1 + 0.25 * ONE_PLACE_ERROR_RATIO), atol=1e-12
+    )
     (_, at_first, _) = localised(toy.effects("compliance"), places)
     own = toy.effects("compliance")[0].size
     assert (at_first.size.low, at_first.size.high) == (own.low, own.high)  # no position

@@ -14,7 +14,7 @@ from rso.data import Repeat
 from rso.discrepancy import build_library, diagnose, make_test_plan
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.library.prediction import predict
-from rso.discrepancy.library.test_plan import UNLOADING
+from rso.discrepancy.library.test_plan import UNLOADING_BRANCH
 
 
 def plan_of(truth=toy.TRUTH, hold=60.0, seed=0, **more):
@@ -83,7 +83,7 @@ def creeping(test, c, τ, k, modulus):
     way = solve_ivp(dz, (0.0, ends[-1]), [0.0], rtol=1e-8, atol=1e-10, dense_output=True, max_step=step)
     force = lambda t: F(pressed(t, float(way.sol(t)[0])))  # noqa: E731
     at = np.where(test.held, ends[0] + test.since, test.depth / test.speed)
-    at = np.where(test.branch == UNLOADING, ends[2] - test.depth / test.speed, at)
+    at = np.where(test.branch == UNLOADING_BRANCH, ends[2] - test.depth / test.speed, at)
     return np.array([force(t) for t in at])
 
 
@@ -129,7 +129,7 @@ def test_the_way_back_knows_how_long_the_ball_rested_and_how_fast_it_goes(tau, h
     t, one = np.unique(t, return_index=True)
     u = np.concatenate([np.linspace(0, far, 1001), np.linspace(far, 0, 1001)])[one]
     F = toy.along(values, t, u)[0]
-    back = test.branch == UNLOADING
+    back = test.branch == UNLOADING_BRANCH
     want = np.interp(-test.depth[back], -u[t >= far / v + hold], F[t >= far / v + hold])
     off = []
     for plain in (plan, dataclasses.replace(plan, tests=(dataclasses.replace(test, rest=0.0, pace=1.0),))):

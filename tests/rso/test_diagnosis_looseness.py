@@ -10,10 +10,10 @@ from rso.discrepancy import build_library, make_test_plan
 from rso.discrepancy.evidence import model_form_tolerance
 from rso.discrepancy.evidence.hypotheses import tiles
 from rso.discrepancy.evidence.model_form_tolerance import loops, with_tolerance
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.library.prediction import predict
 
-MODULUS, TOLERANCE = 0.012, SETTINGS.tolerance
+MODULUS, TOLERANCE = 0.012, DIAGNOSIS_SETTINGS.tolerance
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from rso.discrepancy import build_library, make_test_plan, proposals
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.next_test import (
-    READ_OFF,
+    RATE_OUT_OF_REACH_NOTE,
     candidate_library,
     distances,
     forecast,
@@ -24,7 +24,7 @@ from rso.discrepancy.next_test import (
 )
 from rso.discrepancy.proposals import planned_tests, proposed_tests
 from rso.optimal_design.ranking import Worth, ranked
-from rso.optimal_design.separation import DECIDED, as_likely, chance_to_decide
+from rso.optimal_design.separation import DECIDED_PROBABILITY, as_likely, chance_to_decide
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
@@ -35,7 +35,7 @@ def test_the_chance_is_that_of_gaussian_readings(D):
     for k in (0, 1):
         x = mean[k] + rng.standard_normal(200_000)
         s = np.log(P) - 0.5 * (x[:, None] - mean) ** 2
-        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= DECIDED)
+        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= DECIDED_PROBABILITY)
     chance = chance_to_decide({("a", "b"): D}, {"a": 0.7, "b": 0.3})
     np.testing.assert_allclose(chance, settled, atol=4e-3)  # 200 000 draws scatter by 1e-3
 
@@ -208,7 +208,7 @@ def test_a_test_done_three_times_tells_more_than_once_but_less_than_three_tests_
     bench, alive = survivors(library, ("stiff", "soften"), truth)
     D = {}
     for times in (1, 3):
-        monkeypatch.setattr(proposals, "REPEATS", times)
+        monkeypatch.setattr(proposals, "N_PROPOSED_REPEATS", times)
         found = next_tests(library, bench, alive, {"stiff": 0.5, "soften": 0.5}, None)
         D[times] = {t.test: t.distance for t in found}
     assert D[1].keys() == D[3].keys() and len(D[1]) > 1
@@ -218,7 +218,7 @@ def test_a_test_done_three_times_tells_more_than_once_but_less_than_three_tests_
 
 def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_stiffening(monkeypatch):
     """In this body marks move less under a stiff skin, and stiffening does not show in them."""
-    monkeypatch.setattr(proposals, "REPEATS", 1)  # the marks are photographed once
+    monkeypatch.setattr(proposals, "N_PROPOSED_REPEATS", 1)  # the marks are photographed once
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "skin": 1.6}
     marks = [[float(x), 5.0] for x in np.linspace(-8, 8, 9)]
     backend = proposing(marks=lambda settings: {"marks": marks})
@@ -273,7 +273,7 @@ def test_a_rate_beyond_those_computed_is_said():
     bench, alive = survivors(library, ("stiff", "g"), truth)
     found = {t.test: t.note for t in next_tests(library, bench, alive, {"stiff": 0.5, "g": 0.5}, None)}
     (slower,) = [note for test, note in found.items() if "ten times slower" in test]
-    assert slower == READ_OFF
+    assert slower == RATE_OUT_OF_REACH_NOTE
     assert not any(note for test, note in found.items() if "ten times" not in test and "hold" not in test)
     bench, alive = survivors(library, ("stiff",), truth)
     alive["twin"] = alive["stiff"]
@@ -291,7 +291,7 @@ def test_a_mount_that_creeps_has_times_that_no_run_needs():
     found = {t.test: t for t in next_tests(library, bench, alive, {"g": 0.5, "creep": 0.5}, None)}
     assert any("rigid block" in test for test in found)
     (slower,) = [t for test, t in found.items() if "ten times slower" in test]
-    assert slower.note == READ_OFF
+    assert slower.note == RATE_OUT_OF_REACH_NOTE
     bench, alive = survivors(library, ("stiff", "creep"), truth)
     found = next_tests(library, bench, alive, {"stiff": 0.5, "creep": 0.5}, None)
     assert found and not any(t.note for t in found)

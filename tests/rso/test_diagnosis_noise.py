@@ -15,7 +15,7 @@ from rso.data import Noise, Repeat
 from rso.discrepancy import build_library, make_test_plan
 from rso.discrepancy.detectors import autocorrelation, sensor
 from rso.discrepancy.evidence import noise
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 
 N = 1601  # readings
 U = np.linspace(0.0, 4.0, N)
@@ -280,7 +280,9 @@ def test_where_no_noise_is_known_a_table_is_not_taken_for_exact(repeats):
     level = noise.noise_levels(make_test_plan([toy.experiment("a", records, noise=Noise())]))["Fz"]
     if repeats == 1:
         assert level.source == "assumed"
-        np.testing.assert_allclose(level.white, SETTINGS.noise.reading * records[0].channels["Fz"].max(), rtol=1e-12)
+        np.testing.assert_allclose(
+            level.white, DIAGNOSIS_SETTINGS.noise.reading * records[0].channels["Fz"].max(), rtol=1e-12
+        )
     else:  # sixteen numbers tell a standard deviation to a fifth; what is taken lies above it
         assert level.source == "from the readings" and 2e-3 < level.white < 7e-3
 
@@ -337,12 +339,12 @@ def test_programs_part_company_at_the_deepest_travel_or_deeper_where_the_backend
 
     def share(**says):
         there = replace(library, base=replace(base, backend=types.SimpleNamespace(**own, **says)))
-        return np.diag(noise._of_model(there, F, SETTINGS.model_error)) / F**2
+        return np.diag(noise._of_model(there, F, DIAGNOSIS_SETTINGS.model_error)) / F**2
 
     usual, deep, shallow = share(), share(deep=lambda _: 2.0 * deepest), share(deep=lambda _: 0.5 * deepest)
     u = plan.tests[0].depth / deepest
     np.testing.assert_allclose(
-        usual - deep, SETTINGS.model_error.deep**2 * u**16 * (1.0 - 2.0**-16), rtol=1e-9, atol=1e-12
+        usual - deep, DIAGNOSIS_SETTINGS.model_error.deep**2 * u**16 * (1.0 - 2.0**-16), rtol=1e-9, atol=1e-12
     )
     np.testing.assert_array_equal(usual, shallow)
 
@@ -356,7 +358,7 @@ def test_a_model_may_be_rough_by_a_thousandth_from_bin_to_bin():
     F, u, deepest = np.ones(plan.n), plan.tests[0].depth, max(p.deepest for p in plan.places)
     d = np.array([1.0, -2.0, 1.0])
     found = np.array(
-        [d @ noise._of_model(library, F, SETTINGS.model_error)[k : k + 3, k : k + 3] @ d for k in range(1, 6)]
+        [d @ noise._of_model(library, F, DIAGNOSIS_SETTINGS.model_error)[k : k + 3, k : k + 3] @ d for k in range(1, 6)]
     )
     r, R = (np.exp(-0.5 * ((u[2:7] - u[1:6]) * m / (0.06 * deepest)) ** 2) for m in (1, 2))
     np.testing.assert_allclose(found, 1e-6 * (6.0 - 8.0 * r + 2.0 * R), rtol=0.2)  # what is smooth adds a little
@@ -365,7 +367,7 @@ def test_a_model_may_be_rough_by_a_thousandth_from_bin_to_bin():
 def records(s, tau, seeds, n=2000, white=3e-3):
     """Deviations of dense records from polynomials: white noise and slow noise of time constant tau (readings)."""
     x = np.sqrt(np.linspace(0.4, 4.0, n))
-    P = np.polynomial.legendre.legvander(2.0 * (x - x.min()) / np.ptp(x) - 1.0, sensor.DEGREE)
+    P = np.polynomial.legendre.legvander(2.0 * (x - x.min()) / np.ptp(x) - 1.0, sensor.FILTER_TREND_DEGREE)
     for seed in seeds:
         rng, a = np.random.default_rng(seed), np.exp(-1.0 / tau)
         slow = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], rng.standard_normal(n + 2000))[2000:]

@@ -12,13 +12,13 @@ import rso.discrepancy.diagnosis
 from rso import discrepancy
 from rso.data import Repeat
 from rso.discrepancy import build_library, make_test_plan
-from rso.discrepancy.diagnosis import WHOLE
+from rso.discrepancy.diagnosis import WHOLE_GAP_VERDICTS
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.residual_test import LEVEL, ResidualScore, _changes, residual_score
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.residual_test import RESIDUAL_TEST_LEVEL, ResidualScore, _changes, residual_score
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.evidence.verdict import pairs_of_remainder
 from rso.discrepancy.library.prediction import predict
 
@@ -59,7 +59,7 @@ def test_the_true_cause_leaves_noise(name, size):
     own = of(evidence, name)
     Y = attribution.simulated_data(evidence, own.effects, y, 60, 5)
     there = sum(residual_score(evidence, own, v, k).there for k, v in enumerate(Y))
-    assert there <= binom.ppf(0.999, len(Y), LEVEL)
+    assert there <= binom.ppf(0.999, len(Y), RESIDUAL_TEST_LEVEL)
 
 
 @pytest.mark.parametrize("chain", [{"bias": 0.03}, {"drift": 0.003}])
@@ -118,11 +118,11 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     plan = make_test_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
     d = discrepancy.diagnose(library, 2, nulls=100)
-    assert d.remainder.there and d.left < SETTINGS.rules.misfit
+    assert d.remainder.there and d.left < DIAGNOSIS_SETTINGS.rules.misfit
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
     monkeypatch.setattr(rso.discrepancy.diagnosis, "residual_score", lambda *_: ResidualScore("", None, 0.0, np.inf))
     blind = discrepancy.diagnose(library, 2, nulls=100)
-    assert blind.verdict in WHOLE and blind.named == ("skin",)
+    assert blind.verdict in WHOLE_GAP_VERDICTS and blind.named == ("skin",)
 
 
 def test_a_remainder_with_an_open_parameter_and_a_profile():

@@ -8,10 +8,10 @@ from diagnosis_fixture import VERDICTS, read_back, story
 
 from rso.report import render_diagnosis
 from rso.report.discrepancy.figures import draw, power, probabilities
-from rso.report.discrepancy.maps import FIRST, PANELS, residual_map
+from rso.report.discrepancy.maps import MAX_MAP_PANELS, N_FIRST_PANELS, residual_map
 from rso.report.discrepancy.reading import interval, panels, signatures, sized
 from rso.report.discrepancy.report import report
-from rso.report.discrepancy.signatures import ROWS, colours, signature_map
+from rso.report.discrepancy.signatures import N_SIGNATURE_ROWS, colours, signature_map
 from rso.report.layout.document import Facts, Picture, Table, Text
 from rso.report.layout.page import pictures
 
@@ -151,11 +151,11 @@ def test_one_panel_per_experiment_and_channel_the_strongest_first():
     assert len(rows) == len({(r["experiment"], r["channel"]) for r in found["residuals"]})
     assert [(p.experiment, p.channel) for p in rows[:3]] == [("cycle_100", "Fz"), ("cycle_10", "Fz"), ("aside", "Fz")]
     assert rows[1].regions == ((1, 2.0, 4.0), (0, 1.3, 2.7)) and rows[2].regions == ()
-    assert axes_drawn(found, "residuals") == FIRST
-    assert axes_drawn(found, "residuals-more") == min(len(rows), PANELS) - FIRST
+    assert axes_drawn(found, "residuals") == N_FIRST_PANELS
+    assert axes_drawn(found, "residuals-more") == min(len(rows), MAX_MAP_PANELS) - N_FIRST_PANELS
     many = story("explained")
     many["residuals"] += [r | {"experiment": f"more {k}"} for k, r in enumerate(many["residuals"][:4])]
-    assert axes_drawn(many, "residuals-more") == PANELS - FIRST
+    assert axes_drawn(many, "residuals-more") == MAX_MAP_PANELS - N_FIRST_PANELS
     assert "4 more panels, weaker than these, are not drawn" in said(many)
     few = story("explained")
     few["residuals"] = few["residuals"][:1]
@@ -198,8 +198,8 @@ def test_signatures_stand_beside_the_strongest_residuals(verdict, tmp_path):
         return
     assert [(p.experiment, p.channel) for p, _ in rows] == [(p.experiment, p.channel) for p in panels(found)]
     figure = signature_map(found)
-    assert len(figure.axes) == 2 * ROWS == axes_drawn(found, "signatures")
-    for k, (p, _) in enumerate(rows[:ROWS]):
+    assert len(figure.axes) == 2 * N_SIGNATURE_ROWS == axes_drawn(found, "signatures")
+    for k, (p, _) in enumerate(rows[:N_SIGNATURE_ROWS]):
         left, right = figure.axes[2 * k : 2 * k + 2]
         assert left.get_title().startswith(p.experiment) and left.get_ylim() == right.get_ylim()
         assert p.unit.label in left.get_ylabel() and p.unit.label in right.get_ylabel()

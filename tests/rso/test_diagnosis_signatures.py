@@ -11,9 +11,14 @@ import pytest
 from rso.contract import plain
 from rso.data import Repeat
 from rso.discrepancy import Diagnosis, Library, build_library, diagnose, make_test_plan
-from rso.discrepancy.diagnosis_results import LEADING, leading_hypotheses, residual_panels, signature_panels
+from rso.discrepancy.diagnosis_results import (
+    N_LEADING_HYPOTHESES,
+    leading_hypotheses,
+    residual_panels,
+    signature_panels,
+)
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.verdict import BEATEN
+from rso.discrepancy.evidence.verdict import N_BEATEN_CAUSES
 
 NAMES = ("stiff", "twin", "soften", "tilt", "bias", "offset_each")
 
@@ -94,7 +99,7 @@ def test_rivals_take_up_the_same_residual_as_they_were_fitted_to_it_too():
     d, left, added = told("stiff")
     drawn = list(added[0]["added"])
     assert d.verdict == "ambiguous" and set(d.named) == {"stiff", "twin"} == set(drawn[:2])
-    assert len(drawn) == 2 + BEATEN  # beside those that lost
+    assert len(drawn) == 2 + N_BEATEN_CAUSES  # beside those that lost
     for r, s in zip(left, added, strict=True):
         if (r["experiment"], r["channel"]) in (("load", "Fz"), ("cycle", "Fz")):
             gap = np.array(r["residual"]["none"])
@@ -133,7 +138,7 @@ def test_at_most_a_few_alone_and_the_pair_lead_each_with_its_effects_once():
         dataclasses.replace(d, chosen=pair, named=("soften", "bias"), posteriors={**every, pair.name: None})
     )
     assert [h.name for h in rows[:3]] == ["soften + bias", "soften", "bias"]
-    assert len(rows) == 1 + LEADING == len({h.effects for h in rows})
+    assert len(rows) == 1 + N_LEADING_HYPOTHESES == len({h.effects for h in rows})
     more = Hypothesis((effects["soften"],), True)
     rows = leading_hypotheses(dataclasses.replace(d, chosen=more, named=("soften", "stiff"), posteriors=every))
     assert [h.name for h in rows[:2]] == ["soften + unexplained", "stiff"]

@@ -10,9 +10,9 @@ import pytest
 from rso.data import Measurement, Noise, Repeat
 from rso.discrepancy import make_test_plan
 from rso.discrepancy.evidence import noise
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.library.simulations import passes, passes_of
-from rso.discrepancy.library.test_plan import BINS, STEP
+from rso.discrepancy.library.test_plan import N_HOLD_BINS, PLAN_DEPTH_STEP_MM
 
 NOTHING = Noise()
 
@@ -30,7 +30,7 @@ def test_bins_keep_the_means_of_every_branch():
     (test,), (r,) = plan.tests, repeats
     for k, branch in enumerate(("loading", "unloading")):
         mine, own = test.branch == k, r.segment == branch
-        assert mine.sum() == BINS and test.count[mine].sum() == own.sum()
+        assert mine.sum() == N_HOLD_BINS and test.count[mine].sum() == own.sum()
         for c in ("Fx", "Fy", "Fz"):
             total = np.sum(test.count[mine] * test.values[c][mine])
             np.testing.assert_allclose(total, r.channels[c][own].sum(), rtol=1e-12)
@@ -101,8 +101,8 @@ def test_the_deepest_travel_is_rounded_so_that_data_sets_share_a_library():
     for peak in (3.98, 4.0, 4.04):
         plan = make_test_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng(), peak=peak))])
         deepest.append(plan.places[0].deepest)
-        assert plan.places[0].deepest % STEP == 0
-        assert plan.places[0].deepest > peak - 0.25 * STEP
+        assert plan.places[0].deepest % PLAN_DEPTH_STEP_MM == 0
+        assert plan.places[0].deepest > peak - 0.25 * PLAN_DEPTH_STEP_MM
     assert len(set(deepest)) == 1
 
 
@@ -336,7 +336,7 @@ def test_uncertainties_that_the_file_states_count_as_stated_noise():
 
 def test_white_noise_alone_is_neither_gain_nor_correlated():
     found = [level(synthetic(5, k)) for k in range(12)]
-    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * SETTINGS.noise.gain)
+    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * DIAGNOSIS_SETTINGS.noise.gain)
     assert sum(v.correlated > 0 for v in found) <= 2
 
 
@@ -378,7 +378,7 @@ def test_softening_between_the_first_and_later_repeats_is_not_scatter():
     """A virgin test differs from those after it by an effect of the catalogue."""
     truth = {**toy.TRUTH, "soften": 0.3}
     e = toy.experiment("a", toy.recorded(truth, rng(1), repeats=5, scatter=0.0), noise=NOTHING)
-    assert level([e]).gain <= SETTINGS.noise.gain and level([e]).contact <= SETTINGS.noise.contact
+    assert level([e]).gain <= DIAGNOSIS_SETTINGS.noise.gain and level([e]).contact <= DIAGNOSIS_SETTINGS.noise.contact
 
 
 def test_a_few_noiseless_readings_still_have_a_covariance():

@@ -9,11 +9,11 @@ import pytest
 from rso.data import Noise, Repeat
 from rso.discrepancy import build_library, diagnose, diagnosis_data, make_test_plan
 from rso.discrepancy.diagnosis import _beyond, _sides, most_left
-from rso.discrepancy.evidence.attribution import SHARES, Comparison, Evidence, critical, set_up
+from rso.discrepancy.evidence.attribution import SCATTER_SIZE_SHARES, Comparison, Evidence, critical, set_up
 from rso.discrepancy.evidence.cross_validation import HeldOut, held_out_evidence, predicts
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.settings import SETTINGS
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.evidence.shrinkage import Gap, summarise
 from rso.discrepancy.evidence.verdict import judge_comparison
 from rso.discrepancy.parameters import _outside, parameter_sentences, unproved
@@ -77,8 +77,8 @@ def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
         return Posterior(np.ones(9), at, np.zeros(9, int), np.ones((9, 2)), off)
 
     for h in (Hypothesis((STIFF,)), Hypothesis((SCATTER, STIFF)), Hypothesis((STIFF, SCATTER))):
-        assert _beyond(h, drawn(1.01 * SETTINGS.rules.beyond * far)) and not _beyond(
-            h, drawn(0.99 * SETTINGS.rules.beyond * far)
+        assert _beyond(h, drawn(1.01 * DIAGNOSIS_SETTINGS.rules.beyond * far)) and not _beyond(
+            h, drawn(0.99 * DIAGNOSIS_SETTINGS.rules.beyond * far)
         )
         assert _beyond(h, drawn(0.5 * far, 0.6)) and not _beyond(h, drawn(0.5 * far, 0.4))
     assert not _beyond(Hypothesis((SCATTER,)), drawn(1e9))
@@ -149,7 +149,7 @@ def test_what_a_right_cause_leaves_of_few_readings_is_not_too_much():
     for n in (8, 14, 40):
         above = np.mean(rng.chisquare(n, 20_000) / n > most_left(n))
         assert 0.005 < above < 0.015
-    assert most_left(1000) == SETTINGS.rules.misfit
+    assert most_left(1000) == DIAGNOSIS_SETTINGS.rules.misfit
 
 
 @pytest.mark.parametrize("scatter", [0.03, 0.12])
@@ -163,7 +163,7 @@ def test_the_size_of_what_scatters_is_read_from_the_data(scatter):
     y = plan.values()
     bench = set_up(library, y)
     size, low, high = Evidence(bench, library.effects).scatter(gain, y, 0.9)
-    assert low < size < high and low >= 0.9 * SHARES[0] * gain.size.high
+    assert low < size < high and low >= 0.9 * SCATTER_SIZE_SHARES[0] * gain.size.high
     taken = bench.levels["Fz"].gain  # what repeats show is noise already; the effect is what comes on top
     assert low**2 < scatter**2 and high**2 + taken**2 > scatter**2
 
@@ -501,9 +501,9 @@ def test_there_is_a_gap_where_p_says_so_and_one_is_more_probable_than_none(n):
     at = critical(null)
     p = lambda t: (1 + np.sum(null >= t)) / (1 + n)  # noqa: E731 - as a diagnosis prints it
     if n < 19:
-        assert at == np.inf and p(10.0) > SETTINGS.rules.false_alarm
+        assert at == np.inf and p(10.0) > DIAGNOSIS_SETTINGS.rules.false_alarm
         return
-    assert p(np.nextafter(at, 9.0)) <= SETTINGS.rules.false_alarm < p(np.nextafter(at, -9.0))
+    assert p(np.nextafter(at, 9.0)) <= DIAGNOSIS_SETTINGS.rules.false_alarm < p(np.nextafter(at, -9.0))
     assert critical(null - 100.0) == 0.0
 
 

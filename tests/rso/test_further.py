@@ -24,7 +24,7 @@ from rso.emulation.multi_output import multi_output
 from rso.evaluation.store import RunStore
 from rso.inference import Model, determine, expected_sd
 from rso.inference.likelihood import Misfit
-from rso.next_experiment.design_results import ENOUGH, by_truth, design_data, design_warnings
+from rso.next_experiment.design_results import DETERMINED_SD_LN, by_truth, design_data, design_warnings
 from rso.next_experiment.study_design import run_next
 from rso.optimal_design import PossibleExperiment, expected_information
 from rso.report.optimal_design.report import render_next, report
@@ -98,7 +98,7 @@ def test_a_truth_at_the_end_of_a_flat_valley_stays_undetermined():
     once, twice = expected_information(
         box, x, 1, [ball("top", depth, 3e-3)], [(), (ball("again", depth, 3e-3),)], seed=5, draws=60
     )
-    assert once.expected["D1"] > ENOUGH and twice.expected["D1"] > ENOUGH
+    assert once.expected["D1"] > DETERMINED_SD_LN and twice.expected["D1"] > DETERMINED_SD_LN
     # Fisher information does not know that the curve would show a high D1: it is twice too doubtful here.
     assert once.expected["D1"] < 0.6 * once.fisher["D1"]
 
@@ -176,7 +176,7 @@ def test_nothing_is_asked_of_values_that_the_data_exclude(tmp_path):
 def test_what_does_not_see_a_parameter_does_not_promise_it(found):
     """In this backend the shape knows nothing of D1: the sets all leave it undetermined, and it is said."""
     _, data, _ = found
-    assert all(at["expected"]["D1"] > ENOUGH for r in data["told"] for at in r["at"])
+    assert all(at["expected"]["D1"] > DETERMINED_SD_LN for r in data["told"] for at in r["at"])
     assert any("would determine" in w and w.startswith("Nothing") for w in data["words"])
 
 

@@ -674,4 +674,4 @@ def test_secants_of_two_parameters_that_move_very_quiet_readings_alike():
     )
     found = least_squares.slopes(SimpleNamespace(model=model, white=lambda v: v), np.array([0.5, 0.5]))
     np.testing.assert_allclose(found, J)
-    np.testing.assert_allclose(steps, least_squares.WIDEST / np.sqrt(2.0) * np.ones((len(steps), 2)), rtol=1e-6)
+    np.testing.assert_allclose(steps, least_squares.MAX_SLOPE_STEP / np.sqrt(2.0) * np.ones((len(steps), 2)), rtol=1e-6)

@@ -43,10 +43,10 @@ def test_the_most_likely_point_is_recomputed_by_the_backend(study):
     assert run["outputs"]["top:Fz@2"] == pytest.approx(float(exact[0]), rel=1e-9)
 
 
-@pytest.mark.parametrize("settled", [confirmed_optimum.SETTLED, 1e-6])
+@pytest.mark.parametrize("settled", [confirmed_optimum.MAX_PREDICTION_GAP_CHI2, 1e-6])
 def test_what_is_verified_has_the_misfit_that_was_predicted(tmp_path, monkeypatch, settled):
     """A curve within 0.5 % of the largest force may be far off beside errors of 0.006 %: χ² has a say, and is told."""
-    monkeypatch.setattr(confirmed_optimum, "SETTLED", settled)
+    monkeypatch.setattr(confirmed_optimum, "MAX_PREDICTION_GAP_CHI2", settled)
     (tmp_path / "top.csv").write_text(studies.measured(noise=2e-5))
     found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0")
     again = found["identification"]["recomputed"]

@@ -191,8 +191,8 @@ def test_bad_files(tmp_path, monkeypatch):
         read_measurement(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="is not a file"):
         read_measurement(tmp_path)
-    assert lines_module.MAX_BYTES == 200_000_000
-    monkeypatch.setattr(lines_module, "MAX_BYTES", 10)
+    assert lines_module.MAX_FILE_BYTES == 200_000_000
+    monkeypatch.setattr(lines_module, "MAX_FILE_BYTES", 10)
     with pytest.raises(ValueError, match="is more than the"):
         read_measurement(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
 

@@ -9,10 +9,10 @@ import soft_ball
 from rso.core.correlation import exponential, gaussian_correlation, of_neighbours, restored
 from rso.inference import Data, Misfit, Model, determine, fit_at, with_model_errors
 from rso.inference.error_model import (
-    EMULATOR,
-    INTERPOLATION,
-    NUMERICAL,
-    OF_THE_MODEL,
+    EMULATOR_ERROR,
+    INTERPOLATION_ERROR,
+    MODEL_ERROR_NAMES,
+    NUMERICAL_ERROR,
     ModelErrors,
     correlated_along,
     error_covariance,
@@ -48,12 +48,12 @@ def test_a_correlated_error_has_its_size_everywhere_and_its_correlation_by_the_d
 def test_parts_are_named_add_up_and_can_be_taken_off_again():
     plain = curve()
     whole = with_model_errors(plain, errors(numerical=0.004, interpolation=0.002, emulator=0.001))
-    assert set(whole.parts) == set(OF_THE_MODEL)
+    assert set(whole.parts) == set(MODEL_ERROR_NAMES)
     np.testing.assert_allclose(whole.covariance, plain.covariance + sum(whole.parts.values()), rtol=1e-12)
-    np.testing.assert_allclose(whole.without(*OF_THE_MODEL).covariance, plain.covariance, atol=1e-18)
-    bare = whole.without(EMULATOR)
-    assert set(bare.parts) == {NUMERICAL, INTERPOLATION}
-    np.testing.assert_allclose(whole.covariance - bare.covariance, whole.parts[EMULATOR], atol=1e-18)
+    np.testing.assert_allclose(whole.without(*MODEL_ERROR_NAMES).covariance, plain.covariance, atol=1e-18)
+    bare = whole.without(EMULATOR_ERROR)
+    assert set(bare.parts) == {NUMERICAL_ERROR, INTERPOLATION_ERROR}
+    np.testing.assert_allclose(whole.covariance - bare.covariance, whole.parts[EMULATOR_ERROR], atol=1e-18)
     assert plain.parts == {}  # what was measured is as it was
 
 
@@ -61,25 +61,25 @@ def test_what_a_model_may_be_off_by_is_of_the_whole_curve_but_for_the_spline():
     """The numerical error of the ends goes together by e^{−1}·, the spline's only between neighbouring travels."""
     whole = with_model_errors(curve(), errors(numerical=0.004, interpolation=0.004))
     ends = {n: C[0, -1] / C[0, 0] for n, C in whole.parts.items()}
-    assert ends[NUMERICAL] == pytest.approx(np.exp(-3.5 / 4.0))
-    assert ends[INTERPOLATION] == pytest.approx(np.exp(-3.5))
+    assert ends[NUMERICAL_ERROR] == pytest.approx(np.exp(-3.5 / 4.0))
+    assert ends[INTERPOLATION_ERROR] == pytest.approx(np.exp(-3.5))
 
 
 def test_a_part_of_size_zero_is_none():
-    assert with_model_errors(curve(), errors(numerical=0.0, emulator=0.001)).parts.keys() == {EMULATOR}
+    assert with_model_errors(curve(), errors(numerical=0.0, emulator=0.001)).parts.keys() == {EMULATOR_ERROR}
 
 
 def test_shares_are_standard_deviations_over_the_largest_value():
     data = with_model_errors(curve(white=0.012), errors(numerical=0.006))
     largest = 0.3 * 4.0**1.5
-    assert shares(data) == pytest.approx({"measurement": 0.012 / largest, NUMERICAL: 0.006 / largest})
+    assert shares(data) == pytest.approx({"measurement": 0.012 / largest, NUMERICAL_ERROR: 0.006 / largest})
 
 
 def test_rows_in_another_order_keep_their_parts():
     order = np.arange(len(DEPTH))[::-1]
     data = with_model_errors(curve(), dataclasses.replace(errors(), numerical=0.01 * DEPTH))
     turned = data.rows(order)
-    np.testing.assert_allclose(turned.without(NUMERICAL).covariance, curve().covariance, atol=1e-18)
+    np.testing.assert_allclose(turned.without(NUMERICAL_ERROR).covariance, curve().covariance, atol=1e-18)
 
 
 def test_curves_of_one_block_have_the_errors_of_each():
@@ -155,7 +155,7 @@ def test_the_correlation_of_neighbours_is_that_of_the_noise():
 def test_errors_of_readings_at_one_depth_go_together_by_the_travel_there():
     """In creep all readings have the depth where the hold began; the indenter goes on, and the error changes."""
     held = Data("creep", "mm", np.full(8, 1.0), np.linspace(1.0, 2.0, 8), 1e-12 * np.eye(8))
-    together = with_model_errors(held, errors(numerical=0.01)).parts[NUMERICAL]
+    together = with_model_errors(held, errors(numerical=0.01)).parts[NUMERICAL_ERROR]
     assert together[0, -1] == pytest.approx(1e-4)
-    C = with_model_errors(held, dataclasses.replace(errors(numerical=0.01), travel=held.value)).parts[NUMERICAL]
+    C = with_model_errors(held, dataclasses.replace(errors(numerical=0.01), travel=held.value)).parts[NUMERICAL_ERROR]
     assert C[0, -1] / C[0, 0] == pytest.approx(np.exp(-0.5))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND
-from rso.calibration.cost_model import GUESS, pace
+from rso.calibration.cost_model import UNKNOWN_SIMULATION_S, pace
 from rso.contract import Case, Programme
 from rso.discrepancy import build_library, corrected_library, make_test_plan, planned_rerun
 from rso.evaluation import Task
@@ -38,7 +38,7 @@ def stored(folder, *values, wall=3.0):
 
 def test_a_backend_that_says_nothing_takes_a_guess_until_something_ran(tmp_path):
     known = pace(toy.BACKEND, tmp_path / "none")
-    assert known.seconds([Task(SLOW, CASE), Task(FAST, CASE)]) == 2 * GUESS and "guess" in known.basis
+    assert known.seconds([Task(SLOW, CASE), Task(FAST, CASE)]) == 2 * UNKNOWN_SIMULATION_S and "guess" in known.basis
     stored(tmp_path, SLOW)
     known = pace(toy.BACKEND, tmp_path)
     assert known.seconds([Task(SLOW, CASE), Task(FAST, CASE)]) == pytest.approx(6.0) and "measured" in known.basis

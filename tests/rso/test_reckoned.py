@@ -5,7 +5,7 @@ import pytest
 import sample_studies as studies
 
 from rso.cli import main
-from rso.data import CONTACT, Column, read_measurement
+from rso.data import ZERO_AT_CONTACT, Column, read_measurement
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
 
@@ -55,7 +55,10 @@ def test_a_cantilever_gives_the_indentation_and_the_force(tmp_path, up, bends):
 def test_contact_is_found_on_what_is_left_of_the_travel(tmp_path):
     z, d, depth = approach(noise=2e-7)
     path = write(tmp_path / "afm.csv", f"{Z},{D}", 1e6 * (z + PARKED), 1e6 * (d + LIGHT))
-    columns = {"depth": Column(Z, zero=CONTACT, minus=Column(D)), "Fz": Column(D, zero=CONTACT, stiffness=K)}
+    columns = {
+        "depth": Column(Z, zero=ZERO_AT_CONTACT, minus=Column(D)),
+        "Fz": Column(D, zero=ZERO_AT_CONTACT, stiffness=K),
+    }
     m = read_measurement(path, columns)
     r = m.repeats[0]
     off = r.depth - depth - (z - d - depth)  # the deflection's noise is in both
@@ -63,7 +66,7 @@ def test_contact_is_found_on_what_is_left_of_the_travel(tmp_path):
     np.testing.assert_allclose(np.median(r.channels["Fz"][z < -2e-4]), 0.0, atol=1e-12)
     plain = read_measurement(
         write(tmp_path / "b.csv", "Z (nm),F (mN)", 1e6 * (z - d), 1e3 * K * d),
-        {"depth": Column("Z (nm)", zero=CONTACT), "Fz": Column("F (mN)", zero=CONTACT)},
+        {"depth": Column("Z (nm)", zero=ZERO_AT_CONTACT), "Fz": Column("F (mN)", zero=ZERO_AT_CONTACT)},
     )
     np.testing.assert_allclose(r.depth, plain.repeats[0].depth, atol=1e-9)
 

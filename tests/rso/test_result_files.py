@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from rso.cli import main
-from rso.result_types import FILES, NextFile, ResultBlock
+from rso.result_types import RESULT_FILES, NextFile, ResultBlock
 from rso.result_types.reference import page, result_schema
 
 PAGE = Path(__file__).parents[2] / "docs" / "results.md"
@@ -39,7 +39,7 @@ def test_every_key_has_a_meaning_and_stands_in_the_page():
     assert len(headings) > 100
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", RESULT_FILES)
 def test_the_schema_of_each_file_is_printed_and_has_units(name, capsys):
     assert main(["keys", name, "--schema"]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -51,7 +51,7 @@ def test_the_schema_of_each_file_is_printed_and_has_units(name, capsys):
 
 def test_a_file_that_is_none_is_refused_with_the_choices(capsys):
     assert main(["keys", "result.json"]) == 2
-    assert ", ".join(FILES) in capsys.readouterr().err
+    assert ", ".join(RESULT_FILES) in capsys.readouterr().err
 
 
 def test_a_key_too_many_one_too_few_and_a_number_that_is_none_are_refused():

@@ -88,7 +88,7 @@ def test_a_run_out_of_time_costs_itself_alone(tmp_path):
 
 def test_a_job_out_of_time_keeps_what_it_had_answered(tmp_path, monkeypatch):
     """Its wall time is over in the second run: the first is done, the other two are crashes that say so."""
-    monkeypatch.setattr("rso.evaluation.slurm.LOST_S", 0.5)
+    monkeypatch.setattr("rso.evaluation.slurm.LOST_ANSWER_S", 0.5)
     tasks = [task(x, sleep_s=0.0 if x == 0 else 60.0) for x in range(3)]
     settings = ArraySettings(here=True, runs_per_job=3, minutes=12 / 60)
     with open_slurm(tmp_path / "slurm", 1, settings, SOURCE) as executor:
@@ -205,7 +205,7 @@ def test_one_array_with_what_was_asked_for(tmp_path, cluster):
 
 
 def test_a_job_that_slurm_kills_is_named_with_its_state(tmp_path, cluster, monkeypatch):
-    monkeypatch.setattr("rso.evaluation.slurm.LOST_S", 0.5)
+    monkeypatch.setattr("rso.evaluation.slurm.LOST_ANSWER_S", 0.5)
     Path(f"{cluster}-killed").touch()
     tasks = [task(x, sleep_s=8.0) for x in range(2)]
     with open_slurm(tmp_path / "slurm", 2, ArraySettings(), SOURCE) as executor:

@@ -10,7 +10,7 @@ from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.summary import folder_of
 from rso.report import render_specimens
-from rso.result_types import FILES
+from rso.result_types import RESULT_FILES
 from rso.study.errors import StudyError
 from rso.study.specimens import load_specimens
 
@@ -107,7 +107,7 @@ def test_specimens_are_fitted_and_summarised(springs):
     mean = found.population.loc["k"]
     assert mean["interval low"] < np.exp(np.mean(np.log([3.0, 3.3, 2.8]))) < mean["interval high"]
     text = (springs / "results" / "specimens.json").read_text()
-    FILES["specimens.json"].model_validate_json(text)
+    RESULT_FILES["specimens.json"].model_validate_json(text)
     assert (springs / "results" / "specimens.csv").read_text().startswith("specimen,state,settings.area,k [MPa],")
 
     CALLS.clear()

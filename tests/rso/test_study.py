@@ -424,7 +424,7 @@ def also(role: str = "validate", more: str = "") -> str:
         (TOP.replace("top.csv", "surface.csv"), {}, ["experiments[0].kind = 'force'", "those of a profile"]),
         (also(), {"surface": "depth_mm,x_mm,uz_mm\n1,0,-1\n"}, ["a profile needs the columns x_mm and y_mm"]),
         (also(), {"surface": "depth_mm,x_mm,y_mm,uz_mm\n0,0,5,0\n"}, ["no depth is positive"]),
-        (also(), {"surface": SURFACE + "2,7,5,0\n" * cases.READINGS}, ["3006 displacements", "at most 3000"]),
+        (also(), {"surface": SURFACE + "2,7,5,0\n" * cases.MAX_DISPLACEMENTS}, ["3006 displacements", "at most 3000"]),
     ],
 )
 def test_what_is_wrong_with_a_laboratory_is_said_at_its_line(tmp_path, experiments, changes, words):
@@ -466,7 +466,7 @@ def test_a_profile_asks_for_its_depths_and_marks(tmp_path, marked):
     rows = [f"{a!r},{x},-0.0,-0.1\n" for x, a in enumerate(u.tolist())] + ["-0.01,0,0,0\n", "2.50001,41,0,0\n"]
     plan = make_plan(load_study(laboratory(tmp_path, also(), "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows), **marked)))
     case = plan.validation["surface"]
-    assert len(case.programme.asked_mm) == cases.STEPS and case.programme.asked_mm[-1] == 2.50001
+    assert len(case.programme.asked_mm) == cases.N_CURVE_TRAVELS and case.programme.asked_mm[-1] == 2.50001
     assert case.settings["profile"][0] == [0.0, 0.0] and "-0.0" not in str(case.settings["profile"])
 
 
@@ -486,7 +486,7 @@ def test_that_a_test_also_unloads_is_no_matter_of_the_simulation(tmp_path, where
     (case,) = plan.cases
     assert case.settings == {"thickness": 8} and case.programme.travel_mm == (0.0, 2.0)
     assert len(plan.curves["top"].depth) == 20 and np.all(np.diff(plan.curves["top"].value) > 0)
-    assert cases.remarks(plan.study, "top") == [cases.LOADING]
+    assert cases.remarks(plan.study, "top") == [cases.LOADING_COMPARED_NOTE]
     (tmp_path / "top.csv").write_text(studies.measured())
     assert cases.remarks(load_study(studies.write(tmp_path)), "top") == []
 
@@ -504,7 +504,7 @@ def recorded(speed: float) -> str:
         ("30 mm/min", 0.01, 0.01, "by its times"),
         ("30 mm/min", 0.51, 0.5, "as stated"),
         ("30 mm/min", None, 0.5, "as stated"),
-        (None, None, cases.DEFAULT_SPEED, "assumed"),
+        (None, None, cases.DEFAULT_SPEED_MM_S, "assumed"),
     ],
 )
 def test_a_test_is_simulated_as_fast_as_its_record_says(tmp_path, stated, own, speed, whose):

@@ -440,7 +440,7 @@ def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
     quick = fit_surrogate("kriging", X, ishigami(X), seed=0)
     assert max(n for n, restarts in searches if restarts) == 150 and len(quick.X) == 200
     assert "sought with 150 of the runs" in quick.story and all(len(m.X) == 200 for _, m in quick.rivals)
-    monkeypatch.setattr(model_choice, "SEARCHED", 1000)
+    monkeypatch.setattr(model_choice, "MAX_SEARCHED_RUNS", 1000)
     full = fit_surrogate("kriging", X, ishigami(X), seed=0)
     assert "sought with" not in full.story
     errors = [held_out_scores(m, Q, ishigami(Q)).rmse for m in (quick, full)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.core import units
-from rso.core.units import BARE_COLUMNS, COLUMNS, column_factor, header, unit_in, value_in_unit
+from rso.core.units import BARE_COLUMNS, COLUMN_UNITS, column_factor, header, unit_in, value_in_unit
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_refusals_name_value_unit_and_an_example(written, unit):
 
 
 def test_every_column_in_its_base_unit_has_factor_one():
-    for name, unit in COLUMNS.items():
+    for name, unit in COLUMN_UNITS.items():
         assert header(f"{name}_{unit}") == (name, unit)
         assert column_factor(name, unit) == 1.0
         assert header(f"{name}_sigma_{unit}") == (f"{name}_sigma", unit)
@@ -148,5 +148,5 @@ def test_unknown_columns_are_answered_with_the_list(text):
 
 
 def test_units_without_pint_are_those_of_pint():
-    for unit, (scale, kind) in units._PLAIN.items():
+    for unit, (scale, kind) in units._PLAIN_UNITS.items():
         assert units._by_pint(unit) == (scale, kind), unit

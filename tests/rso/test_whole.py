@@ -184,7 +184,7 @@ def test_a_hidden_constant_is_caught_by_the_proof(tmp_path):
 
 def test_the_hidden_constant_would_have_spoilt_the_result(tmp_path, monkeypatch):
     """Negative control of the proof: where it passes everything, predictions are wrong."""
-    monkeypatch.setattr(stages, "SIMILAR_TO", 1.0)
+    monkeypatch.setattr(stages, "SIMILARITY_TOLERANCE", 1.0)
     found = studies.run(tmp_path, backend__settings=SPRING, verify="max_infill = 0")
     assert found["design"]["similarity"]["applied"] and found["exit_code"] == 4
 

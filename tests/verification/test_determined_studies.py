@@ -12,7 +12,7 @@ import pytest
 
 from rso.doe import Box
 from rso.inference import Data, Misfit, Model, determine, error_covariance
-from rso.inference.identifiability import LEVEL
+from rso.inference.intervals import CREDIBLE_LEVEL
 
 pytestmark = pytest.mark.verification
 
@@ -74,7 +74,7 @@ def test_intervals_hold_the_truth_and_determined_is_true(problem, noise, capsys)
         d = determine(Misfit(model, (data_set(f, truth, NOISES[noise], seed),)), seed=seed, mcmc=True)
         for k, known in enumerate(d.known):
             i, m = known.profile_interval, known.mcmc
-            pieces = known.profile.pieces(LEVEL)
+            pieces = known.profile.pieces(CREDIBLE_LEVEL)
             held[0, k] += any(p.low - 1e-9 <= x[k] <= p.high + 1e-9 for p in pieces)
             held[1, k] += m is not None and m.low <= x[k] <= m.high
             whole[k] += i.at_low or i.at_high

@@ -10,9 +10,9 @@ import numpy as np
 
 from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_readings, searched_ranges
 from rso.calibration.identification_stage import Identified
-from rso.calibration.plan import Plan
+from rso.calibration.plan import PROOF_MODULUS_RATIO, Plan
 from rso.calibration.readings import of_response
-from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner
+from rso.calibration.stages import MAX_TOLD_REASONS, SIMILARITY_TOLERANCE, NothingToFit, Proof, Run, Runner
 from rso.core.similarity import Group
 from rso.doe import sobol_sequence
 from rso.evaluation import Done, Outcome, why
@@ -33,13 +33,14 @@ from rso.inference import (
     with_usual,
 )
 from rso.inference import levenberg_marquardt as descend_along
-from rso.inference.gauss_newton import DIGITS, chi2_in_frame
-from rso.inference.models import DIFFERENCE
+from rso.inference.gauss_newton import RUN_POINT_DIGITS, chi2_in_frame
+from rso.inference.models import RUN_DIFFERENCE_STEP
 from rso.study.errors import Problem, study_error
 
-EULER = 1e-5  # relative imbalance of derivatives that still agree with similarity: a solver's are not exact
-ENDS, BESIDE = 3, 0.05  # rounds of runs at the ends of intervals; an end so close to a run (unit cube) needs none
-APART = 1.25  # factor of the modulus between the runs that prove similarity where derivatives cannot
+# relative imbalance of derivatives that still agree with similarity: a solver's are not exact
+SIMILARITY_IMBALANCE_TOLERANCE = 1e-5
+# rounds of runs at the ends of intervals; an end so close to a run (unit cube) needs none
+MAX_DESCENT_END_ROUNDS, END_NEARBY_DISTANCE = 3, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,7 @@ class _Eyes:
         """A point beside x along every parameter that has no derivatives, towards the middle of its range."""
         assert self.differenced is not None
         columns = [self.frame.box.names.index(n) for n in self.differenced if n != self.frame.group.reference]
-        return [x + DIFFERENCE * (1.0 if x[k] <= 0.5 else -1.0) * np.eye(len(x))[k] for k in columns]
+        return [x + RUN_DIFFERENCE_STEP * (1.0 if x[k] <= 0.5 else -1.0) * np.eye(len(x))[k] for k in columns]
 
     def _without_derivatives(self, outcomes: tuple[Outcome, ...]) -> tuple[str, ...]:
         """Parameters by which the runs have no derivatives, which differences then give; StudyError where the study
@@ -192,7 +193,7 @@ def run_gauss_newton(
     good = [d for d in found if d.best is not None]
     if not good:
         lost = [why(o)[1] or "" for r in eyes.runs for o in r.outcomes if not isinstance(o, Done)]
-        shown = "; ".join(list(dict.fromkeys(lost))[:REASONS])
+        shown = "; ".join(list(dict.fromkeys(lost))[:MAX_TOLD_REASONS])
         raise NothingToFit(f"no run from which a descent could start is done ({len(eyes.runs)} tried: {shown})")
     best = min(good, key=lambda d: (not d.confirmed, d.chi2))
     assert best.best is not None
@@ -268,14 +269,14 @@ def _proved(eyes: _Eyes, sight: EvaluatedPoint | None) -> tuple[tuple[Proof, ...
         return (), group.why
     if group.reference not in (eyes.differenced or ()):
         off = frame.imbalance(sight)
-        if off <= EULER:
+        if off <= SIMILARITY_IMBALANCE_TOLERANCE:
             return (), f"{group.why}; the derivatives of the first run agree with it to {off:.1e} (Euler's relation)"
         _drop(eyes, f"not applied: the derivatives of the first run contradict it by {off:.1e} of the curve")
         return (), eyes.frame.group.why
     proof = _second(eyes, sight)
     if proof is None or proof.relative_difference is None:
         _drop(eyes, "not applied: no second run could prove it")
-    elif proof.relative_difference > SIMILAR_TO:
+    elif proof.relative_difference > SIMILARITY_TOLERANCE:
         _drop(eyes, f"not applied: two runs differ by {proof.relative_difference:.1e}; the backend is not similar")
     return (() if proof is None else (proof,)), eyes.frame.group.why
 
@@ -290,7 +291,7 @@ def _second(eyes: _Eyes, sight: EvaluatedPoint) -> Proof | None:
     frame, box, reference = eyes.frame, eyes.frame.box, eyes.frame.group.reference
     assert reference is not None  # there is a similarity to prove
     theta = dict(zip(box.names, box.from_unit(sight.x), strict=True))
-    for q in (APART, 1 / APART, APART**0.25, APART**-0.25):
+    for q in (PROOF_MODULUS_RATIO, 1 / PROOF_MODULUS_RATIO, PROOF_MODULUS_RATIO**0.25, PROOF_MODULUS_RATIO**-0.25):
         moved = {n: v * q ** frame.group.exponents.get(n, 0) for n, v in theta.items()}
         row = np.array([moved[n] for n in box.names])
         if not box.contains(row, 0.0):
@@ -317,10 +318,10 @@ def identify_from_derivatives(plan: Plan, found: GaussNewtonRun) -> tuple[Identi
     assert best is not None
     known = [i.sight for d in found.descents for i in d.iterates if i.sight is not None]
     tried = [found.frame.reduced(i.x[None])[1][0] for d in found.descents for i in d.iterates]
-    for k in range(ENDS + 1):
+    for k in range(MAX_DESCENT_END_ROUNDS + 1):
         misfit = with_autocorrelation(Misfit(tangents(found.frame, known, best), found.data), best.x)
         d: Determination = determine(misfit, seed=plan.seed, near=best.x[None], mcmc=False)
-        ends = [] if k == ENDS else _ends(found.frame, misfit, d, tried)
+        ends = [] if k == MAX_DESCENT_END_ROUNDS else _ends(found.frame, misfit, d, tried)
         if not ends:
             break
         known += [s for s in eyes.look(ends, "interval") if s is not None]
@@ -337,9 +338,9 @@ def _ends(frame: TangentFrame, misfit: Misfit, d: Determination, tried: list[np.
         for at in (known.profile_interval.low, known.profile_interval.high):
             start = np.where(np.arange(len(d.fit.x)) == k, at, d.fit.x)
             x = descend_along(misfit, start[None], np.arange(len(start)) != k)[0]
-            x = np.clip(np.round(x, DIGITS), 0.0, 1.0)
+            x = np.clip(np.round(x, RUN_POINT_DIGITS), 0.0, 1.0)
             z = frame.reduced(x[None])[1][0]
-            if min(float(np.abs(z - t).max(initial=0.0)) for t in tried) > BESIDE:
+            if min(float(np.abs(z - t).max(initial=0.0)) for t in tried) > END_NEARBY_DISTANCE:
                 tried.append(z)
                 found.append(x)
     return found

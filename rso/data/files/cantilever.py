@@ -16,15 +16,15 @@ import numpy as np
 from rso.core.inline_toml import inline
 from rso.core.units import is_of
 from rso.data.files import header_aliases
-from rso.data.files.header_words import NAMES
+from rso.data.files.header_words import KNOWN_COLUMN_NAMES
 
-PIEZO = ("piezo", "zsens", "zsnsr", "z sens", "scanner", "calc ramp")  # in the name of a travel
-HEIGHT = ("height",)  # of a microscope beside a deflection; of a press without one
-BENDS = ("defl", "défl", "cantilever", "auslenkung", "durchbiegung", "verbiegung")
+PIEZO_WORDS = ("piezo", "zsens", "zsnsr", "z sens", "scanner", "calc ramp")  # in the name of a travel
+HEIGHT_WORDS = ("height",)  # of a microscope beside a deflection; of a press without one
+DEFLECTION_WORDS = ("defl", "défl", "cantilever", "auslenkung", "durchbiegung", "verbiegung")
 # Of a travel from which it was subtracted before.
-CORRECTED = ("tip", "separation", "surface", "indent", "penetr", "eindring", "enfoncement")
-GIVEN = "…"  # in place of a number that its owner knows
-_SPRING = re.compile(r"(?:spring ?constant|k \(N/m\))\s*[:=\t ]\s*([0-9.]+(?:e[-+]?\d+)?)", re.IGNORECASE)
+CORRECTED_TRAVEL_WORDS = ("tip", "separation", "surface", "indent", "penetr", "eindring", "enfoncement")
+NUMBER_BLANK = "…"  # in place of a number that its owner knows
+_SPRING_CONSTANT = re.compile(r"(?:spring ?constant|k \(N/m\))\s*[:=\t ]\s*([0-9.]+(?:e[-+]?\d+)?)", re.IGNORECASE)
 _SENSITIVITY = re.compile(r"sensitivity\s*[:=]\s*([0-9.]+(?:e[-+]?\d+)?)\s*$", re.IGNORECASE)
 
 
@@ -44,14 +44,20 @@ def bending(cells: Sequence[str], units: Sequence[str], known: Sequence[str | No
     """
     names = [header_aliases.bare_header(cell, "depth") for cell in cells]
     forces = [k for k, cell in enumerate(cells) if known[k] == "Fz" or _is_force(cell, units[k])]
-    bends = [k for k, name in enumerate(names) if any(part in name for part in BENDS)]
-    named = [k for k, name in enumerate(names) if (name in NAMES["depth"] or known[k] == "depth") and k not in bends]
-    if any(known[k] == "depth" or any(part in names[k] for part in CORRECTED) for k in named):
+    bends = [k for k, name in enumerate(names) if any(part in name for part in DEFLECTION_WORDS)]
+    named = [
+        k
+        for k, name in enumerate(names)
+        if (name in KNOWN_COLUMN_NAMES["depth"] or known[k] == "depth") and k not in bends
+    ]
+    if any(known[k] == "depth" or any(part in names[k] for part in CORRECTED_TRAVEL_WORDS) for k in named):
         return None
     if any(part in name for name in names for part in ("indentation", "penetration", "separation")):
         return None
-    piezo = [k for k, name in enumerate(names) if any(part in name for part in PIEZO) and k not in bends]
-    high = [k for k, name in enumerate(names) if any(part in name for part in HEIGHT) and bends and k not in bends]
+    piezo = [k for k, name in enumerate(names) if any(part in name for part in PIEZO_WORDS) and k not in bends]
+    high = [
+        k for k, name in enumerate(names) if any(part in name for part in HEIGHT_WORDS) and bends and k not in bends
+    ]
     travel = next(iter([*piezo, *high, *(named if bends else [])]), None)
     force = next((k for k in forces if k not in bends), None)
     bend = next(iter(sorted(bends, key=lambda k: not _has(units[k], cells[k], "N", "mm"))), force)
@@ -68,8 +74,10 @@ def question(
 ) -> Unsaid:
     """What to ask of the columns of :func:`bending`, by `numbers` (n, columns) of some rows and notes above them."""
     travel, bend, force = found
-    spring, sensitivity = (next((m[1] for t in notes if (m := p.search(t))), None) for p in (_SPRING, _SENSITIVITY))
-    stiffness = {"stiffness": f"{spring or GIVEN} N/m"}
+    spring, sensitivity = (
+        next((m[1] for t in notes if (m := p.search(t))), None) for p in (_SPRING_CONSTANT, _SENSITIVITY)
+    )
+    stiffness = {"stiffness": f"{spring or NUMBER_BLANK} N/m"}
     down, up = _flips(numbers[:, travel], numbers[:, bend])
     is_force = _has(units[bend], cells[bend], "N")
     less = _named(cells[bend], units[bend], "Fz" if is_force else "depth", sensitivity) | up
@@ -82,13 +90,17 @@ def question(
     else:
         flip = _flips(numbers[:, travel], numbers[:, force])[1]
         columns["Fz"] = own | flip | zero
-    time = next((k for k, c in enumerate(cells) if header_aliases.bare_header(c, "time") in NAMES["time"]), None)
+    time = next(
+        (k for k, c in enumerate(cells) if header_aliases.bare_header(c, "time") in KNOWN_COLUMN_NAMES["time"]), None
+    )
     if time is not None and is_of("s", unit := header_aliases.header_unit(cells[time], units[time], "time")):
         columns["time"] = {"header": cells[time], "unit": unit}
     both = f"{cells[travel]!r} and {cells[bend]!r} are the travel and " + (
         "the force of a cantilever, or of a frame that gives way" if is_force else "the deflection of a cantilever"
     )
-    blank = f", with numbers in place of {GIVEN}" if GIVEN in json.dumps(columns, ensure_ascii=False) else ""
+    blank = (
+        f", with numbers in place of {NUMBER_BLANK}" if NUMBER_BLANK in json.dumps(columns, ensure_ascii=False) else ""
+    )
     text = (
         f"{place}: {both}, and no column is the depth: that is the travel less what bends; say "
         f"(without minus where nothing bends){blank}"
@@ -97,7 +109,7 @@ def question(
 
 
 def _is_force(cell: str, beneath: str) -> bool:
-    return header_aliases.bare_header(cell, "Fz") in NAMES["Fz"] and _has(beneath, cell, "N")
+    return header_aliases.bare_header(cell, "Fz") in KNOWN_COLUMN_NAMES["Fz"] and _has(beneath, cell, "N")
 
 
 def _has(beneath: str, cell: str, *bases: str) -> bool:
@@ -111,7 +123,9 @@ def _named(cell: str, beneath: str, like: str, sensitivity: str | None) -> dict[
     if _has(beneath, cell, base):
         return {"header": cell}
     volts = "V" in (header_aliases.header_unit(cell, beneath, like), beneath)  # of a photodiode
-    one = f"{sensitivity or GIVEN} m" if sensitivity and volts else f"{GIVEN} nm" if volts else GIVEN
+    one = (
+        f"{sensitivity or NUMBER_BLANK} m" if sensitivity and volts else f"{NUMBER_BLANK} nm" if volts else NUMBER_BLANK
+    )
     return {"header": cell, "unit": one}
 
 

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from rso.core.units import kind_of
-from rso.data.branches import SEGMENTS, SKIP
+from rso.data.branches import SEGMENTS, SKIP_SEGMENT
 from rso.data.files import tables
 from rso.data.files.columns import Head, Row, cells_of, clock_seconds, fail, is_number
 
-_LARGEST = 1e12
-_MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
-_PARTED = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
-_THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
+_MAX_CELL_NUMBER = 1e12  # in any unit: beyond it stand marks of loggers
+_MAX_PLAUSIBLE = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
+_GROUPED_DIGITS = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
+_AMBIGUOUS_THOUSANDS, _WHOLE_NUMBER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
 def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
@@ -49,9 +49,9 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
 def require_plausible(path: Path, line: Sequence[int], name: str, column: np.ndarray, unit: str) -> None:
     """ValueError where a length or force is larger than any of a test; `unit` is the one it was read in."""
     base = kind_of(name)
-    if base in _MOST and (beyond := np.abs(column) > _MOST[base]).any():
+    if base in _MAX_PLAUSIBLE and (beyond := np.abs(column) > _MAX_PLAUSIBLE[base]).any():
         k = int(np.argmax(beyond))
-        told = f"{column[k]:g} {base} is larger than in any test ({_MOST[base]:g} {base}); read as {unit!r}"
+        told = f"{column[k]:g} {base} is larger than in any test ({_MAX_PLAUSIBLE[base]:g} {base}); read as {unit!r}"
         fail(path, line[k], f"column {name!r}: {told}; another unit is said with [columns] in the study file")
 
 
@@ -84,11 +84,11 @@ def no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
             cell = cells[k] if k < len(cells) else ""
             if ("," in cell) != ("." in cell):  # both in one is no number at all
                 marks.setdefault("," if "," in cell else ".", (number, cell))
-            if _THOUSANDS.fullmatch(cell):
+            if _AMBIGUOUS_THOUSANDS.fullmatch(cell):
                 thousands.setdefault(k, (number, cell))
             elif "," in cell or "." in cell:
                 other.add(k)
-            elif _WHOLE.fullmatch(cell):
+            elif _WHOLE_NUMBER.fullmatch(cell):
                 whole.setdefault(k, cell)
     if len(marks) == 2 and thousands:
         (line, one), (_, two) = (marks[m] for m in ".,")
@@ -121,8 +121,9 @@ def cell_number(path: Path, line: int, name: str, cells: Sequence[str], head: He
     if not math.isfinite(value) or "_" in cell:
         tables.no_reading(path, line, cells, head)
         fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{_hint(name, cell)}")
-    if abs(value) > _LARGEST:
-        large = f"is larger than anything measured ({_LARGEST:g}); a mark for an overload or a gap? Delete such rows"
+    if abs(value) > _MAX_CELL_NUMBER:
+        large = f"is larger than anything measured ({_MAX_CELL_NUMBER:g}); "
+        large += "a mark for an overload or a gap? Delete such rows"
         fail(path, line, f"column {name!r}: {cell[:40]!r} {large}")
     if value < 0 and name.endswith("_sigma"):
         fail(path, line, f"column {name!r}: {cell[:40]!r} is negative, a standard uncertainty is not")
@@ -133,7 +134,7 @@ def _hint(name: str, cell: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in cell and name == "time":
         return " and no time of day as 10:00:03.5; write seconds, or leave the column out and state settings.speed"
-    if _PARTED.fullmatch(cell):
+    if _GROUPED_DIGITS.fullmatch(cell):
         return "; write thousands without a mark between them"
     nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
     return "; delete the row if nothing was measured there" if nothing else ""
@@ -153,7 +154,7 @@ def segment_words(path: Path, line: Sequence[int] | np.ndarray, text: list[str])
 
 
 def segments_of(path: Path, rows: Sequence[Row], head: Head, codes: Mapping[str, str]) -> dict[int, str]:
-    """Line → what its segment is by the study's `codes`, or SKIP: that of the line above where a cell is empty.
+    """Line → what its segment is by the study's `codes`, or SKIP_SEGMENT: that of the line above where a cell is empty.
 
     Nanoindenters and merged cells of spreadsheets name a segment where it begins.  An empty cell that has a code of
     its own is that.
@@ -168,7 +169,7 @@ def segments_of(path: Path, rows: Sequence[Row], head: Head, codes: Mapping[str,
 
 
 def _segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
-    """What a row's segment is by the study's `codes`, or SKIP; 1 and 1.0 are the same code."""
+    """What a row's segment is by the study's `codes`, or SKIP_SEGMENT; 1 and 1.0 are the same code."""
     number, text = row
     at, cells = head.at["segment"], cells_of(text, head.separator)
     cell = cells[at] if at < len(cells) else ""
@@ -179,7 +180,7 @@ def _segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) ->
             path,
             number,
             f"column 'segment' ({head.cells[at]!r}): {cell[:40]!r} is none of {known}; say in its "
-            f"values what it is: {', '.join(SEGMENTS)} or {SKIP}",
+            f"values what it is: {', '.join(SEGMENTS)} or {SKIP_SEGMENT}",
         )
     return codes[found]
 

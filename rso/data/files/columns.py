@@ -21,7 +21,7 @@ import numpy as np
 
 from rso.core.units import (
     BARE_COLUMNS,
-    UNITS,
+    UNITS_OF_KIND,
     bracketed,
     column_factor,
     conversion_factor,
@@ -36,20 +36,20 @@ from rso.core.units import (
 )
 from rso.data.files import cantilever, header_aliases
 
-_QUOTED = re.compile(r'"[^"]*"')
-_CLOCK = re.compile(
+_QUOTED_CELL = re.compile(r'"[^"]*"')
+_CLOCK_TIME = re.compile(
     r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\s*)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
 )
-_SEARCHED = 300  # lines in which a header of customary names is looked for
-_LOOKED = 20_000  # rows whose numbers tell which way a travel counts
-_LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
-_HEADLESS = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
-_TWICE = "rename one of them, tests side by side are files of their own"
-_OTHER_NAMES = "other names are understood with [columns] in the study file"
+_HEADER_SEARCH_LINES = 300  # lines in which a header of customary names is looked for
+_MAX_SENSE_ROWS = 20_000  # rows whose numbers tell which way a travel counts
+_MAX_HEADER_CHARACTERS, _MAX_HEADERS = 80, 200  # characters of a header and headers of a line that a message looks at
+_HEADLESS_ADVICE = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
+_RENAME_ADVICE = "rename one of them, tests side by side are files of their own"
+_OTHER_NAMES_ADVICE = "other names are understood with [columns] in the study file"
 
-CONTACT = "contact"
-LESS = "depth.minus"  # the column that is subtracted of depth, among those that are read
-MEGA = 1e6  # N: no force on a soft body is told in it
+ZERO_AT_CONTACT = "contact"
+SUBTRACTED_COLUMN = "depth.minus"  # the column that is subtracted of depth, among those that are read
+IMPLAUSIBLE_FORCE_UNIT_N = 1e6  # N: no force on a soft body is told in it
 
 Row = tuple[int, str]  # number of a line, and its text
 
@@ -59,9 +59,9 @@ class Column:
     """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned.
 
     `zero` is what the file says where 0 is meant, as it stands there: a machine's position at contact, a tare; of
-    several files one each; or CONTACT, for depth and Fz: what the record itself shows there, in each repeat.  `unit`
-    may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its segments which are loading, hold
-    or unloading, and which to skip.
+    several files one each; or ZERO_AT_CONTACT, for depth and Fz: what the record itself shows there, in each repeat.
+    `unit` may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its segments which are
+    loading, hold or unloading, and which to skip.
 
         depth = ±(header − zero) − minus,    minus = ±header, or of a force ±header / stiffness = ±header · compliance
         Fz    = ±(header − zero) · stiffness of a deflection,                          `stiffness` N/mm
@@ -79,14 +79,14 @@ class Column:
     def read_as(self, name: str) -> str:
         """A known name whose kind of unit the file has where the column `name` is meant."""
         bends = self.stiffness is not None or self.compliance is not None
-        if name == LESS:
+        if name == SUBTRACTED_COLUMN:
             return "Fz" if bends else "depth"
         return "depth" if bends and kind_of(name) == "N" else name
 
     def worth(self, name: str) -> float:
         """Factor from the kind that the file has to that of the column `name`, mm/N or N/mm; else 1."""
         k = self.stiffness
-        return (self.compliance or (1.0 / k if k else 1.0)) if name == LESS else k or 1.0
+        return (self.compliance or (1.0 / k if k else 1.0)) if name == SUBTRACTED_COLUMN else k or 1.0
 
 
 @dataclass(frozen=True)
@@ -138,9 +138,9 @@ def columns_of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, 
 
 
 def with_less(columns: Mapping[str, Column]) -> Mapping[str, Column]:
-    """The columns with that which is subtracted of depth as one of its own, LESS."""
+    """The columns with that which is subtracted of depth as one of its own, SUBTRACTED_COLUMN."""
     less = columns["depth"].minus if "depth" in columns else None
-    return columns if less is None else {**columns, LESS: less}
+    return columns if less is None else {**columns, SUBTRACTED_COLUMN: less}
 
 
 def is_head(path: Path, comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
@@ -197,7 +197,11 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
         names = own if columns else [_name(cell, units[i])]
         for name in (n for n in names if n is not None):
             if name in at:
-                fail(path, line, f"{f'header {cell!r}' if columns else f'column {name!r}'} appears twice; {_TWICE}")
+                fail(
+                    path,
+                    line,
+                    f"{f'header {cell!r}' if columns else f'column {name!r}'} appears twice; {_RENAME_ADVICE}",
+                )
             at[name] = i
     for name in at:
         if name.endswith("_sigma") and name.removesuffix("_sigma") not in at:
@@ -216,7 +220,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
         )
         factors[name] = column_factor(column.read_as(name), unit) * (-1.0 if column.flip else 1.0) * column.worth(name)
     said = {name: columns[name].zero if name in columns else 0.0 for name in at}
-    found = tuple(name for name, zero in said.items() if zero == CONTACT)
+    found = tuple(name for name, zero in said.items() if zero == ZERO_AT_CONTACT)
     zeros: dict[str, float] = {}
     for name, zero in said.items():
         assert not isinstance(zero, tuple)  # each file has its own one: see `columns_of_file`
@@ -228,7 +232,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
 
 def separator_of(row: str) -> str:
     """Semicolon, tab or comma: the first of them that the line has outside quotes."""
-    bare = _QUOTED.sub("", row)
+    bare = _QUOTED_CELL.sub("", row)
     return next((s for s in (";", "\t") if s in bare), ",")
 
 
@@ -247,7 +251,7 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
 
 def clock_seconds(cell: str) -> float | None:
     """A time of day, 10:02:03.5 with or without a date before it, as seconds since midnight; else None."""
-    match = _CLOCK.fullmatch(cell.strip())
+    match = _CLOCK_TIME.fullmatch(cell.strip())
     return None if match is None else 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3].replace(",", "."))
 
 
@@ -319,7 +323,7 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
             break
         if _is_header(rows, k):
             return k
-        if best is None and any(name for _, name in itertools.islice(_names(rows, k), _SHOWN)):
+        if best is None and any(name for _, name in itertools.islice(_names(rows, k), _MAX_HEADERS)):
             best = k
     best = _likely(rows) if best is None else best
     unknown = (cell for cell, name in _names(rows, best) if name is None)
@@ -329,25 +333,25 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         header(cell)
     except ValueError as error:
         message = str(error)
-    headless = _HEADLESS if numbers_in(rows[best][1]) else _by_blanks(rows, best)
-    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
+    headless = _HEADLESS_ADVICE if numbers_in(rows[best][1]) else _by_blanks(rows, best)
+    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES_ADVICE}{headless}")
 
 
 def _customary(path: Path, rows: Sequence[Row], notes: Sequence[str] = ()) -> dict[str, Column]:
     """The columns of the first line that is a header by what machines write; none where one is understood itself."""
     found: dict[str, Column] = {}
-    for k, (line, row) in enumerate(rows[:_SEARCHED]):
+    for k, (line, row) in enumerate(rows[:_HEADER_SEARCH_LINES]):
         if numbers_in(row):
             continue  # of a table of results above the readings, perhaps
         if _is_header(rows, k):
             return {}
         separator, cells, units, below = _split(rows, k)
-        if found or not 1 < len(cells) <= _SHOWN:
+        if found or not 1 < len(cells) <= _MAX_HEADERS:
             continue
         try:
             known = [_name(c, u) for c, u in zip(cells, units, strict=True)]
             if bends := cantilever.bending(cells, units, known):
-                numbers = _numbers(rows[below : below + _LOOKED], separator, len(cells))
+                numbers = _numbers(rows[below : below + _MAX_SENSE_ROWS], separator, len(cells))
                 if np.isfinite(numbers[:, list(bends)]).all(axis=1).any():
                     above = [*notes, *(text for _, text in rows[:k])]
                     raise cantilever.question(f"{path}:{line}", cells, units, bends, numbers, above)
@@ -403,11 +407,11 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     missing = {text: name for text, name in wanted.items() if text not in map(same_letters, cells)}
     first = next(iter(missing)).lower()
     shown = sorted(
-        {cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
+        {cell[:_MAX_HEADER_CHARACTERS] for cell in cells[:_MAX_HEADERS] if cell},
         key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell),
     )
     each = ", ".join(f"{text!r} ({name})" for text, name in missing.items())
-    headless = _HEADLESS if numbers_in(text) else _by_blanks(rows, best)
+    headless = _HEADLESS_ADVICE if numbers_in(text) else _by_blanks(rows, best)
     own = "; by itself this header is understood: columns = {} for its experiment" if _is_header(rows, best) else ""
     fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}{headless}")
 
@@ -432,7 +436,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
     like = column.read_as(name)
     base = kind_of(like)
-    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
+    choices = f'{UNITS_OF_KIND[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
     said = {"the study": column.unit, "the header": unit_in(column.header, like)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
     # what the file calls a count is its own affair, unless it is a unit of this kind
@@ -468,7 +472,11 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                     f"say unit = {force!r} in [columns] of the study",
                 )
             units[who] = force
-    mega = [u for u in units.values() if base == "N" and is_of(base, u) and conversion_factor(u, base) >= MEGA]
+    mega = [
+        u
+        for u in units.values()
+        if base == "N" and is_of(base, u) and conversion_factor(u, base) >= IMPLAUSIBLE_FORCE_UNIT_N
+    ]
     if mega and column.unit is None:
         fail(
             path,
@@ -504,7 +512,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
 
 def _bends(name: str, column: Column) -> str:
     """What to say of the unit of a column that something bends under, or may."""
-    if name == LESS:
+    if name == SUBTRACTED_COLUMN:
         force = "; with stiffness or compliance it is a force" if column.read_as(name) == "Fz" else ""
         return force or "; a force is subtracted with the stiffness or compliance of what it bends"
     return "; stiffness makes a force of a deflection" if column.stiffness is not None else ""

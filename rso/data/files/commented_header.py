@@ -8,8 +8,8 @@ from pathlib import Path
 
 from rso.data.files.columns import Row, cells_of, fail, numbers_in, separator_of
 
-_LABEL = re.compile(r"(column|unit)s?\s*[:=]\s*(\S.*)", re.IGNORECASE)
-_WORDS = re.compile(r'"[^"]*"|[^\s,;]+')
+_HEADER_LABEL = re.compile(r"(column|unit)s?\s*[:=]\s*(\S.*)", re.IGNORECASE)
+_HEADER_WORD = re.compile(r'"[^"]*"|[^\s,;]+')
 
 
 def head_of(path: Path, comments: Sequence[Row], rows: Sequence[Row]) -> list[Row]:
@@ -21,9 +21,9 @@ def head_of(path: Path, comments: Sequence[Row], rows: Sequence[Row]) -> list[Ro
         return []
     found: dict[str, tuple[int, list[str]]] = {}
     for line, text in comments:
-        if (match := _LABEL.match(text)) is None:
+        if (match := _HEADER_LABEL.match(text)) is None:
             continue
-        words = [word.strip('"') for word in _WORDS.findall(match[2])]
+        words = [word.strip('"') for word in _HEADER_WORD.findall(match[2])]
         label = match[1].lower()
         if line < rows[0][0]:
             found[label] = line, words

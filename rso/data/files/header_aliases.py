@@ -12,28 +12,35 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.core.units import bracketed, is_of, kind_of, unit_in, weight
-from rso.data.files.header_words import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED, WORDS
+from rso.data.files.header_words import (
+    COLUMN_NAMES_WITH_UNIT,
+    COLUMN_QUALIFIERS,
+    KNOWN_COLUMN_NAMES,
+    SEGMENT_COLUMN_NAMES,
+    SEGMENT_WORDS,
+    TENSILE_WORDS,
+)
 from rso.data.files.rows import rows_by_label
 
-FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
-PRESSED = ((0.6, 0.7), (0.8, 0.9), (0.95, 1.0))  # of the way: where a force is looked for
-STEEPER = 2.5  # times the last fifth of the way: u^0.7 is by 2.2, an indenter that is taken off by 3
-EARLIER = 0.1  # of the longest way: the way before it in the other sense, where the force is
-FEW = 7  # readings: more of them tell the shape of a curve
-_GROUP = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
-_JOINED = re.compile(r"[\s_\-.:]+")
+FROM_CONTACT_WORDS = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
+LATE_WAY_PARTS = ((0.6, 0.7), (0.8, 0.9), (0.95, 1.0))  # of the way: where a force is looked for
+TAKEN_OFF_SLOPE_RATIO = 2.5  # times the last fifth of the way: u^0.7 is by 2.2, an indenter that is taken off by 3
+MIN_EARLIER_WAY_SHARE = 0.1  # of the longest way: the way before it in the other sense, where the force is
+MAX_READINGS_WITHOUT_SHAPE = 7  # readings: more of them tell the shape of a curve
+_BRACKETED = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
+_NAME_JOINTS = re.compile(r"[\s_\-.:]+")
 
 
 def bare_header(cell: str, name: str) -> str:
     """A header in small letters without what says its unit, for a column of the kind of `name`."""
-    text = _GROUP.sub(" ", cell)
+    text = _BRACKETED.sub(" ", cell)
     for mark in ("/", "_", ",", " "):
         words, _, last = text.strip().rpartition(mark)
         last = last.lower() if name == "time" else last
         if words and (is_of(kind_of(name), last) or (kind_of(name) == "N" and weight(last))):
             text = words
             break
-    return _JOINED.sub(" ", text).strip().lower()
+    return _NAME_JOINTS.sub(" ", text).strip().lower()
 
 
 def header_unit(cell: str, beneath: str, name: str) -> str:
@@ -48,7 +55,7 @@ def header_unit(cell: str, beneath: str, name: str) -> str:
 
 def is_one(cell: str) -> bool:
     """Whether a header is a usual name."""
-    return any(bare_header(cell, name) in names for name, names in NAMES.items())
+    return any(bare_header(cell, name) in names for name, names in KNOWN_COLUMN_NAMES.items())
 
 
 def named_columns(
@@ -62,13 +69,13 @@ def named_columns(
     """
     found = {name: k for k, name in enumerate(known) if name is not None}
     customary = False
-    for name, names in NAMES.items():
+    for name, names in KNOWN_COLUMN_NAMES.items():
         if name in found:
             continue
         units = [header_unit(cell, beneath[k], name) for k, cell in enumerate(cells)]
         united = [is_of(kind_of(name), unit) for unit in units]
         called = [bare_header(cell, name) if known[k] is None else "" for k, cell in enumerate(cells)]
-        small = UNITED[name] | {name.lower()}
+        small = COLUMN_NAMES_WITH_UNIT[name] | {name.lower()}
         mine = [k for k, c in enumerate(called) if c in names or (united[k] and c in small)]
         if not any(united[k] or not units[k] for k in mine):  # none of them has the right kind of unit
             bare = [_bare(c) for c in called]
@@ -91,37 +98,39 @@ def named_columns(
 
 def _bare(name: str) -> str:
     """A name without the words that say how it was come by: corrected force."""
-    return " ".join(word for word in name.split() if word not in QUALIFIERS)
+    return " ".join(word for word in name.split() if word not in COLUMN_QUALIFIERS)
 
 
 def segment_column(cells: Sequence[str]) -> int | None:
     """The one column of a machine's codes of its segments; None without, and for several."""
-    found = [k for k, cell in enumerate(cells) if bare_header(cell, "segment") in SEGMENT]
+    found = [k for k, cell in enumerate(cells) if bare_header(cell, "segment") in SEGMENT_COLUMN_NAMES]
     return found[0] if len(found) == 1 else None
 
 
 def segment_codes(values: Sequence[str]) -> dict[str, str]:
     """Words of such a column → loading, hold or unloading; nothing where one of them, as a number, may be anything."""
-    codes = {value: WORDS.get(_segment_word(value), "") for value in dict.fromkeys(values)}
+    codes = {value: SEGMENT_WORDS.get(_segment_word(value), "") for value in dict.fromkeys(values)}
     return codes if "loading" in codes.values() and all(codes.values()) else {}
 
 
 def _segment_word(value: str) -> str:
     """A word of such a column in small letters, without what only says that it is one: Load Segment Type."""
-    return _JOINED.sub(" ", value).strip().lower().removesuffix(" type").removesuffix(" segment")
+    return _NAME_JOINTS.sub(" ", value).strip().lower().removesuffix(" type").removesuffix(" segment")
 
 
 def tensile(texts: Sequence[str]) -> str:
     """The first of the headers and notes of a file that says that it was pulled, empty without one."""
     small = [text.lower() for text in texts]
     pressed = any(word in text for text in small for word in ("compress", "indent", "druck", "eindring"))
-    return next((t for t, s in zip(texts, small, strict=True) if not pressed and any(w in s for w in TENSILE)), "")
+    return next(
+        (t for t, s in zip(texts, small, strict=True) if not pressed and any(w in s for w in TENSILE_WORDS)), ""
+    )
 
 
 def from_contact(cell: str) -> bool:
     """Whether a header says that a travel counts from contact."""
     name = bare_header(cell, "depth")
-    return name == "pd" or any(part in name for part in FROM_CONTACT)  # penetration depth
+    return name == "pd" or any(part in name for part in FROM_CONTACT_WORDS)  # penetration depth
 
 
 def reversed_columns(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequence[str]) -> list[str]:
@@ -140,12 +149,14 @@ def reversed_columns(columns: Mapping[str, np.ndarray], labels: np.ndarray, name
 
 def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     """Signs of travel and force of one test, 0 where it does not show any."""
-    way = travel - float(np.median(travel[: 3 if len(travel) > FEW else 1]))
+    way = travel - float(np.median(travel[: 3 if len(travel) > MAX_READINGS_WITHOUT_SHAPE else 1]))
     end = int(np.argmax(np.abs(way)))
     if way[end] == 0.0:
         return 0.0, 0.0
     other = int(np.argmax(-np.sign(way[end]) * way[:end])) if end else 0
-    if -way[other] / way[end] > EARLIER and abs(force[other] - force[0]) > 2.0 * abs(force[end] - force[0]):
+    if -way[other] / way[end] > MIN_EARLIER_WAY_SHARE and abs(force[other] - force[0]) > 2.0 * abs(
+        force[end] - force[0]
+    ):
         end = other  # an indenter that was taken off further than it was pressed
     x, F = way[: end + 1] / way[end], force[: end + 1]
 
@@ -153,10 +164,14 @@ def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
         inside = F[(x >= low) & (x <= high)]
         return float(np.median(inside)) if len(inside) else float(np.interp(0.5 * (low + high), x, F))
 
-    rises = [at(*part) - at(0.0, 0.5) for part in PRESSED]
+    rises = [at(*part) - at(0.0, 0.5) for part in LATE_WAY_PARTS]
     sign = float(np.sign(max(rises, key=abs)))
     slope = [sign * (at(b, b + 0.05) - at(a, a + 0.05)) for a, b in itertools.pairwise((0.0, 0.2, 0.4, 0.6, 0.8, 0.95))]
-    if len(x) > FEW and slope[0] > max(STEEPER * max(slope[-1], 0.0), *slope[1:]) and slope[0] > 0.25 * sum(slope):
+    if (
+        len(x) > MAX_READINGS_WITHOUT_SHAPE
+        and slope[0] > max(TAKEN_OFF_SLOPE_RATIO * max(slope[-1], 0.0), *slope[1:])
+        and slope[0] > 0.25 * sum(slope)
+    ):
         raise ValueError(
             "the force changes most where the record begins: unloading alone, or a cell tared during the test? "
             "Remove such readings, or describe the columns with [columns] in the study file"

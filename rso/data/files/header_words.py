@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
+KNOWN_COLUMN_NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "depth": frozenset(
             {
@@ -202,7 +202,7 @@ NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
     }
 )
 # Of one letter, or of what is a length or a voltage elsewhere: names only with a unit of the right kind.
-UNITED: Mapping[str, frozenset[str]] = MappingProxyType(
+COLUMN_NAMES_WITH_UNIT: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "depth": frozenset({"h", "z", "d", "u", "s", "δ"}),
         "Fz": frozenset({"p", "f", "vdeflection", "vertical deflection", "deflection"}),
@@ -210,12 +210,12 @@ UNITED: Mapping[str, frozenset[str]] = MappingProxyType(
     }
 )
 # Words beside a name that make it no other thing.
-QUALIFIERS = frozenset(
+COLUMN_QUALIFIERS = frozenset(
     "corrected measured actual filtered calibrated compensated net tared absolute relative mean average avg value "
     "sample specimen indenter probe stage sensor cell channel corr total korrigierte korrigierter korr gemessene "
     "corrigée corrigé mesurée mesuré".split()
 )
-SEGMENT = frozenset(
+SEGMENT_COLUMN_NAMES = frozenset(
     {
         "segmentid",
         "segment id",
@@ -233,7 +233,7 @@ SEGMENT = frozenset(
         "prüfschritt",
     }
 )
-WORDS: Mapping[str, str] = MappingProxyType(
+SEGMENT_WORDS: Mapping[str, str] = MappingProxyType(
     dict.fromkeys(("loading", "load", "extend", "approach", "ramp up", "belasten", "belastung", "charge"), "loading")
     | dict.fromkeys(("hold", "holding", "pause", "dwell", "halten", "maintien"), "hold")
     | dict.fromkeys(("creep", "creeping", "force hold", "load hold", "hold at force", "kriechen", "fluage"), "creep")
@@ -242,7 +242,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "unloading",
     )
 )
-TENSILE = (
+TENSILE_WORDS = (
     "tensile",
     "tension test",
     "zugversuch",

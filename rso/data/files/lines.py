@@ -10,11 +10,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from rso.data.files.columns import Row, is_number
-from rso.data.files.header_words import NAMES
-from rso.data.files.workbook import BEGINS, sheet_of, sheet_without_block, text_of_workbook
+from rso.data.files.header_words import KNOWN_COLUMN_NAMES
+from rso.data.files.workbook import ZIP_START, sheet_of, sheet_without_block, text_of_workbook
 
-MAX_BYTES = 200_000_000
-OLD = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
+MAX_FILE_BYTES = 200_000_000  # of a measured file, which is read as a whole
+OLD_WORKBOOK_START = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
 # Code pages of files that are no UTF-8, the most usual one first: it can be read of any bytes.
 CODE_PAGES: Mapping[str, str] = MappingProxyType(
     {
@@ -28,12 +28,12 @@ CODE_PAGES: Mapping[str, str] = MappingProxyType(
     }
 )
 # Names of columns that say by their letters what code page they are of; two letters are no chance.
-_TELLING = tuple(n for names in NAMES.values() for n in names if not n.isascii() and len(n) > 1)
-_HEAD = 50_000  # letters that hold the header
-_BROKEN = 8  # lines that the cells of a header may have
-_OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
+_NON_ASCII_NAMES = tuple(n for names in KNOWN_COLUMN_NAMES.values() for n in names if not n.isascii() and len(n) > 1)
+_HEADER_CHARACTERS = 50_000  # letters that hold the header
+_MAX_CELL_LINES = 8  # lines that the cells of a header may have
+_OPENS_QUOTE, _CLOSES_QUOTE = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
-_FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
+_FAULTY_CELL = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
 
 
 def _missing(path: Path) -> str:
@@ -52,14 +52,16 @@ def file_text(path: Path) -> tuple[str, list[str]]:
         if not path.is_file():
             raise ValueError(f"{path}: {_missing(path) if not path.exists() else 'is not a file'}")
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ValueError(f"{path}: {size / 1e6:.0f} MB is more than the {MAX_BYTES / 1e6:.0f} MB that are read")
+        if size > MAX_FILE_BYTES:
+            raise ValueError(
+                f"{path}: {size / 1e6:.0f} MB is more than the {MAX_FILE_BYTES / 1e6:.0f} MB that are read"
+            )
         raw = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
-    if raw.startswith(BEGINS):
+    if raw.startswith(ZIP_START):
         return text_of_workbook(path, raw, sheet_without_block(sheet))
-    if raw.startswith(OLD):
+    if raw.startswith(OLD_WORKBOOK_START):
         text = "is a workbook of the old kind (.xls) or has a password; save it as .xlsx, without one"
         raise ValueError(f"{path}: {text}")
     if sheet and not sheet.isdigit():
@@ -90,7 +92,7 @@ def _of_code_page(raw: bytes) -> tuple[str, list[str]]:
             texts[page] = raw.decode(page)
         except UnicodeDecodeError:
             continue
-    names = {page: _known(text[:_HEAD].lower()) for page, text in texts.items()}
+    names = {page: _known(text[:_HEADER_CHARACTERS].lower()) for page, text in texts.items()}
     best = max(texts, key=names.__getitem__)  # of equals the first
     plain = next(iter(CODE_PAGES))
     said = f"read as {CODE_PAGES[best]}, in which its columns have names; UTF-8 would need no guess"
@@ -99,14 +101,14 @@ def _of_code_page(raw: bytes) -> tuple[str, list[str]]:
 
 def _known(text: str) -> int:
     """How many names of columns a text has whose letters are not ASCII."""
-    return sum(name in text for name in _TELLING)
+    return sum(name in text for name in _NON_ASCII_NAMES)
 
 
 def numbered_lines(text: str, comments: list[Row]) -> Iterator[Row]:
     """Numbered lines that hold more than separators; those of comments, without '#', go to `comments`."""
     for number, line in enumerate(_joined(text), 1):
         row = line.strip("\r\n")
-        if row.lstrip().startswith("#") and not _FAULT.match(row.lstrip()):
+        if row.lstrip().startswith("#") and not _FAULTY_CELL.match(row.lstrip()):
             comments.append((number, row.lstrip()[1:].strip()))
         elif row.strip(' \t;,"'):
             yield number, row
@@ -119,16 +121,16 @@ def _joined(text: str) -> Iterator[str]:
     """
     held: list[str] = []
     for line in io.StringIO(text, newline=None):
-        if not held and not (line.count('"') % 2 and _OPENS.search(line)):
+        if not held and not (line.count('"') % 2 and _OPENS_QUOTE.search(line)):
             yield line
             continue
         held.append(line)
         closed = sum(v.count('"') for v in held) % 2 == 0
-        if closed and _CLOSES.match(line) and not any(map(_is_reading, held[1:])):
+        if closed and _CLOSES_QUOTE.match(line) and not any(map(_is_reading, held[1:])):
             yield " ".join(v.strip("\r\n") for v in held)
             yield from [""] * (len(held) - 1)
             held = []
-        elif closed or len(held) > _BROKEN:  # quotes that mean inches
+        elif closed or len(held) > _MAX_CELL_LINES:  # quotes that mean inches
             yield from held
             held = []
     yield from held

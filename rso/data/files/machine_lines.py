@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from rso.core.units import BARE_COLUMNS
 from rso.data.files.columns import Head, Row, cells_of, is_number
 
-FEWEST = 4  # readings below a mark that begin a block
-MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none")
-_RULE = re.compile(r"[-=*_~]{3,}")  # a line drawn beneath a header
-_NUMERIC = re.compile(r"[\s\"']*[-+\u2212]?[.,]?\d")
+MIN_BLOCK_READINGS = 4  # readings below a mark that begin a block
+MISSING_VALUES = ("", "nan", "na", "n/a", "#n/a", "null", "none")
+_DRAWN_LINE = re.compile(r"[-=*_~]{3,}")  # a line drawn beneath a header
+_NUMERIC_START = re.compile(r"[\s\"']*[-+\u2212]?[.,]?\d")
 
 
 def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], list[str], list[str]]:
@@ -19,19 +19,20 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
 
     Such are, where readings begin with numbers, lines that begin with words and have more or fewer cells than the
     header, or one cell alone; they stand above the first reading, at the end, before a header, or before at least
-    FEWEST readings.  At the very end lines of words may have as many cells as the header.  Where the first column is
-    read for codes or labels, a line with numbers in all others that are read is a reading, whatever else it lacks.
+    MIN_BLOCK_READINGS readings.  At the very end lines of words may have as many cells as the header.  Where the first
+    column is read for codes or labels, a line with numbers in all others that are read is a reading, whatever else it
+    lacks.
     """
     width = len(filled_cells(head.text, head.separator))
     again = filled_cells(head.text, head.separator)
-    odd = [k for k, (_, text) in enumerate(rows) if not _NUMERIC.match(text)]
+    odd = [k for k, (_, text) in enumerate(rows) if not _NUMERIC_START.match(text)]
     if width < 2 or not odd or len(odd) == len(rows):
         return list(rows), [], []
     numeric = len(odd) < 0.5 * len(rows) and all(map(is_number, [c for c in [_first_reading(rows, odd, head)] if c]))
     cells = {k: filled_cells(rows[k][1], head.separator) for k in odd}
     header = {k for k in odd if cells[k] == again}
     words = {k for k in odd if k not in header and cells[k] and _is_words(cells[k][0])}
-    drawn = {k for k in odd[:2] if cells[k] and all(map(_RULE.fullmatch, cells[k]))}
+    drawn = {k for k in odd[:2] if cells[k] and all(map(_DRAWN_LINE.fullmatch, cells[k]))}
     words |= drawn
     if any(k == 0 for name, k in head.at.items() if name in BARE_COLUMNS):
         every = sum(name not in BARE_COLUMNS for name in head.at)
@@ -46,7 +47,7 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
         after = k
         while after in other:
             after += 1
-        readings = all(j < len(rows) and j not in cells for j in range(after, after + FEWEST))
+        readings = all(j < len(rows) and j not in cells for j in range(after, after + MIN_BLOCK_READINGS))
         if after in header or readings or after < min(set(range(len(rows))) - cells.keys(), default=0):
             found.add(k)
     doubts = [
@@ -76,7 +77,7 @@ def _first_reading(rows: Sequence[Row], odd: Sequence[int], head: Head) -> str:
 def _is_words(cell: str) -> bool:
     """Whether a cell begins with a letter and is no number, and no value that is missing."""
     first = next(filter(str.isalnum, cell), "")
-    return first.isalpha() and not is_number(cell) and cell.strip().lower() not in MISSING
+    return first.isalpha() and not is_number(cell) and cell.strip().lower() not in MISSING_VALUES
 
 
 def _numbers(cells: Sequence[str], head: Head) -> int:

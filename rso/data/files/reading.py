@@ -23,9 +23,10 @@ from typing import Literal
 
 import numpy as np
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.units import is_counted
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
-from rso.data.branches import SEGMENTS, SKIP, cycle_rows, segments
+from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
 from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
 from rso.data.files.cantilever import Unsaid, bending
@@ -40,8 +41,8 @@ from rso.data.files.cells import (
     segments_of,
 )
 from rso.data.files.columns import (
-    CONTACT,
-    LESS,
+    SUBTRACTED_COLUMN,
+    ZERO_AT_CONTACT,
     Column,
     Head,
     HeaderError,
@@ -56,17 +57,16 @@ from rso.data.files.columns import (
 from rso.data.files.commented_header import head_of
 from rso.data.files.lines import file_text, numbered_lines
 from rso.data.files.rows import rows_by_label
-from rso.data.files.tables import FORCES
 from rso.data.files.tables_beside import table_beside
 from rso.data.files.whitespace_tables import parted, width_of
-from rso.data.files.workbook import BEGINS, block_of, sheet_of
+from rso.data.files.workbook import ZIP_START, block_of, sheet_of
 from rso.data.force_holds import HeldForce
 
-DISPLACEMENTS = ("ux", "uy", "uz")
-BOTH = "a pull looks the same where pressing counts as positive"
-EARLIER = "the cycles before this one are not simulated: what they left in the body is in its readings"
-SHOWN = 8  # codes of segments that a message shows
-MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
+DISPLACEMENT_COLUMNS = ("ux", "uy", "uz")
+BOTH_SIGNS_TURNED_DOUBT = "a pull looks the same where pressing counts as positive"
+EARLIER_CYCLES_DOUBT = "the cycles before this one are not simulated: what they left in the body is in its readings"
+MAX_LISTED_CODES = 8  # codes of segments that a message shows
+REPORTED_SUBTRACTION_SHARE = 0.5  # of the depth: where more was subtracted of it, that is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +242,7 @@ def _left(table: _Table, r: Repeat) -> list[str]:
         return []
     less, k = table.less[table.rows[r.label]], int(np.argmax(r.depth))
     off, depth = float(less[k] - less[int(np.argmin(np.abs(r.depth)))]), float(r.depth[k])
-    if off <= MOSTLY * depth:
+    if off <= REPORTED_SUBTRACTION_SHARE * depth:
         return []
     per, unit = table.own["depth"]
     return [
@@ -255,7 +255,7 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
     """A repeat up to where it is held at constant force, with the readings of that apart, and what to say of them."""
     force = r.channels.get("Fz")
     found = force_holds.until(r.depth, force, r.time, r.segment) if force is not None else None
-    if force is None or found is None or found[0] < contact_point.FEWEST:
+    if force is None or found is None or found[0] < contact_point.MIN_READINGS_FOR_CONTACT:
         return r, []
     n, words = found
     sigma = r.sigma.get("depth", np.zeros(len(r.depth)))
@@ -309,7 +309,7 @@ def _sought(table: _Table, r: Repeat) -> bool:
         table.position
         and not table.found
         and "Fz" in r.channels
-        and np.sum(r.segment == "loading") > contact_point.FEWEST
+        and np.sum(r.segment == "loading") > contact_point.MIN_READINGS_FOR_CONTACT
     )
 
 
@@ -328,14 +328,20 @@ def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset
     if _sought(table, r):
         if not in_air:
             return _from_first(table, r)
-        names = ("depth", *(n for n in FORCES if n in r.channels))
+        names = ("depth", *(n for n in FORCE_CHANNELS if n in r.channels))
     if not names:
         return r, None, []
     try:
         depth, channels, onset = contact_point.zeroed(r.depth, r.channels, loading, names)
     except ValueError as error:
-        by = f"zero = {CONTACT!r}" if table.found else f"{table.headers['depth']!r} begins in air, by other repeats"
-        raise ValueError(f"{table.path}: repeat {r.label!r}: {by}: {error}; {plausibility.ZERO}") from error
+        by = (
+            f"zero = {ZERO_AT_CONTACT!r}"
+            if table.found
+            else f"{table.headers['depth']!r} begins in air, by other repeats"
+        )
+        raise ValueError(
+            f"{table.path}: repeat {r.label!r}: {by}: {error}; {plausibility.SUBTRACT_ZERO_ADVICE}"
+        ) from error
     told = f"repeat {r.label}: contact is found at {_own(table, onset.depth, onset.deviation)} by the shape of Fz"
     told += f"; {', '.join(names)} count{'s' * (len(names) == 1)} from there"
     level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
@@ -361,13 +367,13 @@ def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset
         own["Fz"] = F + force if taken else F
         found = (
             contact_point.approached(r.depth[at], own["Fz"][at])
-            if approach > contact_point.BEFORE
+            if approach > contact_point.MIN_AIR_READINGS
             else preload.contact(r.depth[at], own["Fz"][at], force)
         )
     except ValueError as error:
         raise ValueError(f"{table.path}: repeat {r.label!r}: {error}") from error
     where = f"{_own(table, found.depth, found.deviation)}"
-    how = "by its approach" if approach > contact_point.BEFORE else "by the shape of Fz beyond it"
+    how = "by its approach" if approach > contact_point.MIN_AIR_READINGS else "by the shape of Fz beyond it"
     said = f"repeat {r.label}: depth is 0 at a preload of {force:.3g} N; contact is found at {where} {how}"
     said += "; depth counts from there"
     said += f", and {force:.3g} N are added to Fz, which was tared at the preload" if taken else ""
@@ -378,10 +384,10 @@ def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[st
     """A repeat whose record begins at contact from its first reading, where 0 is no place near or on its way."""
     loading = r.segment == "loading"
     first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
-    if -way < first <= curve_shape.EDGE * way:
+    if -way < first <= curve_shape.CURVE_EDGE_SHARE * way:
         return r, None, []
     found = contact_point.contact_onset(r.depth[loading], r.channels["Fz"][loading])
-    found = Onset(first, contact_point.LATE * way, 0.0) if found is None else replace(found, depth=first)
+    found = Onset(first, contact_point.LATE_CONTACT_SHARE * way, 0.0) if found is None else replace(found, depth=first)
     told = f"repeat {r.label}: depth counts from the first reading, at {_own(table, first, found.deviation)}"
     return replace(r, depth=r.depth - first), found, [f"{told}, as no approach is seen before it"]
 
@@ -412,7 +418,7 @@ def _labels(paths: Sequence[Path]) -> list[str]:
 def fingerprint(path: Path) -> str:
     """SHA-256 of what is read of a file: of its bytes, of a workbook of its sheet's, named or the only one."""
     with sheet_of(path)[0].open("rb") as file:
-        if file.read(len(BEGINS)) == BEGINS:
+        if file.read(len(ZIP_START)) == ZIP_START:
             digest = hashlib.sha256(file_text(path)[0].encode())
         else:
             file.seek(0)
@@ -488,7 +494,7 @@ def _rows_of(path: Path, wanted: Mapping[str, Column]) -> _Rows:
     segments = None
     if codes is not None:
         segments = {k: v for _, part in parts for k, v in segments_of(path, part, head, codes).items()}
-        parts = [(at, [row for row in part if segments[row[0]] != SKIP]) for at, part in parts]
+        parts = [(at, [row for row in part if segments[row[0]] != SKIP_SEGMENT]) for at, part in parts]
     parts, gaps = tables.without_gaps(parts, head)
     return _Rows(head, parts, segments, cycle, gaps, [*notes, *between], of_file, of_lines, of_segments)
 
@@ -525,7 +531,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     found = _rows_of(path, wanted)
     head = found.head
     arrays, words, lines = _values_of(path, found)
-    less = arrays.pop(LESS, None)
+    less = arrays.pop(SUBTRACTED_COLUMN, None)
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
     stated = None
@@ -546,13 +552,13 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         at = cycle_rows(path, found.cycle, arrays["depth"] if plain else np.zeros(1))
         arrays = {name: values[at] for name, values in arrays.items()}
         labels, lines, less = labels[at], lines[at], None if less is None else less[at]
-        doubts += [EARLIER] if found.cycle > 1 else []
+        doubts += [EARLIER_CYCLES_DOUBT] if found.cycle > 1 else []
     if file_label:
         several = "repeat" in words or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
     units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
     in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
-    headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
+    headers = {name: head.cells[k] for name, k in head.at.items() if name != SUBTRACTED_COLUMN}
     reckoned = _in_words(wanted)
     position = "depth" in head.customary and not header_aliases.from_contact(headers["depth"])
     return _Table(
@@ -599,16 +605,20 @@ def _in_words(columns: Mapping[str, Column]) -> list[str]:
     said = []
     for name, column in columns.items():
         less = column.minus
-        if name != LESS and (less is not None or column.stiffness is not None):
+        if name != SUBTRACTED_COLUMN and (less is not None or column.stiffness is not None):
             first = f"{name} is {'−' * column.flip}{column.header!r}{_times(column)}"
             sign = "" if less is None else " + " if less.flip else " − "
-            said.append(f"{first}{sign}{'' if less is None else repr(less.header) + _times(less, LESS)}")
+            said.append(f"{first}{sign}{'' if less is None else repr(less.header) + _times(less, SUBTRACTED_COLUMN)}")
     return said
 
 
 def _unsubtracted(head: Head, columns: Mapping[str, Column]) -> list[str]:
     """What to say of a travel that a study calls depth beside a deflection, which it does not subtract."""
-    found = bending(head.cells, head.units, [None] * len(head.cells)) if columns and LESS not in columns else None
+    found = (
+        bending(head.cells, head.units, [None] * len(head.cells))
+        if columns and SUBTRACTED_COLUMN not in columns
+        else None
+    )
     if found is None or head.at.get("depth") != found[0]:
         return []
     depth, bends = (head.cells[k] for k in found[:2])
@@ -618,7 +628,7 @@ def _unsubtracted(head: Head, columns: Mapping[str, Column]) -> list[str]:
 def _times(column: Column, name: str = "") -> str:
     """By what the values of a column are multiplied, or divided where it is subtracted, in words."""
     k = column.stiffness
-    times = "" if k is None else f" / ({1e3 * k:.4g} N/m)" if name == LESS else f" · {1e3 * k:.4g} N/m"
+    times = "" if k is None else f" / ({1e3 * k:.4g} N/m)" if name == SUBTRACTED_COLUMN else f" · {1e3 * k:.4g} N/m"
     return times or ("" if column.compliance is None else f" · {column.compliance:.4g} mm/N")
 
 
@@ -633,12 +643,11 @@ def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], l
     codes, header = header_aliases.segment_codes(values), head.cells[k]
     if not codes:
         shown = [] if "segment" in head.at else list(dict.fromkeys(values))
-        each = ", ".join(f'"{v[:20]}" = "…"' for v in shown[:SHOWN])
+        each = ", ".join(f'"{v[:20]}" = "…"' for v in shown[:MAX_LISTED_CODES])
         table = f'segment = {{ header = "{header}", values = {{ {each} }} }}'
-        text = (
-            f"{header!r} is not read: {table} in [columns] says which of its codes are {', '.join(SEGMENTS)} or {SKIP}"
-        )
-        return head, {}, [text] if 1 < len(shown) <= SHOWN else []
+        kinds = f"{', '.join(SEGMENTS)} or {SKIP_SEGMENT}"
+        text = f"{header!r} is not read: {table} in [columns] says which of its codes are {kinds}"
+        return head, {}, [text] if 1 < len(shown) <= MAX_LISTED_CODES else []
     meant = ", ".join(f"{word!r} is {what}" for word, what in codes.items() if word != what)
     more = replace(
         head,
@@ -654,7 +663,11 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
     """What to say of columns that were taken by their usual names."""
     if not head.customary:
         return []
-    both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
+    both = (
+        f"; both signs were turned, which is a guess: {BOTH_SIGNS_TURNED_DOUBT}"
+        if set(turned) >= {"depth", "Fz"}
+        else ""
+    )
     each = [
         f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
         for n in head.customary
@@ -665,8 +678,8 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
 def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     """Force curve or surface profile, by the columns present."""
     names = [n for n in table.columns if not n.endswith("_sigma")]
-    forces = [n for n in names if n in FORCES]
-    surface = [n for n in names if n in DISPLACEMENTS]
+    forces = [n for n in names if n in FORCE_CHANNELS]
+    surface = [n for n in names if n in DISPLACEMENT_COLUMNS]
     found = f"; found are {', '.join(names)}"
     if "depth" not in names:
         also = ", and where [columns] names one column it names all that are read" if named else ""

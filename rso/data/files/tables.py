@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.units import BARE_COLUMNS
 from rso.data.files.columns import Head, Row, cells_of, fail, is_number
-from rso.data.files.machine_lines import MISSING, filled_cells, parted_from_readings
+from rso.data.files.machine_lines import MISSING_VALUES, filled_cells, parted_from_readings
 from rso.data.files.rows import rows_by_label
 
-HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its own
-START = 0.1  # of it: where all blocks begin
-FEWEST = 4  # readings of such a block
-FORCES = ("Fx", "Fy", "Fz")
-LOST = 0.05  # of the rows: where more lack a value the table is refused
-PLACES = ("depth", "x", "y")
-SHOWN = 6  # blocks that a message lists
+MIN_TEST_STROKE_SHARE = 0.5  # of the longest stroke: a block that goes as far is a test of its own
+SAME_BLOCK_START_SHARE = 0.1  # of it: where all blocks begin
+MIN_REPEAT_READINGS = 4  # readings of such a block
+MAX_LOST_ROWS_SHARE = 0.05  # of the rows: where more lack a value the table is refused
+PLACE_COLUMNS = ("depth", "x", "y")
+MAX_LISTED_BLOCKS = 6  # blocks that a message lists
 
 
 def tables_beneath(
@@ -80,14 +80,14 @@ def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[l
 
     def lacks(row: Row) -> bool:
         cells = cells_of(row[1], head.separator)
-        return len(cells) == len(head.cells) and any(cells[k].strip().lower() in MISSING for k in numeric)
+        return len(cells) == len(head.cells) and any(cells[k].strip().lower() in MISSING_VALUES for k in numeric)
 
     gaps = [[lacks(row) for row in rows] for _, rows in tables]
     lost = [
         row[0] for (_, rows), gap in zip(tables, gaps, strict=True) for row, no in zip(rows, gap, strict=True) if no
     ]
     in_a_row = any(a and b for gap in gaps for a, b in itertools.pairwise(gap))
-    if in_a_row or not 0 < len(lost) <= LOST * sum(len(rows) for _, rows in tables):
+    if in_a_row or not 0 < len(lost) <= MAX_LOST_ROWS_SHARE * sum(len(rows) for _, rows in tables):
         return list(tables), []
     gone = set(lost)
     return [(at, [row for row in rows if row[0] not in gone]) for at, rows in tables], lost
@@ -122,8 +122,8 @@ def labels_of(
     if own:
         _apart(path, table, headers, depth, own)
         return np.array(own), []
-    if columns.keys().isdisjoint(FORCES):
-        places = np.stack([v for name, v in columns.items() if name in PLACES], axis=1)
+    if columns.keys().isdisjoint(FORCE_CHANNELS):
+        places = np.stack([v for name, v in columns.items() if name in PLACE_COLUMNS], axis=1)
         twice = len(np.unique(places, axis=0)) < len(places)
         return ((table + 1).astype(str) if twice else one), []
     block = table if len(tables) > 1 else np.cumsum(np.diff(line, prepend=line[0]) > 1)
@@ -136,28 +136,31 @@ def labels_of(
     pressed = len(loads) == len(parts)
     if len(tables) < 2 and not pressed:
         anew = [parts[k] for k in loads]
-        if len(anew) < 2 or min(map(len, anew)) < FEWEST or not _alike(anew, HALF):
+        if len(anew) < 2 or min(map(len, anew)) < MIN_REPEAT_READINGS or not _alike(anew, MIN_TEST_STROKE_SHARE):
             return one, []
         where = _lines([int(line[first[k]]) for k in loads])
         return one, [
             f"{len(anew)} blocks start again {where} and are read as one test; a column 'repeat' separates them"
         ]
     if len(tables) < 2:
-        if not (min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
+        if not (min(map(len, parts)) >= MIN_REPEAT_READINGS and _alike(parts, MIN_TEST_STROKE_SHARE)):
             return one, []
         what = "blocks are parted by empty lines or comments"
         headers = [int(line[k]) for k in first]
     else:
         what = "tables stand beneath one another"
-        if not pressed or (not _alike(parts, START) and _go_on(parts) and not _anew(columns.get("time"), block)):
+        if not pressed or (
+            not _alike(parts, SAME_BLOCK_START_SHARE) and _go_on(parts) and not _anew(columns.get("time"), block)
+        ):
             return one, [f"{len(parts)} {what} {_lines(headers)} and are read as one test that goes on in each"]
-        if not _alike(parts, HALF):
+        if not _alike(parts, MIN_TEST_STROKE_SHARE):
             each = ", ".join(
                 f"#{k + 1} from line {headers[k]}: {len(v)} readings, depth from {v[0]:.4g} to {v[-1]:.4g} mm"
-                for k, v in enumerate(parts[:SHOWN])
+                for k, v in enumerate(parts[:MAX_LISTED_BLOCKS])
             )
+            more = ", …" * (len(parts) > MAX_LISTED_BLOCKS)
             raise ValueError(
-                f"{path}: {len(parts)} {what} and are no repeats of one test ({each}{', …' * (len(parts) > SHOWN)}): "
+                f"{path}: {len(parts)} {what} and are no repeats of one test ({each}{more}): "
                 f'name the one that is meant, as in data = "{path.name}#{len(parts)}"'
             )
     said = f"{len(parts)} {what} {_lines(headers)} and are read as repeats of one test"
@@ -184,13 +187,15 @@ def _alike(parts: Sequence[np.ndarray], share: float) -> bool:
     """Whether depths of all parts begin near one and go as far as a share of the longest way."""
     strokes, starts = np.array([np.ptp(v) for v in parts]), np.array([v[0] for v in parts])
     longest = float(strokes.max())
-    return longest > 0.0 and strokes.min() > share * longest and float(np.ptp(starts)) <= START * longest
+    return (
+        longest > 0.0 and strokes.min() > share * longest and float(np.ptp(starts)) <= SAME_BLOCK_START_SHARE * longest
+    )
 
 
 def _go_on(parts: Sequence[np.ndarray]) -> bool:
     """Whether depths of each part begin where those of the one before ended."""
     stroke = float(np.ptp(np.concatenate(parts)))
-    return all(abs(b[0] - a[-1]) <= START * stroke for a, b in itertools.pairwise(parts))
+    return all(abs(b[0] - a[-1]) <= SAME_BLOCK_START_SHARE * stroke for a, b in itertools.pairwise(parts))
 
 
 def _anew(time: np.ndarray | None, block: np.ndarray) -> bool:

@@ -9,9 +9,9 @@ from pathlib import Path
 from rso.data.files.columns import Row, cells_of, is_number, separator_of
 from rso.data.files.workbook import sheet_of, sheet_without_block, title_read
 
-LOOKED = 60  # lines among which the header stands
-SHOWN = 6  # labels that a message lists
-_COUNTED = re.compile(r"\.\d+$")  # which pandas puts behind a name that stands again
+BESIDE_HEADER_SEARCH_LINES = 60  # lines among which the header stands
+MAX_LISTED_LABELS = 6  # labels that a message lists
+_COUNT_SUFFIX = re.compile(r"\.\d+$")  # which pandas puts behind a name that stands again
 
 
 def table_beside(path: Path, rows: Sequence[Row], block: int) -> tuple[list[Row], bool]:
@@ -20,7 +20,7 @@ def table_beside(path: Path, rows: Sequence[Row], block: int) -> tuple[list[Row]
     They are seen by a header whose names stand again and again in the same order, each in an own column of two and
     more.  Raises ValueError where there are several and none is named, or one that is not there.
     """
-    found = next(((k, w) for k, row in enumerate(rows[:LOOKED]) if (w := _period(row[1]))), None)
+    found = next(((k, w) for k, row in enumerate(rows[:BESIDE_HEADER_SEARCH_LINES]) if (w := _period(row[1]))), None)
     if found is None:
         return list(rows), False
     k, width = found
@@ -32,7 +32,7 @@ def table_beside(path: Path, rows: Sequence[Row], block: int) -> tuple[list[Row]
         file, sheet = sheet_of(path)
         inside = f"#{sheet_without_block(sheet) or title_read(file)}" if file.suffix.lower() == ".xlsx" else ""
         each = [f"{file.name}{inside}#{n}" + (f" ({v})" if v else "") for n, v in enumerate(labels, 1)]
-        many = f"{', '.join(each[:SHOWN])}{', …' if len(each) > SHOWN else ''}"
+        many = f"{', '.join(each[:MAX_LISTED_LABELS])}{', …' if len(each) > MAX_LISTED_LABELS else ''}"
         said = (
             f"there is no table {block}" if block else f"{len(labels)} tables with the same header stand side by side"
         )
@@ -42,14 +42,14 @@ def table_beside(path: Path, rows: Sequence[Row], block: int) -> tuple[list[Row]
         )
     at = starts[block - 1]
     own = [(number, _part(text, separator, at, width)) for number, text in rows[k:]]
-    own[0] = own[0][0], separator.join(_COUNTED.sub("", name) for name in own[0][1].split(separator))
+    own[0] = own[0][0], separator.join(_COUNT_SUFFIX.sub("", name) for name in own[0][1].split(separator))
     notes = [(rows[k - 1][0], labels[block - 1])] if labels[block - 1] else list(rows[k - 1 : k])
     return [*rows[: max(k - 1, 0)], *notes, *(row for row in own if row[1].strip(f"{separator} "))], True
 
 
 def _names(text: str) -> list[str]:
     """Cells of a line without what counts them and without empty ones at its end."""
-    cells = [_COUNTED.sub("", cell).casefold() for cell in cells_of(text, separator_of(text))]
+    cells = [_COUNT_SUFFIX.sub("", cell).casefold() for cell in cells_of(text, separator_of(text))]
     return cells[: max((n for n, cell in enumerate(cells, 1) if cell), default=0)]
 
 

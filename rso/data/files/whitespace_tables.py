@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 from rso.data.files.columns import Row, is_number, numbers_in
 
-_WORDS, _GAPS = re.compile(r'"[^"]*"|\S+'), re.compile(r"\s{2,}")
-_UNITED = re.compile(r"(?<!/)\s+(?![(\[/])")  # blanks but those before a unit
-_LAST = 20  # rows that must not be parted by anything else
-_FEWEST, _MOST = 3, 1000  # rows that make a table with words in it, and that tell one
+_QUOTED_OR_BARE_WORD, _WIDE_GAP = re.compile(r'"[^"]*"|\S+'), re.compile(r"\s{2,}")
+_GAP_BUT_BEFORE_UNIT = re.compile(r"(?<!/)\s+(?![(\[/])")  # blanks but those before a unit
+_N_LAST_ROWS = 20  # rows that must not be parted by anything else
+_MIN_ROWS_WITH_WORDS, _MAX_SAMPLED_ROWS = 3, 1000  # rows that make a table with words in it, and that tell one
 
 
 def width_of(rows: Sequence[Row]) -> int:
@@ -22,17 +22,19 @@ def width_of(rows: Sequence[Row]) -> int:
     words = rows[-1][1].split() if rows else []
     if len(words) < 2 or not all(map(is_number, words)):
         return _width_of_most(rows)
-    if any(numbers_in(text) for _, text in rows[-_LAST:]):
+    if any(numbers_in(text) for _, text in rows[-_N_LAST_ROWS:]):
         return 0
     return 0 if _empty_between_tabs(rows) else len(words)
 
 
 def _width_of_most(rows: Sequence[Row]) -> int:
     """The number of words of most rows where at least two of them are numbers, and nothing else parts any."""
-    rows = rows[:: 1 + len(rows) // _MOST]
-    shapes = Counter(tuple(map(is_number, _WORDS.findall(text))) for _, text in rows if not _otherwise_parted(text))
+    rows = rows[:: 1 + len(rows) // _MAX_SAMPLED_ROWS]
+    shapes = Counter(
+        tuple(map(is_number, _QUOTED_OR_BARE_WORD.findall(text))) for _, text in rows if not _otherwise_parted(text)
+    )
     shape, n = shapes.most_common(1)[0] if shapes else ((), 0)
-    return len(shape) if sum(shape) >= 2 and n >= max(_FEWEST, len(rows) // 2) else 0
+    return len(shape) if sum(shape) >= 2 and n >= max(_MIN_ROWS_WITH_WORDS, len(rows) // 2) else 0
 
 
 def _otherwise_parted(text: str) -> bool:
@@ -55,7 +57,11 @@ def parted(row: Row, width: int) -> Row:
     Another line, a note, stays as it is.
     """
     number, text = row
-    for cells in (_WORDS.findall(text), _GAPS.split(text.strip()), _UNITED.split(text.strip())):
+    for cells in (
+        _QUOTED_OR_BARE_WORD.findall(text),
+        _WIDE_GAP.split(text.strip()),
+        _GAP_BUT_BEFORE_UNIT.split(text.strip()),
+    ):
         if width and len(cells) == width:
             return number, "\t".join(cells)
     return row

@@ -17,15 +17,15 @@ from zipfile import BadZipFile, ZipFile
 from rso.core.units import is_unit
 from rso.data.files.columns import is_number
 
-BEGINS = b"PK\x03\x04"  # a zip archive, which such a file is
-FEWEST = 4  # rows of two numbers and more: readings
-FULL = 0.5  # of the readings: a column of the table holds as many values
-UNPACKED = 128_000_000  # bytes of all parts: a million rows of three columns
-CELLS = 5_000_000  # of a sheet
-PIECE = 1 << 20
-SHOWN = 8  # names of sheets in a message
-_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
-_BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
+ZIP_START = b"PK\x03\x04"  # a zip archive, which such a file is
+MIN_SHEET_READINGS = 4  # rows of two numbers and more: readings
+FULL_COLUMN_SHARE = 0.5  # of the readings: a column of the table holds as many values
+MAX_UNPACKED_BYTES = 128_000_000  # bytes of all parts: a million rows of three columns
+MAX_SHEET_CELLS = 5_000_000  # of a sheet
+UNPACKING_PIECE_BYTES = 1 << 20  # unpacked at a time, so that a bomb is stopped early
+MAX_LISTED_SHEETS = 8  # names of sheets in a message
+_FILE_AND_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
+_FILE_AND_BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
 
 
 def sheet_of(path: Path) -> tuple[Path, str]:
@@ -34,7 +34,7 @@ def sheet_of(path: Path) -> tuple[Path, str]:
 
     A file of that whole name comes first.
     """
-    match = _SHEET.fullmatch(str(path)) or _BLOCK.fullmatch(str(path))
+    match = _FILE_AND_SHEET.fullmatch(str(path)) or _FILE_AND_BLOCK.fullmatch(str(path))
     return (path, "") if match is None or path.is_file() else (Path(match[1]), match[2])
 
 
@@ -42,14 +42,14 @@ def block_of(path: Path) -> int:
     """The number of the block that "file.txt#2" or "book.xlsx#Sheet#2" names; 0 for a whole file or sheet."""
     file, name = sheet_of(path)
     if file.suffix.lower() == ".xlsx":
-        match = _BLOCK.fullmatch(name)
+        match = _FILE_AND_BLOCK.fullmatch(name)
         return int(match[2]) if match else 0
     return int(name or 0)
 
 
 def sheet_without_block(name: str) -> str:
     """The sheet of "Sheet#2", which also names a table in it."""
-    match = _BLOCK.fullmatch(name)
+    match = _FILE_AND_BLOCK.fullmatch(name)
     return match[1] if match else name
 
 
@@ -122,16 +122,16 @@ def _admit(path: Path, raw: bytes) -> None:
     Raises Refused where the parts together have more bytes than a sheet of readings may, whatever the archive says of
     their sizes, and where one declares entities of its own, which may stand for any amount of text.
     """
-    left = UNPACKED
+    left = MAX_UNPACKED_BYTES
     with ZipFile(io.BytesIO(raw)) as archive:
         for part in archive.infolist():
             end = b""
             with archive.open(part) as file:
-                while piece := file.read(PIECE):
+                while piece := file.read(UNPACKING_PIECE_BYTES):
                     left -= len(piece)
                     if left < 0:
                         raise Refused(
-                            f"{path}: unpacks to more than {UNPACKED / 1e6:.0f} MB, no sheet of readings "
+                            f"{path}: unpacks to more than {MAX_UNPACKED_BYTES / 1e6:.0f} MB, no sheet of readings "
                             "does; save the sheet as CSV"
                         )
                     seen = (end + piece).replace(b"\0", b"")  # in UTF-16 too
@@ -144,7 +144,7 @@ def _admit(path: Path, raw: bytes) -> None:
 
 
 def _rows(path: Path, sheet: Any) -> list[list[Any]]:
-    """All rows of a sheet, as long as the longest, whatever size it claims to have; Refused beyond CELLS."""
+    """All rows of a sheet, as long as the longest, whatever size it claims to have; Refused beyond MAX_SHEET_CELLS."""
     sheet.reset_dimensions()
     rows: list[list[Any]] = []
     longest = 0
@@ -154,9 +154,9 @@ def _rows(path: Path, sheet: Any) -> list[list[Any]]:
             row.pop()
         longest = max(longest, len(row))
         rows.append(row)
-        if len(rows) * max(longest, 1) > CELLS:
+        if len(rows) * max(longest, 1) > MAX_SHEET_CELLS:
             raise Refused(
-                f"{path}: sheet {sheet.title!r} spans more than {CELLS / 1e6:.0f} million cells; save what "
+                f"{path}: sheet {sheet.title!r} spans more than {MAX_SHEET_CELLS / 1e6:.0f} million cells; save what "
                 "was measured as a file of its own"
             )
     while rows and not rows[-1]:
@@ -167,14 +167,14 @@ def _rows(path: Path, sheet: Any) -> list[list[Any]]:
 def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str], sheet: str) -> str:
     """Title of the sheet that is read."""
     if sheet and sheet not in sheets:
-        near = get_close_matches(sheet, titles, n=SHOWN, cutoff=0.0)
+        near = get_close_matches(sheet, titles, n=MAX_LISTED_SHEETS, cutoff=0.0)
         raise ValueError(f"{path}: has no sheet {sheet!r}; choose from {_few(near)}")
-    found = [title for title, rows in sheets.items() if sum(map(_is_reading, rows)) >= FEWEST]
+    found = [title for title, rows in sheets.items() if sum(map(_is_reading, rows)) >= MIN_SHEET_READINGS]
     if len(found) == 1:
         return found[0]
     if not found:
         raise ValueError(
-            f"{path}: none of its sheets ({_few(list(sheets))}) holds {FEWEST} rows of numbers; formulas "
+            f"{path}: none of its sheets ({_few(list(sheets))}) holds {MIN_SHEET_READINGS} rows of numbers; formulas "
             "that were never computed hold none"
         )
     longest = max(found, key=lambda title: len(sheets[title]))
@@ -185,7 +185,7 @@ def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str
 
 
 def _few(titles: Sequence[str]) -> str:
-    return ", ".join(map(repr, titles[:SHOWN])) + (", …" if len(titles) > SHOWN else "")
+    return ", ".join(map(repr, titles[:MAX_LISTED_SHEETS])) + (", …" if len(titles) > MAX_LISTED_SHEETS else "")
 
 
 def _beside(rows: Sequence[Sequence[Any]]) -> set[int]:
@@ -197,7 +197,7 @@ def _beside(rows: Sequence[Sequence[Any]]) -> set[int]:
     numbers = [[k for k, v in enumerate(row) if is_number(_written(v))] for row in rows]
     filled = [k for found in numbers if len(found) > 1 for k in found]
     count = {k: filled.count(k) for k in set(filled)}
-    table = {k for k, n in count.items() if n >= FULL * max(count.values())}
+    table = {k for k, n in count.items() if n >= FULL_COLUMN_SHARE * max(count.values())}
     inside = [len(table & {*found}) > 1 for found in numbers]
     runs = [(len(list(run)), is_one) for is_one, run in itertools.groupby(inside)]
     ends = list(itertools.accumulate(n for n, _ in runs))

@@ -8,17 +8,17 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.correlation import of_neighbours, restored
 from rso.data import step_of
-from rso.discrepancy.detectors.sensor import DENSE
-from rso.discrepancy.library.responses import FORCES
+from rso.discrepancy.detectors.sensor import MIN_READINGS_FOR_FILTER
 from rso.discrepancy.library.test_plan import TestPlan
 
-LONG = 20  # readings of a record that tells its memory
-RECORDS = 8  # of idle channels that tell it together
-WINDOWS = 3  # of curves, each of LONG readings, that do
-UNLIKE = 4.0  # times the usual variance: a window with more than noise in it
-IDLE = 0.15  # correlation of neighbours there that counts
+AUTOCORRELATION_WINDOW_READINGS = 20  # readings of a record that tells its memory
+MIN_IDLE_RECORDS = 8  # of idle channels that tell it together
+MIN_CURVE_WINDOWS = 3  # of curves, each of AUTOCORRELATION_WINDOW_READINGS readings, that do
+MAX_WINDOW_VARIANCE_RATIO = 4.0  # times the usual variance: a window with more than noise in it
+MIN_NEIGHBOUR_CORRELATION = 0.15  # correlation of neighbours there that counts
 
 
 def autocorrelation_length(plan: TestPlan) -> float | None:
@@ -35,7 +35,7 @@ def length_over_repeats(plan: TestPlan) -> float | None:
     count, steps, deviations = 0.0, [], list[np.ndarray]()
     for e in plan.experiments:
         repeats = [r for r in e.measurement.repeats if e.measurement.kind == "force"]
-        for c in FORCES:
+        for c in FORCE_CHANNELS:
             curves = [r.channels[c][r.segment == "loading"] for r in repeats if c in r.channels]
             if len(curves) < 4 or len({len(v) for v in curves}) > 1 or len(curves[0]) < 12:
                 continue
@@ -58,19 +58,20 @@ def of_idle_channels(plan: TestPlan) -> float | None:
     """The same length from lateral forces that have nothing to show: none but noise about a cubic in the depth.
 
     No gap of the model is in them, and they need neither repeats nor equal depths.  ρ is that of which AR(1) noise, the
-    cubic taken out, has the lag-1 correlation of all records together; it counts from `IDLE` on, of `RECORDS`.
+    cubic taken out, has the lag-1 correlation of all records together; it counts from `MIN_NEIGHBOUR_CORRELATION` on,
+    of `MIN_IDLE_RECORDS`.
     """
     found: list[tuple[float, float, int, float]] = []
     for r in (r for e in plan.experiments if e.measurement.kind == "force" for r in e.measurement.repeats):
         for c, branch in itertools.product(("Fx", "Fy"), ("loading", "unloading")):
             at = r.segment == branch
-            if c not in r.channels or at.sum() < LONG:
+            if c not in r.channels or at.sum() < AUTOCORRELATION_WINDOW_READINGS:
                 continue
             u, v = r.depth[at], r.channels[c][at]
             D = v - _cubic(len(v)) @ (_cubic(len(v)).T @ v)
             if np.ptp(v - D) < np.ptp(D) and step_of(r.channels[c]) < np.std(D):
                 found.append((float(D[1:] @ D[:-1]), float(D @ D), len(v), float(np.ptp(u)) / len(v)))
-    if len(found) < RECORDS:
+    if len(found) < MIN_IDLE_RECORDS:
         return None
     product, power, n, Δu = (np.array(v) for v in zip(*found, strict=True))
     seen, count = float(np.sum(product / power * n) / n.sum()), int(np.median(n))
@@ -78,38 +79,49 @@ def of_idle_channels(plan: TestPlan) -> float | None:
 
 
 def within_windows(plan: TestPlan) -> float | None:
-    """The same length from windows of `LONG` readings of the curves themselves, a cubic in the depth taken out of each.
+    """The same length from windows of `AUTOCORRELATION_WINDOW_READINGS` readings of the curves themselves, a cubic in
+    the depth taken out of each.
 
     Where a model is wrong, it is so over a large share of a branch, which a cubic follows in a window.  A jump is no
-    memory: windows that scatter more than `UNLIKE` times what is usual do not count.  ρ counts beyond `IDLE` and two
-    standard errors.  For records of `DENSE` readings and more there is `sensor.hidden_noise`.
-    Assumption: what lasts for some readings only is noise, but in a few windows.
+    memory: windows that scatter more than `MAX_WINDOW_VARIANCE_RATIO` times what is usual do not count.  ρ counts
+    beyond `MIN_NEIGHBOUR_CORRELATION` and two standard errors.  For records of `MIN_READINGS_FOR_FILTER` readings and
+    more there is `sensor.hidden_noise`. Assumption: what lasts for some readings only is noise, but in a few windows.
     """
     found: list[tuple[float, float, float]] = []
     for r in (r for e in plan.experiments if e.measurement.kind == "force" for r in e.measurement.repeats):
-        for c, branch in itertools.product(FORCES, ("loading", "unloading")):
+        for c, branch in itertools.product(FORCE_CHANNELS, ("loading", "unloading")):
             if c not in r.channels:
                 continue
             at = np.flatnonzero((r.segment == branch) & (r.depth > 0.0))
-            if len(at) >= DENSE:
+            if len(at) >= MIN_READINGS_FOR_FILTER:
                 continue
-            for k in range(len(at) // LONG):
-                u, v = (x[at[k * LONG : (k + 1) * LONG]] for x in (r.depth, r.channels[c]))
-                D = v - _cubic(LONG) @ (_cubic(LONG).T @ v)
+            for k in range(len(at) // AUTOCORRELATION_WINDOW_READINGS):
+                u, v = (
+                    x[at[k * AUTOCORRELATION_WINDOW_READINGS : (k + 1) * AUTOCORRELATION_WINDOW_READINGS]]
+                    for x in (r.depth, r.channels[c])
+                )
+                D = v - _cubic(AUTOCORRELATION_WINDOW_READINGS) @ (_cubic(AUTOCORRELATION_WINDOW_READINGS).T @ v)
                 if step_of(r.channels[c]) < np.std(D):
-                    found.append((float(D[1:] @ D[:-1]), float(D @ D), float(np.ptp(u)) / LONG))
-    if len(found) < WINDOWS:
+                    found.append(
+                        (float(D[1:] @ D[:-1]), float(D @ D), float(np.ptp(u)) / AUTOCORRELATION_WINDOW_READINGS)
+                    )
+    if len(found) < MIN_CURVE_WINDOWS:
         return None
     product, power, Δu = np.array(found).T
-    alike = power <= UNLIKE * np.median(power)
+    alike = power <= MAX_WINDOW_VARIANCE_RATIO * np.median(power)
     seen = float(product[alike].sum() / power[alike].sum())
-    return _length(seen, LONG, float(np.median(Δu)), 2.0 / math.sqrt(LONG * alike.sum()))
+    return _length(
+        seen,
+        AUTOCORRELATION_WINDOW_READINGS,
+        float(np.median(Δu)),
+        2.0 / math.sqrt(AUTOCORRELATION_WINDOW_READINGS * alike.sum()),
+    )
 
 
 def _length(seen: float, count: int, Δu: float, error: float) -> float | None:
     """−Δu / ln ρ of AR(1) noise whose `count` readings, a cubic taken out, have a lag-1 correlation as `seen`.
 
-    None below what `IDLE` shows, or less than `error` above what white noise does.
+    None below what `MIN_NEIGHBOUR_CORRELATION` shows, or less than `error` above what white noise does.
     """
     Q = _cubic(count)
 
@@ -119,7 +131,7 @@ def _length(seen: float, count: int, Δu: float, error: float) -> float | None:
         R = R - (R @ Q) @ Q.T
         return float(np.trace(R, 1) / np.trace(R))
 
-    if seen < max(expected(IDLE), expected(0.0) + error):
+    if seen < max(expected(MIN_NEIGHBOUR_CORRELATION), expected(0.0) + error):
         return None
     ρ = brentq(lambda v: expected(v) - min(seen, expected(0.98)), 0.0, 0.98)
     return -Δu / math.log(ρ)

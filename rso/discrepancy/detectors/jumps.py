@@ -25,13 +25,13 @@ from rso.data import step_of
 from rso.discrepancy.detectors.steps import ForceStep, force_step
 from rso.discrepancy.library.test_plan import TestPlan
 
-OFTEN = 2.9  # t; with LARGE of scatter fewer than 0.5 % of plans reach it
-LARGE = 9.0  # z
-WINDOW = 9  # readings of the running median
-FEWEST = 12  # readings of a branch
-UNEVEN = 0.25  # of a step of depth: more is another spacing
-_CLIP = 8.0  # no single reading decides
-_DEGREE = 3  # of what the running median leaves of a slope that bends
+JUMP_T_LIMIT = 2.9  # t; with JUMP_Z_LIMIT of scatter fewer than 0.5 % of plans reach it
+JUMP_Z_LIMIT = 9.0  # z, skewness over its standard error in normal scatter
+MEDIAN_WINDOW_READINGS = 9  # readings of the running median
+MIN_READINGS_FOR_JUMPS = 12  # readings of a branch
+UNEVEN_SPACING_SHARE = 0.25  # of a step of depth: more is another spacing
+_STEP_CLIP_SD = 8.0  # no single reading decides
+_SLOPE_DEGREE = 3  # of what the running median leaves of a slope that bends
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Jumps:
     @property
     def skewed(self) -> bool:
         """Whether steps go up and down more unlike than scatter and a bending curve make them."""
-        return abs(self.t) > OFTEN or abs(self.z) > LARGE
+        return abs(self.t) > JUMP_T_LIMIT or abs(self.z) > JUMP_Z_LIMIT
 
     @property
     def sudden(self) -> bool:
@@ -66,7 +66,7 @@ def jumps(plan: TestPlan) -> Jumps:
         for r in e.measurement.repeats:
             at = r.segment == "loading"
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
-            if len(v) < FEWEST or np.sum(even := _even(r.depth[at])) < FEWEST - 1:
+            if len(v) < MIN_READINGS_FOR_JUMPS or np.sum(even := _even(r.depth[at])) < MIN_READINGS_FOR_JUMPS - 1:
                 continue
             q = _unsmooth(np.diff(v)[even])
             counted = step_of(v)
@@ -78,7 +78,7 @@ def jumps(plan: TestPlan) -> Jumps:
     if not raw:
         return Jumps(0.0, 0.0, 0, "", 0.0, (), force_step(plan))
     usual = float(np.median([scale for _, scale, _ in raw]))  # a record of few readings may seem quieter than it is
-    q = np.concatenate([np.clip(q / max(scale, usual), -_CLIP, _CLIP) for q, scale, _ in raw])
+    q = np.concatenate([np.clip(q / max(scale, usual), -_STEP_CLIP_SD, _STEP_CLIP_SD) for q, scale, _ in raw])
     s = np.concatenate([np.full(len(q), counted / max(scale, usual)) for q, scale, counted in raw])
     t = float(np.sum(q**3) / np.sqrt(np.sum(q**6 + 15.0 * s**6)))
     z = float(np.mean(q**3) / np.mean(q**2 + s**2) ** 1.5 / np.sqrt(6.0 / len(q)))
@@ -94,16 +94,16 @@ def _even(u: np.ndarray) -> np.ndarray:
     All of them where depths scatter.
     """
     step = np.diff(u)
-    around = median_filter(step, WINDOW, mode="nearest")
+    around = median_filter(step, MEDIAN_WINDOW_READINGS, mode="nearest")
     off = np.abs(step - around)
-    if np.median(off) > UNEVEN * max(float(np.median(step)), 0.0):
+    if np.median(off) > UNEVEN_SPACING_SHARE * max(float(np.median(step)), 0.0):
         return np.full(len(step), True)
-    return off <= UNEVEN * np.abs(around)
+    return off <= UNEVEN_SPACING_SHARE * np.abs(around)
 
 
 def _unsmooth(step: np.ndarray) -> np.ndarray:
     """Steps (n,) less what is smooth in them, which single large ones do not move."""
-    q = step - median_filter(step, WINDOW, mode="nearest")
+    q = step - median_filter(step, MEDIAN_WINDOW_READINGS, mode="nearest")
     most = 3.0 * np.median(np.abs(q))
-    P = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(q)), _DEGREE)
+    P = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(q)), _SLOPE_DEGREE)
     return q - P @ np.linalg.lstsq(P, np.clip(q, -most, most), rcond=None)[0]

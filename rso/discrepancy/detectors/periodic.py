@@ -21,18 +21,20 @@ from rso.core.correlation import of_neighbours
 from rso.core.distributions import gamma_logsf, gamma_ppf
 from rso.discrepancy.library.test_plan import TestPlan
 
-SURE = -10.0  # log10 of the chance of the strongest line; among some hundred frequencies scatter reaches about -6
-FEWEST = 24  # readings of a branch
-DEGREE = 5
-CYCLES = 3.0  # fewest in a branch: less is a trend
-FASTEST = 0.45  # of the rate of sampling
-FINE = 4  # frequencies per 1/duration
-MOST = 300  # readings of a branch: more are averaged, what is faster than their means is not looked for
-WIDE = 8  # cycles in a branch over which the spectrum of scatter hardly changes
-LINES = 50_000  # frequencies, at most
-BLOCK = 512  # of them at a time
-SPEEDS = 1.5  # ratio of the fastest to the slowest branch from which on time and travel differ
-SHALLOW = 0.05  # of the deepest reading: the bend at first contact is no polynomial
+# log10 of the chance of the strongest line; among some hundred frequencies scatter reaches about -6
+MAX_LINE_LOG10_P = -10.0
+MIN_READINGS_FOR_SPECTRUM = 24  # readings of a branch
+CURVE_TREND_DEGREE = 5  # of the polynomial in the root of the depth that is taken out of a branch
+MIN_CYCLES = 3.0  # fewest in a branch: less is a trend
+MAX_FREQUENCY_SHARE = 0.45  # of the rate of sampling
+FREQUENCIES_PER_RESOLUTION = 4  # frequencies per 1/duration
+# readings of a branch: more are averaged, what is faster than their means is not looked for
+MAX_SPECTRUM_READINGS = 300
+NOISE_FLOOR_CYCLES = 8  # cycles in a branch over which the spectrum of scatter hardly changes
+MAX_SPECTRUM_FREQUENCIES = 50_000  # frequencies, at most
+FREQUENCIES_PER_BLOCK = 512  # of them at a time
+MIN_SPEED_RATIO = 1.5  # ratio of the fastest to the slowest branch from which on time and travel differ
+MIN_SPECTRUM_DEPTH_SHARE = 0.05  # of the deepest reading: the bend at first contact is no polynomial
 
 
 Records = dict[tuple[str, str, str], list[tuple[np.ndarray, np.ndarray, np.ndarray]]]
@@ -54,7 +56,7 @@ class PeriodicLine:
     @property
     def there(self) -> bool:
         """Whether scatter does not make such a line."""
-        return self.log10_p < SURE
+        return self.log10_p < MAX_LINE_LOG10_P
 
 
 def periodic_line(plan: TestPlan) -> PeriodicLine:
@@ -66,7 +68,7 @@ def periodic_line(plan: TestPlan) -> PeriodicLine:
     groups = _records(plan, timed=True)
     over_time = min(_strongest(groups, "time"), untimed, key=lambda h: h.log10_p)
     speeds = {n: [np.ptp(d) / np.ptp(t) for t, d, _ in g] for n, g in groups.items()}
-    if not groups or max(map(max, speeds.values())) < SPEEDS * min(map(min, speeds.values())):
+    if not groups or max(map(max, speeds.values())) < MIN_SPEED_RATIO * min(map(min, speeds.values())):
         return over_time  # at one speed the two are the same
     travelled = {  # at the mean speed of a branch: readings of depth scatter
         n: [(v * (t - t[0]), d, y) for v, (t, d, y) in zip(speeds[n], g, strict=True)] for n, g in groups.items()
@@ -85,8 +87,8 @@ def _records(plan: TestPlan, timed: bool) -> Records:
             continue
         for r in e.measurement.repeats:
             for branch in ("loading", "unloading"):
-                at = (r.segment == branch) & (r.depth > SHALLOW * np.max(r.depth))
-                if at.sum() < FEWEST or (r.time is not None) != timed:
+                at = (r.segment == branch) & (r.depth > MIN_SPECTRUM_DEPTH_SHARE * np.max(r.depth))
+                if at.sum() < MIN_READINGS_FOR_SPECTRUM or (r.time is not None) != timed:
                     continue
                 level, way = _levels(r.depth[at]), np.linspace(0.0, np.ptp(r.depth[at]), at.sum())
                 t, depth = (_thinned(_merged(v, level)) for v in (way if r.time is None else r.time[at], r.depth[at]))
@@ -102,20 +104,26 @@ def _strongest(groups: Records, along: str) -> PeriodicLine:
     if not groups:
         return PeriodicLine(0.0, 0.0, 0.0, "")
     longest = max(float(np.ptp(t)) for g in groups.values() for t, _, _ in g)
-    fastest = max(FASTEST / float(np.median(np.diff(t))) for g in groups.values() for t, _, _ in g)
-    f = np.arange(CYCLES / longest, fastest, max(1.0 / (FINE * longest), fastest / LINES))
+    fastest = max(MAX_FREQUENCY_SHARE / float(np.median(np.diff(t))) for g in groups.values() for t, _, _ in g)
+    f = np.arange(
+        MIN_CYCLES / longest,
+        fastest,
+        max(1.0 / (FREQUENCIES_PER_RESOLUTION * longest), fastest / MAX_SPECTRUM_FREQUENCIES),
+    )
     total, number = np.zeros(len(f)), np.zeros(len(f))
     largest: dict[str, np.ndarray] = {}
     for (_, _, c), records in groups.items():
         T = min(float(np.ptp(t)) for t, _, _ in records)
-        inside = (f >= CYCLES / T) & (f <= FASTEST / max(float(np.median(np.diff(t))) for t, _, _ in records))
-        if inside.sum() < 4 * FINE:
+        inside = (f >= MIN_CYCLES / T) & (
+            f <= MAX_FREQUENCY_SHARE / max(float(np.median(np.diff(t))) for t, _, _ in records)
+        )
+        if inside.sum() < 4 * FREQUENCIES_PER_RESOLUTION:
             continue
         ρ = _memory(records)
-        blocks = np.split(f[inside], range(BLOCK, int(inside.sum()), BLOCK))
+        blocks = np.split(f[inside], range(FREQUENCIES_PER_BLOCK, int(inside.sum()), FREQUENCIES_PER_BLOCK))
         each = [np.concatenate([_line(b, *r, ρ) for b in blocks], axis=1) for r in records]
         P, A = np.moveaxis(np.array(each), 1, 0)
-        floor = _floor(P.mean(axis=0), WIDE / (T * (f[1] - f[0]))) / _middle(len(records))
+        floor = _floor(P.mean(axis=0), NOISE_FLOOR_CYCLES / (T * (f[1] - f[0]))) / _middle(len(records))
         if not floor.all():
             continue
         total[inside] += np.sum(P, axis=0) / floor
@@ -146,8 +154,8 @@ def _merged(v: np.ndarray, level: np.ndarray | None) -> np.ndarray:
 
 
 def _thinned(v: np.ndarray) -> np.ndarray:
-    """Means of equally many neighbours, at most MOST of them; a rest at the end is left out."""
-    k = -(-len(v) // MOST)
+    """Means of equally many neighbours, at most MAX_SPECTRUM_READINGS of them; a rest at the end is left out."""
+    k = -(-len(v) // MAX_SPECTRUM_READINGS)
     return v if k == 1 else v[: len(v) // k * k].reshape(-1, k).mean(axis=1)
 
 
@@ -169,13 +177,14 @@ def _memory(records: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
     bases = [np.linalg.qr(_polynomials(depth).T)[0] for _, depth, _ in records]
     ρ = of_neighbours(v - Q @ (Q.T @ v) for Q, (_, _, v) in zip(bases, records, strict=True))
     n = np.mean([len(v) for _, _, v in records])
-    return float(np.clip(ρ + (DEGREE + 1) * (1.0 + ρ) / n, 0.0, 0.95))  # what taking out the polynomial costs
+    # what taking out the polynomial costs
+    return float(np.clip(ρ + (CURVE_TREND_DEGREE + 1) * (1.0 + ρ) / n, 0.0, 0.95))
 
 
 def _polynomials(depth: np.ndarray) -> np.ndarray:
-    """Legendre polynomials (DEGREE + 1, n) of the root of depth."""
+    """Legendre polynomials (CURVE_TREND_DEGREE + 1, n) of the root of depth."""
     s = np.sqrt(np.maximum(depth, 0.0))
-    return np.polynomial.legendre.legvander(2.0 * (s - s.min()) / np.ptp(s) - 1.0, DEGREE).T
+    return np.polynomial.legendre.legvander(2.0 * (s - s.min()) / np.ptp(s) - 1.0, CURVE_TREND_DEGREE).T
 
 
 def _whitened(v: np.ndarray, ρ: float) -> np.ndarray:

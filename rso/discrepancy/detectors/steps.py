@@ -4,10 +4,11 @@ Between every two readings v of a loading branch the step δ of
 
     v(u) = a + b u + c u² + δ [u > u_k]
 
-through the `WINDOW` readings on either side, by least squares, over its standard deviation per unit noise; of δ with
-each reading left out in turn the least counts, so that no single reading makes a step.  z is that over the robust
-standard deviation of all such steps of the record, autocorrelated noise included, of a usual record, or of the steps
-at this place where they grow along the record, as noise in proportion to a force does: of the largest of these.
+through the `STEP_WINDOW_READINGS` readings on either side, by least squares, over its standard deviation per unit
+noise; of δ with each reading left out in turn the least counts, so that no single reading makes a step.  z is that over
+the robust standard deviation of all such steps of the record, autocorrelated noise included, of a usual record, or of
+the steps at this place where they grow along the record, as noise in proportion to a force does: of the largest of
+these.
 """
 
 from __future__ import annotations
@@ -21,14 +22,16 @@ from scipy.special import ndtri
 from rso.data import step_of
 from rso.discrepancy.library.test_plan import TestPlan
 
-WINDOW = 6  # readings on either side
-LEAST = 5  # of them at the ends of a record, where a contact bends too much for fewer
-CLEAR = 4.5  # z: reached by 1 % of plans of some hundred readings with the tails of Student's t₂, by 0.2 % of others
-CHANCE = 0.005  # of normal scatter, of that many steps in all: the limit of more readings
-GROWS = 1.5  # times that of the first part is the scatter of the last: less is scatter of it
-PARTS = 4  # of a record, that tell whether its scatter grows
-PRESSED = 0.05  # of the deepest travel: nearer to contact the indenter may snap in
-SMALL = 0.005  # of the range of the force: less is no crack, but what a parabola misses where noise is small
+STEP_WINDOW_READINGS = 6  # readings on either side
+MIN_END_READINGS = 5  # of them at the ends of a record, where a contact bends too much for fewer
+# z: reached by 1 % of plans of some hundred readings with the tails of Student's t₂, by 0.2 % of others
+MIN_STEP_Z = 4.5
+STEP_FALSE_ALARM_CHANCE = 0.005  # of normal scatter, of that many steps in all: the limit of more readings
+GROWING_SCATTER_RATIO = 1.5  # times that of the first part is the scatter of the last: less is scatter of it
+N_SCATTER_PARTS = 4  # of a record, that tell whether its scatter grows
+MIN_STEP_DEPTH_SHARE = 0.05  # of the deepest travel: nearer to contact the indenter may snap in
+# of the range of the force: less is no crack, but what a parabola misses where noise is small
+MIN_STEP_FORCE_SHARE = 0.005
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,12 @@ def force_step(plan: TestPlan) -> ForceStep | None:
         if e.measurement.kind != "force" or e.role == "validate":
             continue
         for r in e.measurement.repeats:
-            at = (r.segment == "loading") & (r.depth > PRESSED * r.depth.max())
+            at = (r.segment == "loading") & (r.depth > MIN_STEP_DEPTH_SHARE * r.depth.max())
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
             z, least, size, depth = step_statistics(r.depth[at], v)
-            if len(z) > LEAST:
+            if len(z) > MIN_END_READINGS:
                 scales.append(max(1.48 * float(np.median(np.abs(z))), step_of(v)))
-                large = np.abs(size) > SMALL * np.ptp(v)
+                large = np.abs(size) > MIN_STEP_FORCE_SHARE * np.ptp(v)
                 found.append((e.name, least * large, size, depth, np.maximum(scales[-1], _grown(z))))
     usual = float(np.median(scales)) if scales else 0.0
     best = None
@@ -63,21 +66,21 @@ def force_step(plan: TestPlan) -> ForceStep | None:
         k = int(np.argmax(z))
         if best is None or z[k] > best.z:
             best = ForceStep(float(z[k]), name, float(size[k]), float(depth[k]))
-    limit = max(CLEAR, -float(ndtri(CHANCE / max(sum(len(f[1]) for f in found), 1))))
+    limit = max(MIN_STEP_Z, -float(ndtri(STEP_FALSE_ALARM_CHANCE / max(sum(len(f[1]) for f in found), 1))))
     return best if best is not None and best.z > limit else None
 
 
 def _grown(z: np.ndarray) -> np.ndarray:
     """Robust standard deviation of the steps z (m,) along a record, which grows steadily with the travel: a line
     through those of its parts, of which one that holds a crack does not count more than the others."""
-    parts = np.array_split(np.abs(z), PARTS)
-    if len(z) < PARTS * WINDOW:
+    parts = np.array_split(np.abs(z), N_SCATTER_PARTS)
+    if len(z) < N_SCATTER_PARTS * STEP_WINDOW_READINGS:
         return np.zeros(len(z))
-    middle = (np.arange(PARTS) + 0.5) / PARTS
+    middle = (np.arange(N_SCATTER_PARTS) + 0.5) / N_SCATTER_PARTS
     each = np.array([1.48 * np.median(part) for part in parts])
     slopes = [(b - a) / (v - u) for (u, a), (v, b) in itertools.combinations(zip(middle, each, strict=True), 2)]
     slope = float(np.median(slopes))
-    if each[-1] < GROWS * each[0]:
+    if each[-1] < GROWING_SCATTER_RATIO * each[0]:
         return np.zeros(len(z))
     return np.maximum(np.median(each - slope * middle) + slope * np.linspace(0.0, 1.0, len(z)), 0.0)
 
@@ -88,8 +91,8 @@ def step_statistics(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarra
     u (n,) mm, v (n,) N.  The least is 0 where leaving one out turns its sign.
     """
     out = []
-    for k in range(LEAST, len(u) - LEAST + 1):
-        a, b = max(0, k - WINDOW), min(len(u), k + WINDOW)
+    for k in range(MIN_END_READINGS, len(u) - MIN_END_READINGS + 1):
+        a, b = max(0, k - STEP_WINDOW_READINGS), min(len(u), k + STEP_WINDOW_READINGS)
         x, middle, y = u[a:b], 0.5 * (u[k - 1] + u[k]), v[a:b]
         if not np.ptp(x) > 0.0:
             continue

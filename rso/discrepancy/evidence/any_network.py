@@ -20,8 +20,8 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.relaxation import is_relaxation
 
-SHARE = 0.1  # of the largest plausible share of one time: small against the whole
-TIMES = 3.0  # a factor of e, from one time to the next
+SMALL_RELAXATION_SHARE = 0.1  # of the largest plausible share of one time: small against the whole
+NETWORK_TIME_RATIO = 3.0  # a factor of e, from one time to the next
 
 
 def network(shared: Shared) -> Effect | None:
@@ -35,8 +35,8 @@ def distance(shared: Shared, effect: Effect, x: np.ndarray, modulus: float) -> f
     assert other is not None  # of a library that has both
     library, d = shared.library, len(shared.library.base.axes)
     centre, (low, high) = x[None, :d], other.shape[0].ends()[0]
-    times = np.linspace(low, high, max(4, 1 + round((high - low) / np.log(TIMES))))
-    share = SHARE * other.size.high
+    times = np.linspace(low, high, max(4, 1 + round((high - low) / np.log(NETWORK_TIME_RATIO))))
+    share = SMALL_RELAXATION_SHARE * other.size.high
     at = np.column_stack([np.repeat(centre, len(times), 0), np.full(len(times), share), times])
     f, f0 = predict(library, [effect], x[None], modulus)[0][0], predict(library, [], centre, modulus)[0][0]
     columns = [f0, *(predict(library, [other], at, modulus)[0] - f0)]

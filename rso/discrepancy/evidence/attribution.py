@@ -33,16 +33,17 @@ from rso.discrepancy.evidence.gaussian_mixture import (
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis, tiles
 from rso.discrepancy.evidence.model_form_tolerance import with_tolerance
-from rso.discrepancy.evidence.settings import SETTINGS, DiagnosisSettings, HypothesisPriors
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, DiagnosisSettings, HypothesisPriors
 from rso.discrepancy.evidence.shrinkage import experiment_blocks
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Test
 
-SHARES = np.geomspace(0.02, 1.5, 25)  # of the largest plausible size of what scatters, from which its size is read
-SURVIVORS = 5
-NULLS = 400
+# of the largest plausible size of what scatters, from which its size is read
+SCATTER_SIZE_SHARES = np.geomspace(0.02, 1.5, 25)
+N_SURVIVING_EFFECTS = 5  # effects whose pairs are tried, and whose evidence is computed in full
+N_NULL_DATA_SETS = 400  # simulated without a gap: twenty lie beyond a false alarm of 5 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class Shared:
     scatter: Mapping[str, np.ndarray]
     tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
     alone: tuple[str, ...] = ()
-    settings: DiagnosisSettings = SETTINGS
+    settings: DiagnosisSettings = DIAGNOSIS_SETTINGS
 
     def covariance(self, effects: Sequence[Effect], share: float) -> np.ndarray:
         """C (n, n), with what differs from curve to curve at a share of its largest plausible size."""
@@ -89,7 +90,9 @@ class Shared:
         return self.tiles[key]
 
 
-def set_up(library: Library, y: np.ndarray, binding: bool = False, settings: DiagnosisSettings = SETTINGS) -> Shared:
+def set_up(
+    library: Library, y: np.ndarray, binding: bool = False, settings: DiagnosisSettings = DIAGNOSIS_SETTINGS
+) -> Shared:
     """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
 
     `binding` as in :func:`noise.noise_levels`.
@@ -161,7 +164,7 @@ class Comparison:
     hypotheses: tuple[Hypothesis, ...]
     log_evidence: np.ndarray
     log_prior: np.ndarray
-    no_gap: float = SETTINGS.priors.no_gap
+    no_gap: float = DIAGNOSIS_SETTINGS.priors.no_gap
 
     @property
     def probability(self) -> np.ndarray:
@@ -212,12 +215,14 @@ class Evidence:
         From the evidence of y (n,) at shares of its largest plausible size, all alike likely before.
         """
         tiles, logs = self.bench.of((effect,)), []
-        for share in SHARES:
+        for share in SCATTER_SIZE_SHARES:
             white = whitening(self.bench.covariance((effect,), share))
             logs.append(mixture_log_evidence(ready(tiles, white, self.bench.modulus), white(y)[None])[0])
         weight = np.exp(np.array(logs) - logsumexp(logs))
         below = np.cumsum(weight) - 0.5 * weight  # in the middle of each share's part
-        low, middle, high = np.exp(np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SHARES)))
+        low, middle, high = np.exp(
+            np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SCATTER_SIZE_SHARES))
+        )
         return middle * effect.size.high, low * effect.size.high, high * effect.size.high
 
     def of_tests(self, effect: Effect, y: np.ndarray, sd: float) -> tuple[np.ndarray, np.ndarray]:
@@ -294,7 +299,7 @@ def comparisons(
     return [Comparison(tuple(hypotheses), row, prior, priors.no_gap) for row in table]
 
 
-def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors = SETTINGS.priors) -> float:
+def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors = DIAGNOSIS_SETTINGS.priors) -> float:
     """ln π(H) in a catalogue: causes of a kind share its probability, forms of a cause share that of the cause."""
     if not h.effects and not h.unexplained:
         return float(np.log(priors.no_gap))
@@ -309,7 +314,7 @@ def log_prior(h: Hypothesis, effects: Sequence[Effect], priors: HypothesisPriors
     return float(np.log(priors.of(kind) / max(n, 1)))
 
 
-def survivors(contest: Comparison, count: int = SURVIVORS) -> list[Effect]:
+def survivors(contest: Comparison, count: int = N_SURVIVING_EFFECTS) -> list[Effect]:
     """Causes whose best hypothesis has the most evidence, alone or with something unexplained, in their best form."""
     best: dict[str, tuple[float, Effect]] = {}
     for h, z, p in zip(contest.hypotheses, contest.log_evidence, contest.log_prior, strict=True):
@@ -333,7 +338,7 @@ def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarra
     return simulated_data(evidence, (), y, count, seed)
 
 
-def critical(null: np.ndarray, false_alarm: float = SETTINGS.rules.false_alarm) -> float:
+def critical(null: np.ndarray, false_alarm: float = DIAGNOSIS_SETTINGS.rules.false_alarm) -> float:
     """The statistic beyond which there is a gap: p = (1 + number of `null` (n,) ≥ it) / (1 + n) ≤ `false_alarm` and
     a gap is more probable than none.  Infinite where n is too few to say so.
     """

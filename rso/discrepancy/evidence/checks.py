@@ -12,7 +12,7 @@ from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import log_tiles
 from rso.discrepancy.evidence.verdict import judge_comparison, most_probable
 
-CHECKS = 60  # data sets per self-check
+N_SELF_CHECK_DATA_SETS = 60  # data sets per self-check
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def self_checks(
     known = {e.name: e.source for e in evidence.effects}
     found = [SelfCheck("none", 1 - alarm, 1 - alarm, 1 - alarm, len(null))]
     for i, h in enumerate(leading):
-        Y = attribution.simulated_data(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
+        Y = attribution.simulated_data(evidence, h.effects, y, N_SELF_CHECK_DATA_SETS, seed + 10 + i, loose=True)
         returned = named = missed = 0
         own = {e.source for e in h.effects}
         for c in attribution.comparisons(evidence, Y, pairs, finalists=finalists):
@@ -52,7 +52,15 @@ def self_checks(
             missed += j.verdict == "no_gap"
             returned += own == {e.source for e in j.chosen.effects}
             named += own <= {known[n] for n in j.named}
-        found.append(SelfCheck(h.name, returned / CHECKS, missed / CHECKS, named / CHECKS, CHECKS))
+        found.append(
+            SelfCheck(
+                h.name,
+                returned / N_SELF_CHECK_DATA_SETS,
+                missed / N_SELF_CHECK_DATA_SETS,
+                named / N_SELF_CHECK_DATA_SETS,
+                N_SELF_CHECK_DATA_SETS,
+            )
+        )
     return tuple(found)
 
 

@@ -22,10 +22,10 @@ from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, SurfaceProfile, Test
+from rso.discrepancy.library.test_plan import LOADING_BRANCH, SurfaceProfile, Test
 from rso.inference.predictive_test import predictive_chi2, predictive_test
 
-TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
+MIN_EFFECT_SD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
 
 @dataclass(frozen=True)
@@ -213,13 +213,13 @@ def _fitted_rows(library: Library) -> np.ndarray:
     for item, c, at in library.plan.rows():
         e = library.plan.experiments[item.experiment]
         if isinstance(item, Test) and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
-            rows.append(np.arange(at.start, at.stop)[item.branch == LOADING])
+            rows.append(np.arange(at.start, at.stop)[item.branch == LOADING_BRANCH])
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
 
 def _taught(bench: Shared, y: np.ndarray, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Those effects of which the rows that are left can say anything: at its largest one moves them, beyond what a
-    re-fit of the base model takes up, by TOLD standard deviations."""
+    re-fit of the base model takes up, by MIN_EFFECT_SD standard deviations."""
     if not effects:
         return ()
     white = whitening(bench.C, rest)
@@ -235,7 +235,7 @@ def _taught(bench: Shared, y: np.ndarray, rest: np.ndarray, effects: Sequence[Ef
         moduli = μ if tiles.moduli is None else tiles.moduli[near, None]
         v = white(tiles.lift(moduli * tiles.A[near] + tiles.c[near])) - base.middle(t)
         v = v - (v @ Q) @ Q.T
-        return float(np.max(np.sum(v * v, axis=1))) > TOLD**2
+        return float(np.max(np.sum(v * v, axis=1))) > MIN_EFFECT_SD**2
 
     return tuple(e for e in effects if e.family == "scatter" or tells(e))
 
@@ -271,7 +271,7 @@ def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen:
 
     rough = {e: score(Hypothesis((e,)), False) for e in taught}
     leading = sorted(taught, key=lambda e: -rough[e])
-    last = {e.source for e in leading[: attribution.SURVIVORS]}
+    last = {e.source for e in leading[: attribution.N_SURVIVING_EFFECTS]}
     scores = {Hypothesis(()): score(Hypothesis(()), False)}
     scores |= {Hypothesis((e,)): score(Hypothesis((e,)), True) for e in leading if e.source in last}
     if len(chosen.effects) > 1 and set(chosen.effects) <= set(taught):

@@ -20,19 +20,19 @@ from rso.discrepancy.evidence.gaussian_mixture import log_tiles
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.tables import Library
 
-SIZES = 5
-SETS = 20
-CONFUSED = 0.15
-CLEAR = 0.9  # power from which confusion counts: about three times the limit
+N_DETECTABLE_SIZES = 5  # of an effect, from its smallest to its largest
+N_DETECTABLE_DATA_SETS = 20  # data sets per size; power is read off a curve over all sizes
+MIN_CONFUSED_PROBABILITY = 0.15  # mean over the data sets of an effect, from which another cause is named
+MIN_POWER_FOR_CONFUSION = 0.9  # power from which confusion counts: about three times the limit
 
 
 @dataclass(frozen=True)
 class Detectable:
     """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, which it grows with.
 
-    `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than CONFUSED of it:
-    both at the smallest clear size, since what is large enough is separated from much, or where none is clear at the
-    one that is seen most often."""
+    `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than
+    MIN_CONFUSED_PROBABILITY of it: both at the smallest clear size, since what is large enough is separated from much,
+    or where none is clear at the one that is seen most often."""
 
     effect: Effect
     limit: float | None
@@ -77,13 +77,14 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
     sets, labels = [], []
     effects = [e for e in evidence.effects if e.family != "scatter"]
     for e in effects:
-        scatter = (L @ rng.standard_normal((len(y), SETS))).T  # that of all sizes, of which the larger shows in more
+        # that of all sizes, of which the larger shows in more
+        scatter = (L @ rng.standard_normal((len(y), N_DETECTABLE_DATA_SETS))).T
         for t in _ladder(evidence, e, centre):
             r = evidence.ready((e,))
             sets.append(L @ r.middle(t) + scatter)
             labels.append((e, float(r.tiles.at[t, len(centre)])))
     T, P = _statistics(evidence, np.concatenate(sets))
-    T, P = T.reshape(len(labels), SETS), P.reshape(len(labels), SETS, -1)
+    T, P = T.reshape(len(labels), N_DETECTABLE_DATA_SETS), P.reshape(len(labels), N_DETECTABLE_DATA_SETS, -1)
     found = []
     for e in effects:
         mine = [i for i, (own, _) in enumerate(labels) if own is e]
@@ -93,7 +94,9 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
             power = isotonic_regression(power).x
         limit = _limit(np.abs(sizes) if e.size.neutral is not None else np.arange(len(sizes)), power)
         clear = [
-            i for i, q in zip(mine, power, strict=True) if limit is not None and (q > CLEAR or e.size.neutral is None)
+            i
+            for i, q in zip(mine, power, strict=True)
+            if limit is not None and (q > MIN_POWER_FOR_CONFUSION or e.size.neutral is None)
         ]
         clear = clear[:1] if e.size.neutral is not None else clear
         if limit is not None and not clear:  # never clear, but seen
@@ -126,12 +129,13 @@ def _alarms(evidence: Evidence, null: np.ndarray) -> float:
 
 
 def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:
-    """Likeliest form of every cause whose forms together hold more than CONFUSED of the probabilities `mean` (k,)."""
+    """Likeliest form of every cause whose forms together hold more than MIN_CONFUSED_PROBABILITY of the probabilities
+    `mean` (k,)."""
     held: dict[str, float] = {}
     for e, p in zip(effects, mean, strict=True):
         held[e.source] = held.get(e.source, 0.0) + float(p)
     best = {effects[j].source: effects[j].name for j in np.argsort(mean)}
-    return [best[s] for s in sorted(held, key=lambda s: -held[s]) if held[s] > CONFUSED]
+    return [best[s] for s in sorted(held, key=lambda s: -held[s]) if held[s] > MIN_CONFUSED_PROBABILITY]
 
 
 def _ladder(evidence: Evidence, e: Effect, centre: np.ndarray) -> list[int]:
@@ -147,7 +151,7 @@ def _ladder(evidence: Evidence, e: Effect, centre: np.ndarray) -> list[int]:
         sign = np.sign(max((end[1] for end in e.size.ends()), key=lambda v: (round(abs(v), 9), v)))
         mine = mine[np.sign(at[mine, d]) == sign]
         mine = mine[np.argsort(np.abs(at[mine, d]))]
-    pick = np.unique(np.linspace(0, len(mine) - 1, min(SIZES, len(mine))).astype(int))
+    pick = np.unique(np.linspace(0, len(mine) - 1, min(N_DETECTABLE_SIZES, len(mine))).astype(int))
     return [int(mine[i]) for i in pick]
 
 

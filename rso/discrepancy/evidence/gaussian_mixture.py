@@ -22,8 +22,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import log_ndtr, logsumexp, ndtri_exp
 
-FARTHEST = 4.0  # standard deviations from the middle of a tile, twice the distance to the next one
-TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
+MAX_TILE_DEVIATION_SD = 4.0  # standard deviations from the middle of a tile, twice the distance to the next one
+COMPRESSION_TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,13 @@ class Tiles:
 def compressed(tiles: Tiles, blocks: Sequence[np.ndarray], also: np.ndarray, modulus: float) -> Tiles:
     """The same tiles on an orthonormal basis whose vectors each live on one of `blocks` (disjoint rows).
 
-    No vector moves by more than TOLERANCE of the largest force part; `also` (m, n) are further vectors to be spanned.
+    No vector moves by more than COMPRESSION_TOLERANCE of the largest force part; `also` (m, n) are further vectors to
+    be spanned.
     """
     T, k, n = tiles.D.shape
     parts = [tiles.A, tiles.c / modulus, (tiles.D * tiles.sd[:, None]).reshape(T * k, n), also]
     V = np.concatenate(parts)
-    limit = (TOLERANCE * np.abs(tiles.A).max()) ** 2
+    limit = (COMPRESSION_TOLERANCE * np.abs(tiles.A).max()) ** 2
     columns = []
     for rows in blocks:
         λ, Q = np.linalg.eigh(V[:, rows].T @ V[:, rows])
@@ -164,7 +165,7 @@ class Ready:
         own = self.tiles.moduli[tile] / self.scale
         if self.tiles.tied is None:
             return own, local
-        farthest = FARTHEST * self.tiles.sd[self.tiles.tied]
+        farthest = MAX_TILE_DEVIATION_SD * self.tiles.sd[self.tiles.tied]
         return own * (1.0 + np.clip(local[:, self.tiles.tied] / own, -farthest, farthest)), local
 
 
@@ -314,7 +315,7 @@ def _placed(h: Ready, tile: np.ndarray, local: np.ndarray) -> Posterior:
         if axis < 0:
             continue
         # a tile says nothing beyond its own surroundings
-        ξ, farthest = moved[:, j] / np.maximum(m, 0.1), FARTHEST * h.tiles.sd[j]
+        ξ, farthest = moved[:, j] / np.maximum(m, 0.1), MAX_TILE_DEVIATION_SD * h.tiles.sd[j]
         strayed[:, axis] = np.abs(ξ) >= farthest
         ξ = np.clip(ξ, -farthest, farthest)
         # the forces of a tile are linear in the size itself: s (1 + ξ), not s exp ξ, is where they stand

@@ -14,21 +14,21 @@ from rso.discrepancy.library.interpolation import grid_points, is_placed, timed
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import Base, BaseAxis
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import HELD, LOADING, UNLOADING, SurfaceProfile, TestPlan
+from rso.discrepancy.library.test_plan import HELD_BRANCH, LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, TestPlan
 
-BASE_TILES = {0: 1, 1: 11, 2: 5}
-SIZE_TILES = 8
+BASE_TILES = {0: 1, 1: 11, 2: 5}  # on each base axis, by how many there are
+SIZE_TILES = 8  # of an effect with one sign
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
 VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does on it is far from linear
-BESIDE_RELAXING = 3  # of every other axis there
+TILES_BESIDE_RELAXING = 3  # of every other axis there
 RELAXING_TILES = 2, 4  # of the share and of the time of a base model that relaxes
-TIME_TILES = 6
-TIME_WIDTH = 1.0  # in ln τ
-PLACE_TILES = 5
+MIN_TIME_TILES = 6  # of a time, at least
+TIME_TILE_WIDTH_LN = 1.0  # in ln τ
+PLACE_TILES = 5  # of where along a curve something sits
 SUPPORT_TILES = 4  # of a shape of another support
 SHAPE_TILES = 3  # of any other shape
-FEWER = 2  # of them for pairs
-_STEP = 0.35  # of a tile, for its derivative
+TILES_LESS_FOR_PAIRS = 2  # of them for pairs
+_TILE_STEP_SHARE = 0.35  # of a tile, for its derivative
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def tiles(
         levels.append(_sizes(e, coarse))
         for s in e.shape:
             n = _times(s) if timed(s) else PLACE_TILES if is_placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
-            levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
+            levels.append(_even(*s.ends()[0], n - (TILES_LESS_FOR_PAIRS if coarse and n > SHAPE_TILES else 0)))
     at = grid_points([v.at for v in levels])
     moduli = library.base.moduli(at)
     if moduli is not None:  # each tile has its modulus
@@ -86,10 +86,12 @@ def tiles(
         level, ends = levels[j], []
         for sign in (-1, 1):
             moved = at.copy()
-            step = sign * _STEP * level.width
+            step = sign * _TILE_STEP_SHARE * level.width
             moved[:, j] = at[:, j] * np.exp(step) if level.log else at[:, j] + step
             ends.append(predict(library, effects, moved, modulus))
-        D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * level.width)
+        D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (
+            2 * _TILE_STEP_SHARE * level.width
+        )
     sd = np.array([0.5 * levels[j].width for j in moving])
     along = library.base.tied
     own = Tiles(
@@ -115,7 +117,7 @@ def _of_axis(base: Base, axis: BaseAxis) -> int:
     """Tiles of an axis of the base model: fewer of each, the more there are; of a share that relaxes, and its time."""
     if axis not in base.simulated:
         return RELAXING_TILES[axis.unit == "s"]
-    return BASE_TILES[len(base.axes)] if len(base.axes) == len(base.simulated) else BESIDE_RELAXING
+    return BASE_TILES[len(base.axes)] if len(base.axes) == len(base.simulated) else TILES_BESIDE_RELAXING
 
 
 def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
@@ -123,9 +125,9 @@ def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
     found: dict[tuple[int, str, int], list[np.ndarray]] = {}
     for item, c, at in plan.rows():
         rows = np.arange(at.start, at.stop)
-        for branch in (LOADING, UNLOADING, HELD):
+        for branch in (LOADING_BRANCH, UNLOADING_BRANCH, HELD_BRANCH):
             if isinstance(item, SurfaceProfile):
-                mine, key = rows if branch == LOADING else rows[:0], (-1, c, LOADING)
+                mine, key = rows if branch == LOADING_BRANCH else rows[:0], (-1, c, LOADING_BRANCH)
             else:
                 mine, key = rows[item.branch == branch], (item.place, c, branch)
             if len(mine):
@@ -147,7 +149,7 @@ def _kept(axis: BaseAxis, modulus: float) -> TileFactors | None:
 def _times(s: Size) -> int:
     """Tiles of a time: as narrow in a wide range as in the usual one."""
     low, high = s.ends()[0]
-    return max(TIME_TILES, round((high - low) / TIME_WIDTH))
+    return max(MIN_TIME_TILES, round((high - low) / TIME_TILE_WIDTH_LN))
 
 
 def _even(low: float, high: float, n: int) -> _Levels:

@@ -27,15 +27,16 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test, TestPlan
+from rso.discrepancy.library.test_plan import LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, Test, TestPlan
 
-DEPTH_BINS = {LOADING: 3, UNLOADING: 2}
+# parts of the way there and of the way back, each of which is looked at by itself
+DEPTH_BINS = {LOADING_BRANCH: 3, UNLOADING_BRANCH: 2}
 TIME_BINS = 2  # of a hold, in the logarithm of time
-BRANCH = {LOADING: "loading", UNLOADING: "unloading"}
-DRAWS = 2000
-FIRST = 4
-VANISHES = 1e-3  # of the largest force: what a model has only by its mesh
-_WIDE = 20.0  # times the spread of a tile: a re-fit moves where it wants
+BRANCH_NAMES = {LOADING_BRANCH: "loading", UNLOADING_BRANCH: "unloading"}
+N_LOCALISATION_DRAWS = 2000  # of all deviations without a gap: the largest of each tells what is beyond chance
+N_FIRST_CHANNELS = 4  # that hold most of a gap: their strongest regions come first
+VANISHING_FORCE_SHARE = 1e-3  # of the largest force: what a model has only by its mesh
+_FREE_TILE_SPREAD_RATIO = 20.0  # times the spread of a tile: a re-fit moves where it wants
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ class Region:
 class Where:
     """Regions, and the |z| that the largest of all reaches in 5 % of data sets without a gap.
 
-    Of a gap first the strongest region of each of the FIRST channels that hold most of it, then all others by |z|.
+    Of a gap first the strongest region of each of the N_FIRST_CHANNELS channels that hold most of it, then all others
+    by |z|.
     """
 
     regions: tuple[Region, ...]
@@ -73,17 +75,17 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, 
     t = int(np.argmax(log_tiles(h, h.white(y)[None])[0]))
     X = np.concatenate([h.tiles.A[:, None], h.tiles.D], axis=1) * h.scale
     J, c = (h.tiles.lift(v[t]) for v in h.tiles.linear(X, h.tiles.c, h.scale))
-    Λ = h.tiles.spread(1e4, _WIDE * h.tiles.sd)
+    Λ = h.tiles.spread(1e4, _FREE_TILE_SPREAD_RATIO * h.tiles.sd)
     T = C + (J.T * Λ) @ J
     F = c + (J[0] if h.tiles.moduli is None else 0.0)
     rng = np.random.default_rng(seed)
-    draws = np.linalg.cholesky(T) @ rng.standard_normal((len(y), DRAWS))
+    draws = np.linalg.cholesky(T) @ rng.standard_normal((len(y), N_LOCALISATION_DRAWS))
     R = np.concatenate([(y - F)[:, None], draws], axis=1)
     apart = experiment_rows(plan, odd)
-    found, largest = [], np.zeros(DRAWS)
+    found, largest = [], np.zeros(N_LOCALISATION_DRAWS)
     for experiment, channel, name, rows in _regions(plan):
         pattern, of_largest = F[rows], False
-        if channel in ("Fx", "Fy") and np.max(np.abs(pattern)) < VANISHES * np.max(np.abs(F)):
+        if channel in ("Fx", "Fy") and np.max(np.abs(pattern)) < VANISHING_FORCE_SHARE * np.max(np.abs(F)):
             pattern, of_largest = np.full(len(rows), np.max(np.abs(F))), True
         others = np.setdiff1d(np.arange(len(y)), np.concatenate([rows, apart]))
         B = T[np.ix_(rows, others)]
@@ -132,7 +134,7 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
     strongest: dict[tuple[str, str], Region] = {}
     for g in regions:
         strongest.setdefault((g.experiment, g.channel), g)
-    first = sorted(strongest.values(), key=lambda g: -g.share)[:FIRST]
+    first = sorted(strongest.values(), key=lambda g: -g.share)[:N_FIRST_CHANNELS]
     return replace(where, regions=(*first, *(g for g in regions if g not in first)))
 
 
@@ -158,7 +160,7 @@ def _regions(plan: TestPlan) -> Iterator[tuple[str, str, str, np.ndarray]]:
             for low, high in itertools.pairwise(edges):
                 inside = (branch == b) & (depth > low - (low == 0) * 1e3) & (depth <= high)
                 if inside.sum() >= 2:
-                    yield name, c, f"{BRANCH[b]} {low:.{digits}f}–{high:.{digits}f} mm", rows[inside]
+                    yield name, c, f"{BRANCH_NAMES[b]} {low:.{digits}f}–{high:.{digits}f} mm", rows[inside]
         held, since = (np.concatenate([getattr(t, k) for t in tests]) for k in ("held", "since"))
         if held.any():
             edges = np.geomspace(since[held].min(), since[held].max(), TIME_BINS + 1)

@@ -34,16 +34,18 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 
-SIZES = 64  # draws of an effect that is added to what is said
-USUAL = {"gain": 0.02, "depth_scale": 0.005}  # of what no indentation shows, and calibrations know: its uncertainty
-DRAWS = 2000
-EACH, FEWEST = 1, 200  # subsets of effects for each draw of a hypothesis, and besides
-LEAST = 0.005  # probability of a hypothesis below which it is left out of the average
-DOUBTED = 0.5  # least probability of what is said: the verdict may take a cause back that the contest believes
-TELLS = 0.8  # of the width: an effect without which the interval is narrower than this is named
-MOST = 3  # effects that are named
-FEW = 150  # draws that tell an interval
-TAIL = 2.0  # times as often as elsewhere: an effect stands behind an end of the interval
+N_UNSEEN_SIZE_DRAWS = 64  # draws of an effect that is added to what is said
+# of what no indentation shows, and calibrations know: its uncertainty
+USUAL_CALIBRATION_SD = {"gain": 0.02, "depth_scale": 0.005}
+N_MARGINAL_DRAWS = 2000  # in all, over the hypotheses by their probabilities
+SUBSETS_PER_DRAW, N_MORE_SUBSETS = 1, 200  # subsets of effects for each draw of a hypothesis, and besides
+MIN_AVERAGED_PROBABILITY = 0.005  # probability of a hypothesis below which it is left out of the average
+# least probability of what is said: the verdict may take a cause back that the contest believes
+MIN_STATED_PROBABILITY = 0.5
+NAMED_EFFECT_WIDTH_RATIO = 0.8  # of the width: an effect without which the interval is narrower than this is named
+MAX_NAMED_EFFECTS = 3  # effects that are named
+MIN_INTERVAL_DRAWS = 150  # draws that tell an interval
+TAIL_FREQUENCY_RATIO = 2.0  # times as often as elsewhere: an effect stands behind an end of the interval
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
-    """An effect that may be there besides: what it adds (SIZES, n), by how much more evidence each size has (SIZES,)
-    than its absence, ln, and the probability of its presence before any data."""
+    """An effect that may be there besides: what it adds (N_UNSEEN_SIZE_DRAWS, n), by how much more evidence each size
+    has (N_UNSEEN_SIZE_DRAWS,) than its absence, ln, and the probability of its presence before any data."""
 
     effect: Effect
     adds: np.ndarray
@@ -87,7 +89,7 @@ def draws(library: Library, p: Posterior) -> dict[str, np.ndarray]:
 
 def calibrated_deviation(e: Effect) -> float | None:
     """Standard uncertainty of an effect by a calibration, as stated or else usual; None where neither is."""
-    return e.known if e.known is not None else USUAL.get(e.name)
+    return e.known if e.known is not None else USUAL_CALIBRATION_SD.get(e.name)
 
 
 def reach(
@@ -113,10 +115,10 @@ def reach(
     shares = {Hypothesis(()): 1.0} if rows is not None else _shares(contest, said)
     said = said if rows is None else Hypothesis(())
     h = _with_code(evidence, said, y, rows)
-    own = posterior(h, h.white(y), DRAWS, rng)
+    own = posterior(h, h.white(y), N_MARGINAL_DRAWS, rng)
     alone = {k: quantiles(v) for k, v in draws(library, own).items()}
     unseen = _unseen(evidence, h, said, own, y, rng)
-    number = rng.multinomial(DRAWS, np.array(list(shares.values())))
+    number = rng.multinomial(N_MARGINAL_DRAWS, np.array(list(shares.values())))
     found = [
         _averaged(evidence, h if g == said else _with_code(evidence, g, y, rows), g, unseen, y, n, rng)
         for g, n in zip(shares, number, strict=True)
@@ -129,7 +131,8 @@ def reach(
 
 
 def _shares(contest: Comparison, said: Hypothesis) -> dict[Hypothesis, float]:
-    """Probabilities of the hypotheses that count, at least DOUBTED of it that of what is said; they sum to 1.
+    """Probabilities of the hypotheses that count, at least MIN_STATED_PROBABILITY of it that of what is said; they sum
+    to 1.
 
     None has an effect that a calibration bounds: the contest knows what is plausible without one.
     """
@@ -138,10 +141,10 @@ def _shares(contest: Comparison, said: Hypothesis) -> dict[Hypothesis, float]:
         for h, v in zip(contest.hypotheses, contest.probability, strict=True)
         if all(e.known is None for e in h.effects) or _key(h) == _key(said)
     ]
-    p = {h: v for h, v in free if v >= LEAST}
+    p = {h: v for h, v in free if v >= MIN_AVERAGED_PROBABILITY}
     own = next((h for h in p if _key(h) == _key(said)), said)
     mine, rest = p.pop(own, 0.0), sum(p.values())
-    mine = max(mine / max(mine + rest, 1e-300), DOUBTED) if rest else 1.0
+    mine = max(mine / max(mine + rest, 1e-300), MIN_STATED_PROBABILITY) if rest else 1.0
     return {said: mine, **{h: v / rest * (1.0 - mine) for h, v in p.items()}}
 
 
@@ -168,7 +171,8 @@ def _unseen(
 ) -> list[Unseen]:
     """Every effect that moves a mean and is none of those that are said, beside these in the middle of `post`.
 
-    Without it the data are refitted for each of SIZES draws of its size; a new modulus makes another size of it.
+    Without it the data are refitted for each of N_UNSEEN_SIZE_DRAWS draws of its size; a new modulus makes another size
+    of it.
     """
     library, μ, priors = evidence.bench.library, evidence.bench.modulus, evidence.bench.settings.priors
     at, m = np.mean(post.at, axis=0), float(np.mean(post.modulus))
@@ -180,8 +184,8 @@ def _unseen(
         sd = calibrated_deviation(e)
         if e.family == "scatter" or e.source in taken or sd == 0.0:
             continue
-        size = _drawn(e, SIZES, rng) if sd is None else _calibrated(e, SIZES, sd)
-        A, c = predict(library, (*said.effects, e), np.hstack([np.tile(at, (SIZES, 1)), size]), μ)
+        size = _drawn(e, N_UNSEEN_SIZE_DRAWS, rng) if sd is None else _calibrated(e, N_UNSEEN_SIZE_DRAWS, sd)
+        A, c = predict(library, (*said.effects, e), np.hstack([np.tile(at, (N_UNSEEN_SIZE_DRAWS, 1)), size]), μ)
         adds = m * (A - A0) + c - c0
         there = priors.present if e.measured else priors.seldom
         prior = 1.0 if sd is not None else there / max(places.count(e.source), 1)
@@ -204,7 +208,7 @@ def _averaged(
     together (sampling–importance resampling, Rubin 1988).
     """
     taken, own = {e.source for e in g.effects}, {e.name for e in g.effects}
-    m = EACH * count + FEWEST
+    m = SUBSETS_PER_DRAW * count + N_MORE_SUBSETS
     there, Y, log_w = np.zeros((m, len(unseen)), bool), np.tile(y, (m, 1)), np.zeros(m)
     for j, u in enumerate(unseen):
         if u.effect.source in taken:
@@ -230,18 +234,28 @@ def _told(
     whole, without, left = quantiles(values), None, np.ones(len(values), bool)
     by: list[str] = []
     width = lambda v: v[2] - v[0]  # noqa: E731
-    while len(by) < MOST:
-        tried = {n: left & ~v for n, v in there.items() if n not in by and np.sum(left & ~v) >= FEW}
+    while len(by) < MAX_NAMED_EFFECTS:
+        tried = {n: left & ~v for n, v in there.items() if n not in by and np.sum(left & ~v) >= MIN_INTERVAL_DRAWS}
         ends = {n: quantiles(values[v]) for n, v in tried.items()}
         best = min(ends, key=lambda n: width(ends[n]), default=None)
-        if best is None or width(ends[best]) > TELLS * width(without or whole):
+        if best is None or width(ends[best]) > NAMED_EFFECT_WIDTH_RATIO * width(without or whole):
             break
         without, left = ends[best], tried[best]
         by.append(best)
     behind = []
     for tail in (values < alone[0], values > alone[2]):
-        often = {n: np.mean(v[tail]) / max(np.mean(v), 1e-9) for n, v in there.items()} if tail.sum() >= FEW else {}
-        behind.append(max((n for n in often if often[n] > TAIL), key=lambda n: np.mean(there[n][tail]), default=None))
+        often = (
+            {n: np.mean(v[tail]) / max(np.mean(v), 1e-9) for n, v in there.items()}
+            if tail.sum() >= MIN_INTERVAL_DRAWS
+            else {}
+        )
+        behind.append(
+            max(
+                (n for n in often if often[n] > TAIL_FREQUENCY_RATIO),
+                key=lambda n: np.mean(there[n][tail]),
+                default=None,
+            )
+        )
     return Reach(whole, alone, tuple(by), without, *behind)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rso.discrepancy.evidence.gaussian_mixture import Tiles
 from rso.discrepancy.evidence.hypotheses import blocks
-from rso.discrepancy.evidence.settings import SETTINGS, EffectTolerance
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, EffectTolerance
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import Pass, nearest_pass
@@ -22,7 +22,7 @@ def with_tolerance(
     own: Tiles,
     base: Tiles,
     modulus: float,
-    tolerance: EffectTolerance = SETTINGS.tolerance,
+    tolerance: EffectTolerance = DIAGNOSIS_SETTINGS.tolerance,
 ) -> Tiles:
     """Tiles whose effect may be somewhat stronger or weaker in each part of the data, and its loop another.
 

@@ -14,23 +14,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rso.contract import DistortionDepth, capability
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.correlation import exponential, gaussian_correlation
 from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
 from rso.discrepancy.detectors.autocorrelation import autocorrelation_length
 from rso.discrepancy.detectors.sensor import count_of, hidden_noise, of_bins
-from rso.discrepancy.evidence.settings import SETTINGS, ModelError, UsualNoise
-from rso.discrepancy.library.responses import FORCES
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, ModelError, UsualNoise
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test, TestPlan
+from rso.discrepancy.library.test_plan import LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, Test, TestPlan
 from rso.inference.error_model import correlated_along
 
-UNLIKE = 2.5  # times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
-FEW = 8  # third differences that tell no noise
-OVERLAP = 2.31  # third differences of white noise for each that is independent, 1 + 2 (0.75² + 0.3² + 0.05²)
-SCARCE = 0.1  # chance that the noise is larger than taken from the readings
-LOUDER = 1.5  # times the usual noise: that of another sensor or range
-ALIKE = 0.3  # mm, of such a plan: tests at a place with no other history than this are repeats
+# times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
+MAX_STATED_NOISE_RATIO = 2.5
+TOO_FEW_THIRD_DIFFERENCES = 8  # third differences that tell no noise
+# third differences of white noise for each that is independent, 1 + 2 (0.75² + 0.3² + 0.05²)
+THIRD_DIFFERENCE_OVERLAP = 2.31
+LARGER_NOISE_CHANCE = 0.1  # chance that the noise is larger than taken from the readings
+OTHER_SENSOR_NOISE_RATIO = 1.5  # times the usual noise: that of another sensor or range
+SAME_HISTORY_MM = 0.3  # mm, of such a plan: tests at a place with no other history than this are repeats
 
 
 @dataclass(frozen=True)
@@ -58,14 +60,16 @@ class NoiseLevel:
         return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
-def noise_levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETTINGS.noise) -> dict[str, NoiseLevel]:
+def noise_levels(
+    plan: TestPlan, binding: bool = False, usual: UsualNoise = DIAGNOSIS_SETTINGS.noise
+) -> dict[str, NoiseLevel]:
     """Noise by channel of all tests together; 'uz' is that of profiles.
 
     Where what is stated is `binding`, gain and contact by which repeats differ far more are not noise.
     """
     out = {}
     remembered = autocorrelation_length(plan)
-    for c in FORCES:
+    for c in FORCE_CHANNELS:
         tests = [t for t in plan.tests if c in t.channels]
         if not tests:
             continue
@@ -83,7 +87,7 @@ def noise_levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETT
         said = [max(e.noise.of(c), _written(e.measurement, c)) for e in seen]
         stated = max(said)
         if estimated and not stated:  # a few readings that happen to agree are no quiet sensor
-            upwards = math.sqrt(ν / chi2_ppf(SCARCE, ν))
+            upwards = math.sqrt(ν / chi2_ppf(LARGER_NOISE_CHANCE, ν))
             estimated, each = upwards * estimated, [upwards * v for v in each]
         largest = max(float(np.max(np.abs(t.values[v]))) for t in tests for v in t.channels)
         least = 1e-4 * largest if stated or estimated else usual.reading * largest
@@ -108,7 +112,7 @@ def noise_levels(plan: TestPlan, binding: bool = False, usual: UsualNoise = SETT
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
         gain, contact = (
-            e if binding and said and v > UNLIKE * e else v
+            e if binding and said and v > MAX_STATED_NOISE_RATIO * e else v
             for v, e, said in zip(shown, known.expected, (gain, depth or off), strict=True)
         )
         out[c] = replace(
@@ -132,21 +136,21 @@ def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], f
     another (by half and more, one in a thousand, and in the middle of its readings too, which a few jumps do not
     change); 0 where too few readings show.
     """
-    if sum(map(len, own)) <= FEW:
+    if sum(map(len, own)) <= TOO_FEW_THIRD_DIFFERENCES:
         return [0.0] * len(own), 0.0, 0.0
     power = np.array([float(np.sum(v**2)) / of_one for v in own])
     number = np.array([len(v) for v in own], float)
-    tells = number > FEW
+    tells = number > TOO_FEW_THIRD_DIFFERENCES
     typical = float(np.median(np.repeat(power / np.maximum(number, 1.0), number.astype(int))))
-    ν = np.maximum(number / OVERLAP, 1.0)
+    ν = np.maximum(number / THIRD_DIFFERENCE_OVERLAP, 1.0)
     ratio = np.maximum(power / np.maximum(number * typical, 1e-300), 1e-12)
     rare = np.abs(chi2_cdf(ν * ratio, ν) - 0.5) > 0.4995
     middle = np.array([np.median(v**2) if len(v) else 0.0 for v in own]) / (chi2_ppf(0.5, 1) * of_one)
     least = np.minimum(np.abs(np.log(ratio)), np.abs(np.log(np.maximum(middle / max(typical, 1e-300), 1e-12))))
-    apart = tells & rare & ((ratio > 1.0) == (middle > typical)) & (least > 2.0 * math.log(LOUDER))
+    apart = tells & rare & ((ratio > 1.0) == (middle > typical)) & (least > 2.0 * math.log(OTHER_SENSOR_NOISE_RATIO))
     usual = math.sqrt(typical if apart.all() else power[~apart].sum() / number[~apart].sum())
     each = [math.sqrt(v / n) if lone else usual for v, n, lone in zip(power, number, apart, strict=True)]
-    return each, usual, float(number.sum()) / OVERLAP
+    return each, usual, float(number.sum()) / THIRD_DIFFERENCE_OVERLAP
 
 
 def _spread(tests: Sequence[Test], channel: str, scale: float) -> tuple[float, float]:
@@ -165,13 +169,13 @@ def _alike(tests: Sequence[Test], scale: float) -> list[list[Test]]:
     """Tests by experiment and history: a first test is not a repeat of what it softened."""
     groups: dict[tuple[int, int], list[Test]] = {}
     for t in tests:
-        groups.setdefault((t.experiment, round(t.earlier / (scale * ALIKE))), []).append(t)
+        groups.setdefault((t.experiment, round(t.earlier / (scale * SAME_HISTORY_MM))), []).append(t)
     return list(groups.values())
 
 
 def _common(mine: Sequence[Test], channel: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Depths (n,) of the first test's loading that all tests reach, values (k, n) there, readings (n,) behind each."""
-    there = [t.branch == LOADING for t in mine]
+    there = [t.branch == LOADING_BRANCH for t in mine]
     own = [t.depth[k] for t, k in zip(mine, there, strict=True)]
     if min(map(len, own)) == 0:
         return np.zeros(0), np.zeros((len(mine), 0)), np.zeros(0)
@@ -260,7 +264,7 @@ def _along(level: NoiseLevel, at: np.ndarray) -> np.ndarray:
 
 def _bins(tests: Sequence[Test]) -> tuple[float, float]:
     """Width of a bin (mm) and readings in it, along loading."""
-    there = [(t, t.branch == LOADING) for t in tests]
+    there = [(t, t.branch == LOADING_BRANCH) for t in tests]
     widths = np.concatenate([np.diff(t.depth[b]) for t, b in there])
     counts = np.concatenate([t.count[b] for t, b in there])
     return (float(np.median(widths)), float(np.median(counts))) if len(widths) else (1.0, 1.0)
@@ -271,7 +275,7 @@ def data_covariance(
     level: Mapping[str, NoiseLevel],
     force: np.ndarray,
     slope: np.ndarray,
-    error: ModelError = SETTINGS.model_error,
+    error: ModelError = DIAGNOSIS_SETTINGS.model_error,
 ) -> np.ndarray:
     """C (n, n) of the data vector for a prediction `force` (n,) N (or mm) and its slope (n,) N/mm."""
     return scatter(library.plan, level, force, slope) + _of_model(library, force, error)
@@ -316,7 +320,7 @@ def _of_model(library: Library, force: np.ndarray, error: ModelError) -> np.ndar
             code[at] = 0.01 * np.max(np.abs(force[at]))
             u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
             continue
-        u[at], place[at], channel[at] = item.depth, item.place, FORCES.index(c)
+        u[at], place[at], channel[at] = item.depth, item.place, FORCE_CHANNELS.index(c)
         z = slice(at.start - item.n * item.channels.index(c), None)
         Fz = force[z.start + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         stated = _stated(library, item, c)
@@ -332,12 +336,12 @@ def _of_model(library: Library, force: np.ndarray, error: ModelError) -> np.ndar
     return K + np.outer(growing, growing) * (channel[:, None] == channel)
 
 
-def other_code(plan: TestPlan, force: np.ndarray, error: ModelError = SETTINGS.model_error) -> np.ndarray:
+def other_code(plan: TestPlan, force: np.ndarray, error: ModelError = DIAGNOSIS_SETTINGS.model_error) -> np.ndarray:
     """What a model may be off by in all tests alike (n, n), as another program is, from its prediction (n,)."""
     u, channel, size = np.zeros(plan.n), np.full(plan.n, -1), np.zeros(plan.n)
     for item, c, at in plan.rows():
         if not isinstance(item, SurfaceProfile):
-            u[at], channel[at], size[at] = item.depth, FORCES.index(c), error.common * force[at]
+            u[at], channel[at], size[at] = item.depth, FORCE_CHANNELS.index(c), error.common * force[at]
     deepest = max(p.deepest for p in plan.places)
     return correlated_along(u, size, error.common_length * deepest, gaussian_correlation) * (
         channel[:, None] == channel
@@ -360,7 +364,7 @@ def _white(level: NoiseLevel, test: Test, slope: np.ndarray) -> np.ndarray:
 def _stated(library: Library, test: Test, channel: str) -> np.ndarray:
     """Stated relative numerical error (n,) of a channel at the depths of a test, over Fz."""
     here = library.places[test.place]
-    return np.interp(test.depth, here.u, here.error[FORCES.index(channel)])
+    return np.interp(test.depth, here.u, here.error[FORCE_CHANNELS.index(channel)])
 
 
 def _rows_of(rows: list[tuple[Test | SurfaceProfile, str, slice]], test: Test) -> slice:
@@ -373,7 +377,7 @@ def gap_covariance(
     force: np.ndarray,
     amplitude: float,
     length: float,
-    lateral: float = SETTINGS.model_error.lateral,
+    lateral: float = DIAGNOSIS_SETTINGS.model_error.lateral,
 ) -> np.ndarray:
     """K (n, n) of a gap of relative `amplitude` that changes over `length`, a share of the deepest travel: shared by a
     place, by a branch and by a test in equal parts."""
@@ -388,7 +392,7 @@ def gap_covariance(
         z = at.start - item.n * item.channels.index(c)
         Fz = force[z + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         size[at] = np.maximum(np.hypot(np.abs(force[at]), (c != "Fz") * lateral * np.abs(Fz)), 0.02 * np.abs(Fz).max())
-        u[at], place[at], channel[at], branch[at] = item.depth, item.place, FORCES.index(c), item.branch
+        u[at], place[at], channel[at], branch[at] = item.depth, item.place, FORCE_CHANNELS.index(c), item.branch
         rest[at] = np.log1p(item.since * item.speed / max(item.peak, 1e-9))  # in the time that loading took
         test[at] = [id(t) for t in plan.tests].index(id(item))
         speed[at] = round(1e3 * np.log(item.speed))
@@ -407,7 +411,7 @@ def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
     for item, _, at in library.plan.rows():
         if isinstance(item, SurfaceProfile):
             continue
-        for k in (LOADING, UNLOADING):
+        for k in (LOADING_BRANCH, UNLOADING_BRANCH):
             mine = np.nonzero(item.branch == k)[0]
             if len(mine) > 2:
                 d = item.depth[mine]
@@ -415,6 +419,6 @@ def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
                 f = force[at][mine][order]
                 g = np.gradient(f, np.maximum.accumulate(d[order] + 1e-6 * library.plan.scale * np.arange(len(d))))
                 slope[np.arange(at.start, at.stop)[mine[order]]] = g
-                if k == LOADING:
+                if k == LOADING_BRANCH:
                     slope[np.arange(at.start, at.stop)[item.held]] = g[-1]
     return slope

@@ -102,4 +102,4 @@ class DiagnosisSettings:
     rules: VerdictRules = field(default_factory=VerdictRules)
 
 
-SETTINGS = DiagnosisSettings()
+DIAGNOSIS_SETTINGS = DiagnosisSettings()

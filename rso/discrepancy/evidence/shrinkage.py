@@ -20,8 +20,8 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import SurfaceProfile
 
-DRAWS = 60
-BOOTSTRAPS = 2000
+N_PREDICTIVE_DRAWS = 60  # of the parameters, evenly picked from those of the posterior
+N_BOOTSTRAPS = 2000  # resamples of the curves, whose quantiles are the interval
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,9 @@ def predicted(library: Library, effects: Sequence[Effect], post: Posterior, modu
 
 
 def predictive_draws(library: Library, effects: Sequence[Effect], post: Posterior, modulus: float) -> np.ndarray:
-    """Predictions (k, n) of the whole data vector of a library's plan by at most `DRAWS` posterior draws."""
-    draws = np.linspace(0, len(post.modulus) - 1, min(DRAWS, len(post.modulus))).astype(int)
+    """Predictions (k, n) of the whole data vector of a library's plan by at most `N_PREDICTIVE_DRAWS` posterior
+    draws."""
+    draws = np.linspace(0, len(post.modulus) - 1, min(N_PREDICTIVE_DRAWS, len(post.modulus))).astype(int)
     A, c = predict(library, effects, post.at[draws], modulus)
     return post.modulus[draws, None] * A + c
 
@@ -106,7 +107,7 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
         rng = np.random.default_rng(seed)
         if len(G) < 2:
             return Shrinkage(tuple(curves), before, refit_only, with_cause, 1.0, error, closed, None, how)
-        pick = rng.integers(0, len(G), (BOOTSTRAPS, len(G)))
+        pick = rng.integers(0, len(G), (N_BOOTSTRAPS, len(G)))
         z = rng.standard_normal(pick.shape) * np.array([c.change_sd for c in curves])[pick]
         m = G[pick].mean(axis=1)
         m[:, 0] += z.mean(axis=1)  # what noise adds to before it adds to what is closed

@@ -11,10 +11,10 @@ from scipy.special import logsumexp
 from rso.discrepancy.evidence.attribution import Comparison
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.residual_test import ResidualScore
-from rso.discrepancy.evidence.settings import SETTINGS, VerdictRules
+from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS, VerdictRules
 from rso.discrepancy.library.effects import Effect
 
-BEATEN = 2  # causes not named whose fits are kept
+N_BEATEN_CAUSES = 2  # causes not named whose fits are kept
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Judgement:
 UNEXPLAINED = Judgement("unexplained", (), Hypothesis((), True))
 
 
-def judge_comparison(contest: Comparison, gap: bool, rules: VerdictRules = SETTINGS.rules) -> Judgement:
+def judge_comparison(contest: Comparison, gap: bool, rules: VerdictRules = DIAGNOSIS_SETTINGS.rules) -> Judgement:
     """What a contest says; `gap` is the decision of the null's statistic.
 
     Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold `sure` of the
@@ -125,4 +125,4 @@ def beaten(contest: Comparison, named: Sequence[str]) -> list[Hypothesis]:
             if h.effects[0].source not in taken:
                 found.append(h)
                 taken.add(h.effects[0].source)
-    return found[:BEATEN]
+    return found[:N_BEATEN_CAUSES]

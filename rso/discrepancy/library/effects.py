@@ -16,15 +16,16 @@ import numpy as np
 
 from rso.contract import Backend, NominalValues, Parameter, PlausibleRanges, Scope, Variants, capability, parameters_of
 from rso.core.similarity import stress_exponent
-from rso.data import CROSS, LATERAL, Chain
+from rso.data import CROSS_KNOBS, LATERAL_KNOBS, Chain
 
-_SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
-_WIDE = 4.0  # ends of a range further apart than this are spaced logarithmically
-ORDINARY = 0.2, 2.0  # N: largest forces for which the errors of a load cell are plausible as they are declared
-BRISK = 1.5, 20.0  # s: the same for errors of the clock, of the fastest loading of a plan, where they show most
-LASTING = 5.0, 100.0  # s: and for a drift, of the longest test
+_SMALLEST_SIZE_RATIO = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
+_LOGARITHMIC_RANGE_RATIO = 4.0  # ends of a range further apart than this are spaced logarithmically
+DECLARED_FORCES_N = 0.2, 2.0  # N: largest forces for which the errors of a load cell are plausible as they are declared
+# s: the same for errors of the clock, of the fastest loading of a plan, where they show most
+DECLARED_LOADING_TIMES_S = 1.5, 20.0
+DECLARED_TEST_TIMES_S = 5.0, 100.0  # s: and for a drift, of the longest test
 # Of force, length, fastest loading and longest test in units of the chain.
-POWERS_IN = {
+UNIT_POWERS = {
     "N": (1, 0, 0, 0),
     "N/s": (1, 0, 0, -1),
     "1/N": (-1, 0, 0, 0),
@@ -32,7 +33,8 @@ POWERS_IN = {
     "mm/N": (-1, 1, 0, 0),
     "s": (0, 0, 1, 0),
 }
-ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
+# times what is plausible everywhere: how far a test at one place may have been done from there
+ONE_PLACE_ERROR_RATIO = 5.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Size:
     @property
     def ratio(self) -> bool:
         """Whether sizes are ratios to neutral."""
-        return bool(self.neutral) and self.low > 0 and self.high / self.low > _WIDE
+        return bool(self.neutral) and self.low > 0 and self.high / self.low > _LOGARITHMIC_RANGE_RATIO
 
     def value(self, s: np.ndarray | float) -> np.ndarray:
         """Value of the knob at signed deviations s (any shape); 0 is neutral."""
@@ -71,7 +73,7 @@ class Size:
     @property
     def logarithmic(self) -> bool:
         """Whether a shape is spaced logarithmically."""
-        return self.low > 0 and self.high / self.low > _WIDE
+        return self.low > 0 and self.high / self.low > _LOGARITHMIC_RANGE_RATIO
 
     def ends(self) -> tuple[tuple[float, float], ...]:
         """(smallest, largest) signed deviation on each side of neutral that is plausible."""
@@ -80,9 +82,9 @@ class Size:
             return ((low, high),)
         span = [math.log(v / self.neutral) if self.ratio else v - self.neutral for v in (self.low, self.high)]
         if span[0] < 0 < span[1]:
-            return tuple((math.copysign(abs(e) * _SMALLEST, e), e) for e in span)
+            return tuple((math.copysign(abs(e) * _SMALLEST_SIZE_RATIO, e), e) for e in span)
         near, far = sorted(span, key=abs)
-        return ((near if near else far * _SMALLEST, far),)
+        return ((near if near else far * _SMALLEST_SIZE_RATIO, far),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,23 +236,26 @@ def bounded(
 
 
 def suited(
-    effects: Sequence[Effect], force: float, scale: float = 1.0, times: tuple[float, float] = (BRISK[0], LASTING[0])
+    effects: Sequence[Effect],
+    force: float,
+    scale: float = 1.0,
+    times: tuple[float, float] = (DECLARED_LOADING_TIMES_S[0], DECLARED_TEST_TIMES_S[0]),
 ) -> tuple[Effect, ...]:
-    """The effects with the errors of the measurement in proportion to the largest `force` (N), if that is not ORDINARY,
-    and to the lengths of the plan, `scale` times the usual ones, and all in proportion to its `times` (s), see
-    :attr:`TestPlan.times`, if those are not BRISK and LASTING.
+    """The effects with the errors of the measurement in proportion to the largest `force` (N), if that is not
+    DECLARED_FORCES_N, and to the lengths of the plan, `scale` times the usual ones, and all in proportion to its
+    `times` (s), see :attr:`TestPlan.times`, if those are not DECLARED_LOADING_TIMES_S and DECLARED_TEST_TIMES_S.
 
     A cell of a larger range has larger errors of zero; where contact was is known to a share of the travel; what a load
     train gives way by counts by both.  Clocks are as far apart as a share of the loading; what drifts does so by as
     much in a long test as in a short one; what relaxes takes as long as the quickest or the longest test can show.
     """
-    brisk, lasting = _beyond(times[0], BRISK), _beyond(times[1], LASTING)
-    by = [_beyond(force, ORDINARY), scale, brisk, lasting]
+    brisk, lasting = _beyond(times[0], DECLARED_LOADING_TIMES_S), _beyond(times[1], DECLARED_TEST_TIMES_S)
+    by = [_beyond(force, DECLARED_FORCES_N), scale, brisk, lasting]
     # in powers of two: data sets of one plan share a library, though their clocks differ a little
     quick, long = (2.0 ** round(math.log2(v)) for v in (brisk, lasting))
     found = []
     for e in effects:
-        powers = (0,) * 4 if e.family == "model" else POWERS_IN.get(e.size.unit, (0,) * 4)
+        powers = (0,) * 4 if e.family == "model" else UNIT_POWERS.get(e.size.unit, (0,) * 4)
         k = math.prod(v**p for v, p in zip(by, powers, strict=True))
         size = replace(e.size, low=k * e.size.low, high=k * e.size.high) if any(powers) else e.size
         factors = [{1: (quick, long), -1: (1.0 / long, 1.0 / quick)}.get(s.power_of_time, (1.0, 1.0)) for s in e.shape]
@@ -266,8 +271,8 @@ def _beyond(value: float, usual: tuple[float, float]) -> float:
 
 def measured_effects(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:
     """The effects without those of a channel that was not measured: they are none of this plan."""
-    lost = {knob for channel, knob in CROSS.items() if channel not in channels}
-    lost.update(LATERAL if lost == set(CROSS.values()) else ())
+    lost = {knob for channel, knob in CROSS_KNOBS.items() if channel not in channels}
+    lost.update(LATERAL_KNOBS if lost == set(CROSS_KNOBS.values()) else ())
     return tuple(e for e in effects if e.family == "model" or e.size.name not in lost)
 
 
@@ -275,14 +280,14 @@ def localised(effects: Sequence[Effect], places: Mapping[str, Mapping[str, Any]]
     """The effects, and those that a place may have for itself (scope "place") once more at each of several `places`.
 
     `places` maps a label to settings.  At one place they are forms of a cause of its own.  One with two signs is a
-    position, and up to ASTRAY times as large: a test done elsewhere than noted.
+    position, and up to ONE_PLACE_ERROR_RATIO times as large: a test done elsewhere than noted.
     """
     found = list(effects)
     for e in effects if len(places) > 1 else ():
         for label, place in places.items() if e.scope == "place" else ():
             size, middle = e.size, e.size.neutral or 0.0
             if len(size.ends()) == 2:
-                low, high = (middle + ASTRAY * (v - middle) for v in (size.low, size.high))
+                low, high = (middle + ONE_PLACE_ERROR_RATIO * (v - middle) for v in (size.low, size.high))
                 size = replace(size, low=low, high=high)
             found.append(
                 replace(

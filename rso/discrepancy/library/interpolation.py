@@ -12,9 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from rso.discrepancy.library.effects import Effect, Size
 
-NEAR = 0.4  # in ln size, or of the range of a variant: how far a mended point reaches
-TIMES = 2.0  # of ln τ at most from one node to the next, where most was measured
-SAME = 0.9  # overlap of two points from which the later stands for both: a line through them would lead anywhere
+CORRECTION_REACH = 0.4  # in ln size, or of the range of a variant: how far a mended point reaches
+MAX_NODE_STEP_LN_TIME = 2.0  # of ln τ at most from one node to the next, where most was measured
+# overlap of two points from which the later stands for both: a line through them would lead anywhere
+SAME_POINT_OVERLAP = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +75,19 @@ class Nodes:
         """
         if self.anchored:
             logs = [np.log(np.maximum(np.abs(v[:, 0]), 1e-12)) for v in (a, b)]
-            K = np.exp(-0.5 * ((logs[0][:, None] - logs[1]) / NEAR) ** 2)
+            K = np.exp(-0.5 * ((logs[0][:, None] - logs[1]) / CORRECTION_REACH) ** 2)
             K = K * (np.sign(a[:, None, 0]) == np.sign(b[None, :, 0]))
         else:
             spread = np.ptp(self.levels[0]) or 1.0
-            K = np.exp(-0.5 * ((a[:, None, 0] - b[None, :, 0]) / (NEAR * spread)) ** 2)
+            K = np.exp(-0.5 * ((a[:, None, 0] - b[None, :, 0]) / (CORRECTION_REACH * spread)) ** 2)
         for j, level in enumerate(self.levels[1:], 1):
             step = self.fine * (np.ptp(level) or 1.0) / max(len(level) - 1, 1)
             K = K * np.exp(-0.5 * ((a[:, None, j] - b[None, :, j]) / (0.5 * step)) ** 2)
         return K
 
     def nearness(self, at: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(m, n): weights of points (n, 1 + d), no two the SAME, at `at` (m, 1 + d): 1 at its own, 0 at the others."""
+        """(m, n): weights of points (n, 1 + d), no two the SAME_POINT_OVERLAP, at `at` (m, 1 + d): 1 at its own, 0 at
+        the others."""
         return self.overlap(at, points) @ np.linalg.inv(self.overlap(points, points))
 
 
@@ -150,7 +152,7 @@ def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float], alone:
         power = shape.power_of_time
         low, high = (v + power * math.log(speed) for v, speed in zip((low, high), speeds[::power], strict=True))
         if primary:
-            return np.linspace(low, high, max(5, 1 + math.ceil((high - low) / TIMES)))
+            return np.linspace(low, high, max(5, 1 + math.ceil((high - low) / MAX_NODE_STEP_LN_TIME)))
         return np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
     if is_placed(shape):
         return np.array([0.5 * (low + high)]) if alone else np.linspace(low, high, 5)

@@ -14,7 +14,7 @@ from rso.discrepancy.library.interpolation import Nodes, nodes
 from rso.discrepancy.library.simulations import Base, LibraryJob, Pass, jobs_of, knobs_at, passes, rated, task_of
 from rso.discrepancy.library.test_plan import Test, TestPlan
 
-BASE_NODES = {1: 6, 2: 4}
+BASE_NODES = {1: 6, 2: 4}  # per base axis, by the number of axes
 FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
 
 

@@ -23,18 +23,18 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from rso.contract import parameters_of
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.curves import rows_at
 from rso.data import Chain, recorded_curve, yielded
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
-from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.simulations import passes_of, rest_of
 from rso.discrepancy.library.tables import Library, PlaceTables
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test
+from rso.discrepancy.library.test_plan import LOADING_BRANCH, UNLOADING_BRANCH, SurfaceProfile, Test
 
-AIR = 1.0  # mm before contact from which the chain is followed, in a plan of the usual depth
-NEARBY = 0.02  # of the travel, over which the stiffness of the contact is read
-RESTING = 40  # instants of a hold through which the chain is followed, dense at its start
+CHAIN_APPROACH_MM = 1.0  # mm before contact from which the chain is followed, in a plan of the usual depth
+STIFFNESS_TRAVEL_SHARE = 0.02  # of the travel, over which the stiffness of the contact is read
+N_HOLD_INSTANTS = 40  # instants of a hold through which the chain is followed, dense at its start
 
 Parts = Sequence[tuple[Effect, np.ndarray]]
 Chained = Parts  # effects of the chain
@@ -181,9 +181,9 @@ def _read(key: _Key) -> _Readings:
     def at(v: np.ndarray) -> np.ndarray:
         return (1 - share) * v[..., i] + share * v[..., i + 1]
 
-    pick = [FORCES.index(c) for c in test.channels]
+    pick = [FORCE_CHANNELS.index(c) for c in test.channels]
     loading, unloading = passes_of(here.passes, test)
-    back = test.branch == UNLOADING
+    back = test.branch == UNLOADING_BRANCH
     every = {
         name: np.where(back, at(t.change[:, unloading]), at(t.change[:, loading])) for name, t in here.effects.items()
     }
@@ -197,7 +197,7 @@ def _read(key: _Key) -> _Readings:
 
 
 def _at_moments(here: PlaceTables, test: Test, table: np.ndarray, since: np.ndarray, lost: bool = False) -> np.ndarray:
-    """Changes (n_nodes, 3, n) of a table of rests (n_nodes, n_rest, 3, RESTED) at moments (n,) s of that of a test.
+    """Changes (n_nodes, 3, n) at moments (n,) s of the rest of a test, by a table (n_nodes, n_rest, 3, N_REST_MOMENTS).
 
     With `lost` those since it began.
     """
@@ -225,8 +225,8 @@ def _recorded(
     here = library.places[test.place]
     u = here.u
     loading, unloading = passes_of(here.passes, test)
-    pick = [FORCES.index(c) for c in test.channels]
-    back, held = test.branch == UNLOADING, test.held
+    pick = [FORCE_CHANNELS.index(c) for c in test.channels]
+    back, held = test.branch == UNLOADING_BRANCH, test.held
     F = curves(test.place, test.speed, loading)
     G = curves(test.place, test.speed, unloading) if back.any() else F
     setting = {k: v[:, None] for e, at in chain for k, v in _bounded(e, at).items()}
@@ -246,10 +246,10 @@ def _recorded(
     there = _stopped(u, F, top)
     home = _stopped(u, G, top) if back.any() else there
     turn = len(u) + 1
-    far = min(-AIR * library.plan.scale, 1.1 * float(test.depth.min()))
+    far = min(-CHAIN_APPROACH_MM * library.plan.scale, 1.1 * float(test.depth.min()))
     way = np.concatenate([np.full((len(F), 1), far), way], axis=1)
     there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
-    rest = np.geomspace(1e-3, 1.0, RESTING) * test.since.max() if held.any() else np.zeros(0)
+    rest = np.geomspace(1e-3, 1.0, N_HOLD_INSTANTS) * test.since.max() if held.any() else np.zeros(0)
     if held.any():
         ends = np.repeat(_stopped(u, F, rests)[:, :, -1:], len(rest), axis=2)
         for rate, fall in decays(test.place, test.speed, loading):
@@ -269,13 +269,13 @@ def _recorded(
     time = (time - time[:, 1:2]) / test.speed + _contact_time(test)
     rested = max(test.rest, float(test.since.max()))
     time[:, turn:] += np.concatenate([rest, np.full(time.shape[1] - turn - len(rest), rested)])
-    forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
+    forces = {c: modulus * there[:, i] for i, c in enumerate(FORCE_CHANNELS)}
     depth, got = recorded_curve(setting, way, forces, time, test.age, test.earlier)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)
     backward = np.maximum.accumulate(depth[:, : -turn - 1 : -1], axis=1) if back.any() else depth
     out = np.empty((len(F), len(pick), test.n))
     for j, c in enumerate(pick):
-        v = got[FORCES[c]]
+        v = got[FORCE_CHANNELS[c]]
         out[:, j, ~(back | held)] = rows_at(test.depth[~(back | held)], forward, v[:, :turn])
         if held.any():
             resting = np.broadcast_to(rest, (len(F), len(rest)))
@@ -289,7 +289,7 @@ def _recorded(
 
 def _contact_time(test: Test) -> float:
     """Time (s) at which the record passes its zero of depth."""
-    there = test.branch == LOADING
+    there = test.branch == LOADING_BRANCH
     if not there.any():
         return float(test.time[0])
     d, t = test.depth[there], test.time[there]
@@ -322,7 +322,7 @@ def _yielding(
     """
     pressed, c, τ = _stopped(u, F, top), setting["creep"][:, 0], setting["creep_tau"][:, 0]
     at = pressed[:, :, -1]
-    K = (at - _stopped(u, F, (1.0 - NEARBY) * top)[:, :, -1]) / (NEARBY * top)[:, None]
+    K = (at - _stopped(u, F, (1.0 - STIFFNESS_TRAVEL_SHARE) * top)[:, :, -1]) / (STIFFNESS_TRAVEL_SHARE * top)[:, None]
     creep = {k: setting[k] for k in ("creep", "creep_tau")}
     z0 = yielded(creep, np.minimum(u, top[:, None]) / speed, modulus * pressed[:, 2])[:, -1]
     softer = 1.0 / (1.0 + np.asarray(setting.get("compliance", np.zeros((1, 1))))[:, 0] * modulus * K[:, 2])

@@ -27,9 +27,9 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import Nodes
 from rso.discrepancy.library.simulations import Pass
 
-FINE = 0.3  # of ln τ from one node of a dense table to the next, at most
-SIZES = 6  # of a dense table
-STEPS = 400  # of the hereditary integral, evenly spaced in √u
+MAX_DENSE_STEP_LN_TIME = 0.3  # of ln τ from one node of a dense table to the next, at most
+N_DENSE_SIZES = 6  # of a dense table
+N_HEREDITARY_STEPS = 400  # of the hereditary integral, evenly spaced in √u
 
 
 def is_relaxation(effect: Effect) -> bool:
@@ -48,9 +48,11 @@ def is_relaxation(effect: Effect) -> bool:
 def dense(nodes: Nodes) -> Nodes:
     """The nodes with others in between, those of the shape among them."""
     sizes, times = nodes.levels
-    fine = max(2, math.ceil(float(np.max(np.diff(times))) / FINE))
+    fine = max(2, math.ceil(float(np.max(np.diff(times))) / MAX_DENSE_STEP_LN_TIME))
     every = np.interp(np.arange((len(times) - 1) * fine + 1) / fine, np.arange(len(times)), times)
-    return replace(nodes, levels=(sizes.max() * np.arange(1, SIZES + 1) / SIZES, every), middle=math.inf, fine=fine)
+    return replace(
+        nodes, levels=(sizes.max() * np.arange(1, N_DENSE_SIZES + 1) / N_DENSE_SIZES, every), middle=math.inf, fine=fine
+    )
 
 
 def foreseen(u: np.ndarray, base: np.ndarray, points: np.ndarray, ways: Sequence[Pass]) -> np.ndarray:
@@ -67,7 +69,7 @@ def expected_relaxation(u: np.ndarray, force: np.ndarray, points: np.ndarray, wa
     is that beside it.
     """
     top = float(u[-1]) if way.peak is None else min(way.peak, float(u[-1]))
-    a = np.linspace(0.0, math.sqrt(top), STEPS) ** 2
+    a = np.linspace(0.0, math.sqrt(top), N_HEREDITARY_STEPS) ** 2
     F = np.interp(np.sqrt(a), np.sqrt(u), force)
     there = np.flatnonzero((force > 0.0) & (u > 0.0) & (u <= top))
     out = np.zeros((len(points), len(u)))

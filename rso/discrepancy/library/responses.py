@@ -9,19 +9,19 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator, interp1d
 
 from rso.contract import Response
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.curves import Resampling
-from rso.discrepancy.library.simulations import RESTED, Pass, Rest
+from rso.discrepancy.library.simulations import N_REST_MOMENTS, Pass, Rest
 from rso.discrepancy.library.test_plan import PlanPlace
 from rso.evaluation.store import Done
 
-FORCES = ("Fx", "Fy", "Fz")
-ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be of use
+MIN_FAILED_RUN_TRAVEL_SHARE = 0.6  # of the deepest travel: what a failed run must have reached to be of use
 
 
 def forces_of(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the unloading."""
     travel, returning = response.channels["travel"], _returning(response)
-    F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
+    F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCE_CHANNELS], 1)
     if back and returning.any():
         order = np.argsort(travel[returning])
         return travel[returning][order], F[returning][order] / modulus
@@ -56,7 +56,7 @@ def reached_by(outcome: Any, deepest: float) -> Response | None:
     if isinstance(outcome, Done):
         return outcome.response
     partial = getattr(outcome, "partial", None)
-    if partial is None or partial.channels["travel"].max() < ENOUGH * deepest:
+    if partial is None or partial.channels["travel"].max() < MIN_FAILED_RUN_TRAVEL_SHARE * deepest:
         return None
     return partial
 
@@ -97,8 +97,9 @@ def changed(
 def rested(
     rests: Sequence[Rest], reference: float, outcomes: Sequence[Any], base: Resampling
 ) -> tuple[np.ndarray, int]:
-    """Changes (n_rest, 3, RESTED) over `base` relative to its Fz at the moments of rests, and how many have none."""
-    change, lost = np.zeros((len(rests), 3, RESTED)), 0
+    """Changes (n_rest, 3, N_REST_MOMENTS) over `base` relative to its Fz at the moments of rests, and how many have
+    none."""
+    change, lost = np.zeros((len(rests), 3, N_REST_MOMENTS)), 0
     for i, (rest, outcome) in enumerate(zip(rests, outcomes, strict=True)):
         if not isinstance(outcome, Done):
             lost += 1
@@ -106,7 +107,10 @@ def rested(
         time, travel = outcome.response.channels["time"], outcome.response.channels["travel"]
         resting = travel >= rest.peak * (1.0 - 1e-9)
         since = time[resting] - time[resting][0]
-        F = np.stack([outcome.response.channels.get(c, np.zeros(len(time)))[resting] for c in FORCES], 1) / reference
+        F = (
+            np.stack([outcome.response.channels.get(c, np.zeros(len(time)))[resting] for c in FORCE_CHANNELS], 1)
+            / reference
+        )
         at = base(np.array([rest.peak]))
         known = np.log(np.maximum(since, 0.5 * rest.moments[1]))
         asked = np.log(np.maximum(rest.moments, 0.5 * rest.moments[1]))

@@ -15,13 +15,13 @@ from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.test_plan import Test, TestPlan, rounded_travel
 from rso.evaluation import Task
 
-ASKED = 9  # travels at which a run is asked for forces
-LIKE = 0.06  # by which rests and speeds of ways may differ and count as one
-STEP = 0.05  # of ln, to which they are rounded: data sets of one plan share most of their runs
-RESTED = 40  # moments of a rest in tables, from SOON of it on
-SOON = 1e-3
-MOMENTS = 14  # of a rest at which a run is asked for forces
-NEAR = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
+N_ASKED_TRAVELS = 9  # travels at which a run is asked for forces
+SAME_PASS_TOLERANCE = 0.06  # by which rests and speeds of ways may differ and count as one
+PASS_ROUNDING_LN = 0.05  # of ln, to which they are rounded: data sets of one plan share most of their runs
+N_REST_MOMENTS = 40  # moments of a rest in tables, from FIRST_REST_MOMENT_SHARE of it on
+FIRST_REST_MOMENT_SHARE = 1e-3  # of a rest, from its begin
+N_ASKED_REST_MOMENTS = 14  # of a rest at which a run is asked for forces
+MARK_CLEARANCE_SHARE = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
@@ -158,8 +158,8 @@ class Rest:
 
     @property
     def moments(self) -> np.ndarray:
-        """When (RESTED,) in it tables hold forces, from its beginning on, in mm of the way there."""
-        return np.append(0.0, self.lasting * np.geomspace(SOON, 1.0, RESTED - 1))
+        """When (N_REST_MOMENTS,) in it tables hold forces, from its beginning on, in mm of the way there."""
+        return np.append(0.0, self.lasting * np.geomspace(FIRST_REST_MOMENT_SHARE, 1.0, N_REST_MOMENTS - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +206,10 @@ def rest_of(every: Sequence[Rest], test: Test) -> int | None:
 
 def passes_alike(a: Pass, b: Pass) -> bool:
     """Whether the indenter rests as long and goes back as fast."""
-    return max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
+    return (
+        max(a.rest, b.rest) <= (1 + SAME_PASS_TOLERANCE) * min(a.rest, b.rest)
+        and abs(np.log(a.pace / b.pace)) < SAME_PASS_TOLERANCE
+    )
 
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
@@ -222,7 +225,7 @@ def _resting(test: Test) -> tuple[float, float]:
 
 
 def _round(v: float) -> float:
-    return float(f"{np.exp(STEP * round(np.log(v) / STEP)):.4g}") if v > 0.0 else 0.0
+    return float(f"{np.exp(PASS_ROUNDING_LN * round(np.log(v) / PASS_ROUNDING_LN)):.4g}") if v > 0.0 else 0.0
 
 
 def nearest_pass(every: Sequence[Pass], way: Pass) -> int:
@@ -257,8 +260,10 @@ def task_of(
     if place.marks:
         data["profile"] = [list(m) for m in place.marks]
     deepest, to = plan.reach(k), lambda v: rounded_travel(v, plan.scale, 4)
-    asked = {to(deepest * (j / ASKED) ** 1.7) for j in range(1, ASKED)} | {deepest}
-    asked = {a for a in asked if all(abs(a - d) > NEAR * d for d in place.mark_depths)} | set(place.mark_depths)
+    asked = {to(deepest * (j / N_ASKED_TRAVELS) ** 1.7) for j in range(1, N_ASKED_TRAVELS)} | {deepest}
+    asked = {a for a in asked if all(abs(a - d) > MARK_CLEARANCE_SHARE * d for d in place.mark_depths)} | set(
+        place.mark_depths
+    )
     if way is None or way.peak is None:
         programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
     else:  # what relaxes does so at once after the turn
@@ -283,7 +288,7 @@ def task_of_rest(base: Base, plan: TestPlan, k: int, values: Mapping[str, float]
     """The run at place k that presses to the travel of a rest and stays there."""
     data = {**plan.places[k].settings, **(base.lean if finer else base.draft)}
     p = rest.peak
-    asked = p + rest.lasting * np.geomspace(SOON, 1.0, MOMENTS)
+    asked = p + rest.lasting * np.geomspace(FIRST_REST_MOMENT_SHARE, 1.0, N_ASKED_REST_MOMENTS)
     programme = Programme((0.0, p, p + rest.lasting), (0.0, p, p), (p,), tuple(float(f"{v:.12g}") for v in asked))
     return _tidy(k, values, programme, data)
 

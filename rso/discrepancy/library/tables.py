@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import interp1d
 
+from rso.contract.responses import FORCE_CHANNELS
 from rso.core.curves import Resampling
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import Nodes, cardinal, grid_points, is_placed, late, tensor, timed
 from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of, simulated_effects
 from rso.discrepancy.library.relaxation import dense, foreseen, is_relaxation
 from rso.discrepancy.library.responses import (
-    FORCES,
     changed,
     forces_of,
     loading_forces,
@@ -32,14 +32,24 @@ from rso.discrepancy.library.responses import (
     relative,
     rested,
 )
-from rso.discrepancy.library.simulations import RESTED, Base, LibraryJob, Pass, Rest, Run, nearest_pass, rests_at
+from rso.discrepancy.library.simulations import (
+    N_REST_MOMENTS,
+    Base,
+    LibraryJob,
+    Pass,
+    Rest,
+    Run,
+    nearest_pass,
+    rests_at,
+)
 from rso.discrepancy.library.test_plan import TestPlan
 from rso.evaluation.store import Done, Failed
 
-DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
-ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry, whose body is pushed aside
-ALIKE = 2.0  # times as large as at home: what the curve of an effect at another place may be at most
-GRID = 160  # travels of the tables, evenly spaced in √u
+EXPENSIVE_UNKNOWNS_RATIO = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
+# times the fewest unknowns: a model with fewer planes of symmetry, whose body is pushed aside
+LESS_SYMMETRY_UNKNOWNS_RATIO = 1.3
+MAX_CARRIED_CURVE_RATIO = 2.0  # times as large as at home: what the curve of an effect at another place may be at most
+N_TABLE_TRAVELS = 160  # travels of the tables, evenly spaced in √u
 
 
 class LibraryUnanswered(ValueError):
@@ -50,7 +60,8 @@ class LibraryUnanswered(ValueError):
 class LibraryTable:
     """Relative changes (n_nodes, n_pass, 3, m) by an effect at a place, displacements of marks (n_nodes, n_uz).
 
-    Of what flows `rests` (n_nodes, n_rest, 3, RESTED) are the changes at the moments of rests, None of all others.
+    Of what flows `rests` (n_nodes, n_rest, 3, N_REST_MOMENTS) are the changes at the moments of rests, None of all
+    others.
     """
 
     nodes: Nodes
@@ -146,7 +157,8 @@ class Library:
         return np.tensordot(W, table.change, axes=1), W @ table.marks
 
     def rested(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> np.ndarray:
-        """Relative changes (T, n_rest, 3, RESTED) at the moments of rests by what flows, at sizes and shapes `at`."""
+        """Relative changes (T, n_rest, 3, N_REST_MOMENTS) at the moments of rests by what flows, at sizes and shapes
+        `at`."""
         rests = self.places[place].effects[effect.name].rests
         assert rests is not None  # of an effect that flows
         return np.tensordot(self.weights(place, effect, at, speed), rests, axes=1)
@@ -184,8 +196,8 @@ def build_library(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Ru
         elif j.passing is None:
             at = plan.places[j.place].settings.get("point")
             raise LibraryUnanswered(f"the base model has no answer at {at} with {_told(base, j)}: {o.reason}")
-    dear = unknowns > DEAR * unknowns[primary]
-    aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
+    dear = unknowns > EXPENSIVE_UNKNOWNS_RATIO * unknowns[primary]
+    aside = (unknowns >= LESS_SYMMETRY_UNKNOWNS_RATIO * unknowns.min()) & ~dear
     grid, further, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside))
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     different = {key_of(base, j): o for j, o in zip(jobs, outcomes, strict=True)}
@@ -253,13 +265,17 @@ def _tables(
     primary: int,
 ) -> PlaceTables:
     place, rests = plan.places[k], rests_at(plan, k)
-    u = (np.linspace(0.0, np.sqrt(plan.reach(k)), GRID)) ** 2
+    u = (np.linspace(0.0, np.sqrt(plan.reach(k)), N_TABLE_TRAVELS)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
     wanted = [found[k, None, n, None, False] for n in [*range(n_base), -1]]
     scaled = [loading_forces(o.response, u, base.reference) for o in wanted]
     scaled.pop()
     first = Resampling(*forces_of(wanted[-1].response, base.reference))
-    mesh, error, ways = np.zeros((3, GRID)), np.zeros((3, GRID)), np.zeros((len(every), 3, GRID))
+    mesh, error, ways = (
+        np.zeros((3, N_TABLE_TRAVELS)),
+        np.zeros((3, N_TABLE_TRAVELS)),
+        np.zeros((len(every), 3, N_TABLE_TRAVELS)),
+    )
     if (k, None, -1, 0, False) in found:  # the way matters to the base model itself
         each = [found[k, None, -1, i, False] for i in range(len(every))]
         ways, lost = changed(every, u, place, base.reference, each, first)
@@ -270,14 +286,14 @@ def _tables(
         unknowns = int(best.response.info.get("dofs", 0))
         travel, F = forces_of(best.response, base.reference)
         mesh = relative(travel, F - first(travel), first(travel)[:, 2], u)
-        stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
+        stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCE_CHANNELS], 1)
         error = np.abs(relative(travel, stated / base.reference, first(travel)[:, 2], u))
     base_marks = np.stack([marks_of(o.response, place) for o in wanted])
     effects = {}
     for e in modelled:
         points, flowing = grid[e.name, k].points, rests if e.flows else ()
-        resting = np.zeros((len(points), len(flowing), 3, RESTED))
-        change = np.zeros((len(points), len(every), 3, GRID))
+        resting = np.zeros((len(points), len(flowing), 3, N_REST_MOMENTS))
+        change = np.zeros((len(points), len(every), 3, N_TABLE_TRAVELS))
         marks = np.zeros((len(points), base_marks.shape[1]))
         known = np.ones(len(points), bool)
         ahead = foreseen(u, first(u), points, every) if is_relaxation(e) else None
@@ -367,7 +383,7 @@ def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> LibraryTab
         at = np.tensordot(known.nodes.weights(other.nodes.points), there, axes=1)
         force = own.base[:, 2].mean(axis=0)
         both, square = (np.sum(v * at * force**2, axis=(0, 3)) for v in (other.change, at))
-        c = np.clip(both / np.maximum(square, 1e-300), 0.0, ALIKE)
+        c = np.clip(both / np.maximum(square, 1e-300), 0.0, MAX_CARRIED_CURVE_RATIO)
         change = change + c[..., None] * (there - np.tensordot(R, at, axes=1))
     return LibraryTable(known.nodes, change, R @ other.marks, np.ones(len(R), bool))
 

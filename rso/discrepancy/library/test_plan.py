@@ -14,22 +14,25 @@ from typing import Any, Literal
 import numpy as np
 
 from rso.contract import digest
-from rso.core.power_law import LEADING
+from rso.contract.responses import FORCE_CHANNELS
+from rso.core.power_law import LEADING_EXPONENT
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
 from rso.data.force_holds import HeldForce
-from rso.data.holds import BINS, at_peak, edges, stop_time
+from rso.data.holds import N_HOLD_BINS, at_peak, edges, stop_time
 
-AIR = 3  # bins of the way before contact
-LOADING, UNLOADING, HELD = range(3)  # branches of a test
-USUAL = 3.25  # mm: lengths below are those of a plan this deep or up to twice; others have theirs in proportion
-STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
-BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
-DWELL = 0.05  # of the time of loading: a shorter rest before the way back is none
-LEGS = 7  # of a way back, whose median tells its speed
-EVEN = 0.15  # by which the speed of the way back may differ from that of the way there and count as the same
-NOT_USED = "are not used"
-ASSUMED = "as no file and no setting says it; sizes in seconds go with it"
-MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
+N_APPROACH_BINS = 3  # bins of the way before contact
+LOADING_BRANCH, UNLOADING_BRANCH, HELD_BRANCH = range(3)  # branches of a test
+# mm: lengths below are those of a plan this deep or up to twice; others have theirs in proportion
+USUAL_PLAN_DEPTH_MM = 3.25
+PLAN_DEPTH_STEP_MM = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
+MIN_UNLOADING_SHARE = 0.1  # of the deepest travel: a way back that ends earlier is left out
+MIN_DWELL_SHARE = 0.05  # of the time of loading: a shorter rest before the way back is none
+N_UNLOADING_LEGS = 7  # of a way back, whose median tells its speed
+# by which the speed of the way back may differ from that of the way there and count as the same
+SAME_SPEED_TOLERANCE_LN = 0.15
+NOT_USED_NOTE = "are not used"
+ASSUMED_TIMES_NOTE = "as no file and no setting says it; sizes in seconds go with it"
+REACH_MARGIN_MM = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
 
@@ -49,7 +52,7 @@ class Experiment:
     speed: float
     mounting: str = "A"
     after: tuple[str, ...] = ()
-    power: float = LEADING
+    power: float = LEADING_EXPONENT
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,8 @@ class PlanPlace:
 
 @dataclass(frozen=True, eq=False)
 class Test:
-    """One recorded test in bins: `branch` LOADING, UNLOADING or HELD at the deepest point; `earlier` is the deepest
-    travel there before.
+    """One recorded test in bins: `branch` LOADING_BRANCH, UNLOADING_BRANCH or HELD_BRANCH at the deepest point;
+    `earlier` is the deepest travel there before.
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
     the depth that has the mean force of the readings of a bin, when it was there (from the first reading on),
@@ -103,12 +106,12 @@ class Test:
     @property
     def returns(self) -> bool:
         """Whether the unloading was recorded."""
-        return bool(np.any(self.branch == UNLOADING))
+        return bool(np.any(self.branch == UNLOADING_BRANCH))
 
     @property
     def held(self) -> np.ndarray:
         """(n,) whether the indenter rests."""
-        return self.branch == HELD
+        return self.branch == HELD_BRANCH
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +147,7 @@ class TestPlan:
 
     def reach(self, place: int) -> float:
         """Travel (mm) to which a place is computed."""
-        return self.places[place].deepest + self.scale * MARGIN
+        return self.places[place].deepest + self.scale * REACH_MARGIN_MM
 
     @property
     def times(self) -> tuple[float, float]:
@@ -202,7 +205,7 @@ class _Site:
 
     def place(self, scale: float) -> PlanPlace:
         """The place when all is gathered."""
-        step = scale * STEP
+        step = scale * PLAN_DEPTH_STEP_MM
         deepest = rounded_travel(max(math.ceil(self.deepest / step - 0.2), 1) * step, scale, 6)
         peaks = {rounded_travel(v, scale, 1) for v in self.peaks}
         return PlanPlace(
@@ -216,7 +219,7 @@ def scale_of(deepest: float) -> float:
     Where contact was, how travels are rounded and what counts as equally deep are shares of the travel; as round
     numbers, 1, 2 or 4 times a power of 10, so that data sets of one plan have the same.
     """
-    ratio = deepest / USUAL
+    ratio = deepest / USUAL_PLAN_DEPTH_MM
     power = 10.0 ** math.floor(math.log10(ratio))
     return float(f"{power * max(n for n in (1, 2, 4) if n * power <= ratio * (1 + 1e-12) or n == 1):.1g}")
 
@@ -259,19 +262,21 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
     site = _site(e.settings, sites)
     for r in e.measurement.repeats:
         r, without = _usable(r)
-        notes += [f"{e.name}: {words} {NOT_USED}" for words in without]
+        notes += [f"{e.name}: {words} {NOT_USED_NOTE}" for words in without]
         if not len(r.depth):
             continue
         if r.depth.max() <= 0.0:
             raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
-        channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
+        channels = tuple(c for c in FORCE_CHANNELS if c in r.channels and c in e.channels)
         time = _times(r.depth, e.speed) if r.time is None else r.time
         time = time - (_touched(r, time) if r.tared else time[0])
         came = stop_time(r, time, e.speed)
-        branches = [_binned(r, time, channels, b, came, e.power) for b in (LOADING, UNLOADING, HELD)]
+        branches = [
+            _binned(r, time, channels, b, came, e.power) for b in (LOADING_BRANCH, UNLOADING_BRANCH, HELD_BRANCH)
+        ]
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
         peak = float(r.depth.max())
-        since = np.where(b == HELD, t - came, 0.0)
+        since = np.where(b == HELD_BRANCH, t - came, 0.0)
         yield Test(
             k,
             r.label,
@@ -290,7 +295,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
             pace=_pace(r, e.speed),
         )
         site.deepest = max(site.deepest, peak)
-        if np.any(b == UNLOADING):
+        if np.any(b == UNLOADING_BRANCH):
             site.peaks.add(peak)
 
 
@@ -324,7 +329,7 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
             f"{len(r.creep.depth)} readings of creep at a held force (forces at travels are diagnosed; rso run and rso "
             "ladder compare the creep)"
         )
-    if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
+    if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < MIN_UNLOADING_SHARE * depth.max()):
         r = kept(r, ~back)
         begun.append(f"{np.sum(back)} readings of an unloading that has hardly begun")
     back, held = (np.nonzero(r.segment == s)[0] for s in ("unloading", "hold"))
@@ -351,24 +356,24 @@ def _rest(r: Repeat, speed: float) -> float:
     moving = (2.0 * r.depth.max() - r.depth[there[-1]] - r.depth[back[0]]) / speed
     one = max(np.median(np.diff(r.time[v])) if len(v) > 1 else 0.0 for v in (there, back))  # from reading to reading
     rest -= max(moving, 0.0 if np.any(r.segment == "hold") else float(one))
-    return rest if rest > DWELL * way else 0.0
+    return rest if rest > MIN_DWELL_SHARE * way else 0.0
 
 
 def _pace(r: Repeat, speed: float) -> float:
     """Speed of the unloading over that of the way there, 1 where it is nearly so or not known.
 
-    The median of `LEGS` equal parts of the travel in its midst: a pause is in one of them.
+    The median of `N_UNLOADING_LEGS` equal parts of the travel in its midst: a pause is in one of them.
     """
     back = r.segment == "unloading"
     if r.time is None or np.sum(back) < 3:
         return 1.0
     d, t = np.maximum.accumulate(r.depth[back][::-1]), r.time[back][::-1]
     low, high = max(0.2 * r.depth.max(), d[0]), min(0.9 * r.depth.max(), d[-1])
-    leg = float(np.median(-np.diff(np.interp(np.linspace(low, high, LEGS + 1), d, t))))
+    leg = float(np.median(-np.diff(np.interp(np.linspace(low, high, N_UNLOADING_LEGS + 1), d, t))))
     if high <= low or leg <= 0.0:
         return 1.0
-    pace = (high - low) / LEGS / leg / speed
-    return 1.0 if abs(np.log(pace)) < EVEN else float(f"{pace:.3g}")
+    pace = (high - low) / N_UNLOADING_LEGS / leg / speed
+    return 1.0 if abs(np.log(pace)) < SAME_SPEED_TOLERANCE_LN else float(f"{pace:.3g}")
 
 
 def _in_order(experiments: Sequence[Experiment]) -> list[int]:
@@ -411,27 +416,31 @@ def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
 def _binned(
     r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, came: float, power: float
 ) -> tuple[Any, ...]:
-    """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most BINS, even in depth,
-    while the indenter presses, AIR before it does so, and even in the logarithm of time since it `came` to rest (s).
+    """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most N_HOLD_BINS, even in
+    depth, while the indenter presses, N_APPROACH_BINS before it does so, and even in the logarithm of time since it
+    `came` to rest (s).
     """
     at = np.nonzero(r.segment == ("loading", "unloading", "hold")[branch])[0]
-    if branch == HELD:
+    if branch == HELD_BRANCH:
         since = time[at] - came
         groups = np.split(at, np.searchsorted(since, edges(since)))
     else:
-        way = at if branch == LOADING else at[::-1]
+        way = at if branch == LOADING_BRANCH else at[::-1]
         u = np.maximum.accumulate(r.depth[way]) if len(at) else r.depth[way]
         air, way = way[: np.sum(u < 0.0)], way[np.sum(u < 0.0) :]
         u = u[len(air) :]
-        ends = np.linspace(0.0, u[-1], BINS + 1)[1:-1] if len(way) > BINS else u
-        groups = [*np.array_split(air, min(AIR, len(air)) or 1), *np.split(way, np.searchsorted(u, ends, side="left"))]
-        groups = groups if branch == LOADING else groups[::-1]
+        ends = np.linspace(0.0, u[-1], N_HOLD_BINS + 1)[1:-1] if len(way) > N_HOLD_BINS else u
+        groups = [
+            *np.array_split(air, min(N_APPROACH_BINS, len(air)) or 1),
+            *np.split(way, np.searchsorted(u, ends, side="left")),
+        ]
+        groups = groups if branch == LOADING_BRANCH else groups[::-1]
     groups = [g for g in groups if len(g)]
     mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731
     count = np.array([len(g) for g in groups], float)
     depth = np.array([_depth_of_mean(r.depth[g], power) for g in groups])
     went = r.depth[at[-1]] - r.depth[at[0]] if len(at) else 0.0
-    pace = (time[at[-1]] - time[at[0]]) / went if went and branch != HELD else 0.0
+    pace = (time[at[-1]] - time[at[0]]) / went if went and branch != HELD_BRANCH else 0.0
     times = mean(time) + pace * (depth - mean(r.depth))  # when the indenter was there
     return depth, times, np.full(len(groups), branch), count, {c: mean(r.channels[c]) for c in channels}
 

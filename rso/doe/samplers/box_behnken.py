@@ -10,7 +10,7 @@ from rso.doe.farthest import extend_by
 from rso.doe.sampler import DesignTask, Sampler, design_of_fixed_size
 
 # Blocks of Box & Behnken (1960), table 4: which factors sit at +-1 together.
-_BLOCKS = {
+_FACTOR_BLOCKS = {
     6: ((0, 1, 3), (1, 2, 4), (2, 3, 5), (0, 3, 4), (1, 4, 5), (0, 2, 5)),
     7: ((3, 4, 5), (0, 5, 6), (1, 4, 6), (0, 1, 3), (2, 3, 6), (0, 2, 4), (1, 2, 5)),
 }
@@ -21,7 +21,7 @@ def box_behnken(d: int) -> np.ndarray:
     if not 3 <= d <= 7:
         raise ValueError(f"design: box_behnken is for 3 to 7 parameters, got {d}; use ccd (2 to 8), lhs or osf")
     rows = []
-    for block in _BLOCKS.get(d, tuple(itertools.combinations(range(d), 2))):
+    for block in _FACTOR_BLOCKS.get(d, tuple(itertools.combinations(range(d), 2))):
         points = np.zeros((2 ** len(block), d))
         points[:, block] = list(itertools.product((-1.0, 1.0), repeat=len(block)))
         rows.append(points)

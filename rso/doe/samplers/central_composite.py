@@ -14,7 +14,12 @@ Star = Literal["circumscribed", "inscribed", "face"]
 Alpha = float | Literal["rotatable", "orthogonal"]
 
 # Resolution V fractions: (Box, Hunter & Hunter 2005, table 6.22): extra factor = product of these base factors.
-_GENERATORS = {5: ((0, 1, 2, 3),), 6: ((0, 1, 2, 3, 4),), 7: ((0, 1, 2, 3, 4, 5),), 8: ((0, 1, 2, 3), (0, 1, 4, 5))}
+_FRACTION_GENERATORS = {
+    5: ((0, 1, 2, 3),),
+    6: ((0, 1, 2, 3, 4),),
+    7: ((0, 1, 2, 3, 4, 5),),
+    8: ((0, 1, 2, 3), (0, 1, 4, 5)),
+}
 
 
 def central_composite(d: int, star: Star = "circumscribed", alpha: Alpha | None = None, centres: int = 1) -> np.ndarray:
@@ -63,7 +68,7 @@ def star_distance(d: int, star: Star = "circumscribed", alpha: Alpha | None = No
 
 
 def _corners(d: int) -> np.ndarray:
-    extra = _GENERATORS.get(d, ())
+    extra = _FRACTION_GENERATORS.get(d, ())
     base = np.array(list(itertools.product((-1.0, 1.0), repeat=d - len(extra))))
     return np.column_stack([base, *(base[:, list(g)].prod(axis=1) for g in extra)])
 

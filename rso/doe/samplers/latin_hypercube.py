@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.doe.farthest import extend, farthest
-from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Feasible, Sampler, enough
+from rso.doe.sampler import MAX_OPTIMISED_RUNS, DesignTask, Feasible, Sampler, enough
 
-SWAPS, IN_VAIN = 10_000, 100  # tries at most, and those in a row that improve nothing
+MAX_SWAPS, MAX_VAIN_SWAPS = 10_000, 100  # tries at most, and those in a row that improve nothing
 
 
 def latin(d: int, runs: int, seed: int, optimise: bool = True) -> np.ndarray:
@@ -24,7 +24,7 @@ def latin(d: int, runs: int, seed: int, optimise: bool = True) -> np.ndarray:
         rng.shuffle(row)
     X = (rows.T - inside) / runs
     # The optimiser takes n² time; so many points fill the cube without it.
-    return _swapped(X, rng) if optimise and d > 1 and 1 < runs <= MOST_OPTIMISED else X
+    return _swapped(X, rng) if optimise and d > 1 and 1 < runs <= MAX_OPTIMISED_RUNS else X
 
 
 def _swapped(X: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -34,14 +34,14 @@ def _swapped(X: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """
     n, d = X.shape
     lowest, vain, pairs = _discrepancy(X), 0, _pairs(X)
-    for _ in range(SWAPS):
+    for _ in range(MAX_SWAPS):
         j, a, b = (int(rng.integers(0, high, endpoint=True)) for high in (d - 1, n - 1, n - 1))
         found = _after_swap(pairs, a, b, j, lowest)
         vain = 0 if found < lowest else vain + 1
         if vain == 0:
             X[[a, b], j], lowest = X[[b, a], j], found
             pairs.swap(a, b, j)
-        elif vain == IN_VAIN:
+        elif vain == MAX_VAIN_SWAPS:
             break
     return X
 
@@ -151,7 +151,7 @@ def extend_latin(existing: np.ndarray, n: int, seed: int, feasible: Feasible | N
             return extend(X, n, seed, feasible)
         Y = inside
     best = _nearest(Y, X)
-    for _ in range(min(200 * n, 10_000) if d > 1 and n > 1 and rows <= MOST_OPTIMISED else 0):
+    for _ in range(min(200 * n, 10_000) if d > 1 and n > 1 and rows <= MAX_OPTIMISED_RUNS else 0):
         (a, b), j = rng.choice(n, 2, replace=False), int(rng.integers(d))
         Y[[a, b], j] = Y[[b, a], j]
         gap = _nearest(Y, X)

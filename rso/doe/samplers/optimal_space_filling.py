@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.doe.farthest import extend_by, farthest
-from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Sampler, enough
+from rso.doe.sampler import MAX_OPTIMISED_RUNS, DesignTask, Sampler, enough
 
 
 def optimal_space_filling(d: int, runs: int, seed: int, sweeps: int = 60) -> np.ndarray:
@@ -45,7 +45,7 @@ def optimal_space_filling(d: int, runs: int, seed: int, sweeps: int = 60) -> np.
 
 def points(task: DesignTask) -> np.ndarray:
     """The design; inside constraints each point is as far as possible from all before."""
-    runs = enough("osf", task, MOST_OPTIMISED)
+    runs = enough("osf", task, MAX_OPTIMISED_RUNS)
     if task.feasible is None:
         return optimal_space_filling(task.d, runs, task.seed)
     return farthest(np.empty((0, task.d)), runs, task.seed, task.feasible)

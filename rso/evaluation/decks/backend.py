@@ -26,6 +26,7 @@ from rso.contract import (
     run_key,
     worded,
 )
+from rso.contract.responses import ALWAYS_CHANNELS
 from rso.core import disk
 from rso.core.units import in_base
 from rso.evaluation.decks.readers import DeckOutput, NotFound, at_passages, free_curve, read_output
@@ -33,11 +34,11 @@ from rso.evaluation.decks.templates import DELIMITERS, Template, read_template
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.guarded_process import end_of, no_program, run_guarded, tail, words_of
 
-OWN_WORDS = ("depth", "duration", "speed")  # of the programme: deepest travel mm, its last time s, first speed mm/s
-IN_BLOCKS = ("step", "time", "travel")  # of each asked passage or corner: its number from 1, s, mm
-TIMED = {"duration", "speed", "time"}
-ALWAYS = {"time": "s", "travel": "mm"}
-PRINTED = ("stdout.txt", "stderr.txt")
+# of the programme: deepest travel mm, its last time s, first speed mm/s
+PROGRAMME_WORDS = ("depth", "duration", "speed")
+BLOCK_WORDS = ("step", "time", "travel")  # of each asked passage or corner: its number from 1, s, mm
+TIMED_WORDS = {"duration", "speed", "time"}
+PRINTED_FILES = ("stdout.txt", "stderr.txt")
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Failure:
     """What in the output means that there is no answer: a regular expression, files searched, and the cause class."""
 
     pattern: str
-    files: tuple[str, ...] = PRINTED
+    files: tuple[str, ...] = PRINTED_FILES
     cause: str = "step_limit"
 
 
@@ -103,7 +104,7 @@ class DeckBackend:
     @property
     def channels(self) -> Mapping[str, str]:
         """Those of its outputs, time and travel."""
-        return {**ALWAYS, **{o.channel: o.unit for o in self.deck.outputs if not o.over}}
+        return {**ALWAYS_CHANNELS, **{o.channel: o.unit for o in self.deck.outputs if not o.over}}
 
     def free_curves(self) -> Mapping[str, tuple[str, str, str]]:
         """Outputs over an abscissa of their own."""
@@ -117,12 +118,12 @@ class DeckBackend:
         settings = _flat(case.settings)
         used = {name for t in self.templates for name in t.names}
         for name in settings:
-            if name not in used and name not in OWN_WORDS:
+            if name not in used and name not in PROGRAMME_WORDS:
                 at = ", ".join(self.deck.templates)
                 raise ValueError(f"{name} = {settings[name]!r}: no placeholder of {at} uses this setting")
         if lost := sorted(n for n in used if n in self.deck.settings and n not in settings):
             raise ValueError(f"{lost[0]}: a placeholder of the templates uses this setting, which has no value here")
-        if case.programme.still and (lost := sorted(used & {*OWN_WORDS})):
+        if case.programme.still and (lost := sorted(used & {*PROGRAMME_WORDS})):
             raise ValueError(f"{lost[0]}: a placeholder of the templates uses this, and nothing is moved in this study")
         for values in _ends_and_middle(self.deck):
             self.filled(values, case)
@@ -132,7 +133,7 @@ class DeckBackend:
         used = {name for t in self.templates for name in t.names}
         settings = {k: v for k, v in case.settings.items() if any(n in used for n in _flat({k: v}))}
         programme = case.programme
-        if not programme.still and not used & TIMED and all(o.at != "time" for o in self.deck.outputs):
+        if not programme.still and not used & TIMED_WORDS and all(o.at != "time" for o in self.deck.outputs):
             programme = Programme.ramp(programme.asked_mm)
         return self._checked(values), dataclasses.replace(case, settings=settings, programme=programme)
 
@@ -155,7 +156,7 @@ class DeckBackend:
         if not programme.still:
             own = {"depth": float(u.max()), "duration": float(t[-1]), "speed": float(abs(np.diff(u) / np.diff(t))[0])}
         given = {**_flat(case.settings), **own, **worded(self.parameters, self._checked(values))}
-        units = {p.name: p.unit for p in self.parameters} | _units_of(case.settings) | UNITS_OF_WORDS
+        units = {p.name: p.unit for p in self.parameters} | _units_of(case.settings) | WORD_UNITS
         rows = {"asked": _rows(*programme.passages()), "corner": _rows(t, u)}
         return {template.name: list(template.written(given, units, rows)) for template in self.templates}
 
@@ -215,7 +216,7 @@ class DeckBackend:
         if self.deck.failure is None:
             return None
         pattern = re.compile(self.deck.failure.pattern, re.MULTILINE)
-        for name in dict.fromkeys((*PRINTED, *self.deck.failure.files, *(o.file for o in self.deck.outputs))):
+        for name in dict.fromkeys((*PRINTED_FILES, *self.deck.failure.files, *(o.file for o in self.deck.outputs))):
             try:
                 text = disk.read_bytes(folder / name).decode("utf-8", "replace")
             except OSError:
@@ -247,7 +248,7 @@ class DeckBackend:
         return Response(channels, self.channels, stated, curves=curves)
 
 
-UNITS_OF_WORDS = {"depth": "mm", "duration": "s", "speed": "mm/s", "time": "s", "travel": "mm"}
+WORD_UNITS = {"depth": "mm", "duration": "s", "speed": "mm/s", "time": "s", "travel": "mm"}
 
 
 def load_deck(
@@ -257,8 +258,8 @@ def load_deck(
 
     Raises ValueError for a program or files that are not there, placeholders that name nothing, and parameters in none.
     """
-    known = {*(p.name for p in deck.parameters), *deck.settings, *OWN_WORDS}
-    if clash := sorted({p.name for p in deck.parameters} & {*OWN_WORDS, *IN_BLOCKS, *deck.settings}):
+    known = {*(p.name for p in deck.parameters), *deck.settings, *PROGRAMME_WORDS}
+    if clash := sorted({p.name for p in deck.parameters} & {*PROGRAMME_WORDS, *BLOCK_WORDS, *deck.settings}):
         raise ValueError(f"parameter {clash[0]!r} has the name of a setting or of a word of the programme; rename it")
     if (why := no_program(tuple(command), base)) is not None:
         raise ValueError(why)
@@ -268,7 +269,7 @@ def load_deck(
     contents = {name: _contents(base, name) for name in (*deck.templates, *deck.files)}
     hashes = {name: digest(data.hex()) for name, data in contents.items()}
     texts = [(name, contents[name].decode("utf-8", "surrogateescape")) for name in deck.templates]
-    templates = [read_template(name, text, known, IN_BLOCKS, deck.delimiters) for name, text in texts]
+    templates = [read_template(name, text, known, BLOCK_WORDS, deck.delimiters) for name, text in texts]
     used = {name for t in templates for name in t.names}
     if idle := [p.name for p in deck.parameters if p.name not in used]:
         left, right = deck.delimiters

@@ -19,9 +19,9 @@ import numpy as np
 from rso.contract import FreeCurve, NotFinite, Programme
 from rso.core import disk
 
-SAME = 1e-6  # of a whole: times and travels this near are one
-SHOWN = 8  # names of what a file holds that a message lists
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
+SAME_ABSCISSA_TOLERANCE = 1e-6  # of a whole: times and travels this near are one
+MAX_LISTED_NAMES = 8  # names of what a file holds that a message lists
+_RESULT_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _in_order(output: DeckOutput, at: np.ndarray | None, values: np.ndarray, n: 
         raise NotFound(f'{output.file}: at = "step" needs at_column: what says the number of the step')
     steps = []
     for k in range(1, n + 1):
-        ended = np.flatnonzero(np.abs(at - k) < SAME * k)
+        ended = np.flatnonzero(np.abs(at - k) < SAME_ABSCISSA_TOLERANCE * k)
         if not len(ended):
             break
         steps.append(values[ended[-1]])
@@ -134,13 +134,17 @@ def _interpolated(
     output: DeckOutput, at: np.ndarray, values: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values at increasing `wanted` (n,), and the difference of two interpolations between rows."""
-    new = np.concatenate(([True], np.diff(at) > SAME * max(np.ptp(at), 1e-300))) if len(at) else np.zeros(0, bool)
-    if len(at) and np.any(np.diff(at) < -SAME * np.ptp(at)):
+    new = (
+        np.concatenate(([True], np.diff(at) > SAME_ABSCISSA_TOLERANCE * max(np.ptp(at), 1e-300)))
+        if len(at)
+        else np.zeros(0, bool)
+    )
+    if len(at) and np.any(np.diff(at) < -SAME_ABSCISSA_TOLERANCE * np.ptp(at)):
         raise NotFound(f"{output.file}: the {output.at} of {output.channel} does not increase from row to row")
     x, y = at[new], values[np.append(np.flatnonzero(new)[1:] - 1, len(at) - 1)] if len(at) else values
     if not len(x):
         return np.zeros(0), np.zeros(0)
-    near = SAME * max(abs(x[-1]), abs(wanted[-1]))
+    near = SAME_ABSCISSA_TOLERANCE * max(abs(x[-1]), abs(wanted[-1]))
     if x[0] > wanted[0] + near:
         words = (
             f"begins at {output.at} {x[0]:.6g}, but {wanted[0]:.6g} is asked for: let the program write earlier rows"
@@ -174,7 +178,8 @@ def _table(text: str, output: DeckOutput) -> Found:
     lines = [line.strip().lstrip("#").strip() for line in text.splitlines()]
     rows = [_split(line) for line in lines]
     numbers = [
-        r if r and all(_NUMBER.fullmatch(c) or c.lower() in ("nan", "inf", "-inf") for c in r) else [] for r in rows
+        r if r and all(_RESULT_NUMBER.fullmatch(c) or c.lower() in ("nan", "inf", "-inf") for c in r) else []
+        for r in rows
     ]
     first, last = _longest([len(r) for r in numbers])
     if first == last:
@@ -234,12 +239,14 @@ def _regex(text: str, output: DeckOutput) -> Found:
 
 
 def _number(output: DeckOutput, text: str | None) -> float:
-    if text is None or not _NUMBER.fullmatch(text.strip()):
+    if text is None or not _RESULT_NUMBER.fullmatch(text.strip()):
         raise NotFound(f"{output.file}: {output.pattern!r} finds {text!r}, which is no number")
     return float(re.sub("[dD]", "e", text.strip()))
 
 
-_BLOCK = re.compile(r"^\s*(?P<what>\S.*?)\s*\((?P<names>[^)]*)\) for set (?P<set>\S+) and time\s+(?P<time>\S+)\s*$")
+_CALCULIX_BLOCK = re.compile(
+    r"^\s*(?P<what>\S.*?)\s*\((?P<names>[^)]*)\) for set (?P<set>\S+) and time\s+(?P<time>\S+)\s*$"
+)
 
 
 def _calculix(text: str, output: DeckOutput) -> Found:
@@ -252,7 +259,7 @@ def _calculix(text: str, output: DeckOutput) -> Found:
     sums: list[tuple[float, float]] = []
     there: dict[str, None] = {}
     lines = text.splitlines()
-    heads = [(k, m) for k, line in enumerate(lines) if (m := _BLOCK.match(line))]
+    heads = [(k, m) for k, line in enumerate(lines) if (m := _CALCULIX_BLOCK.match(line))]
     ends = [k for k, _ in heads[1:]] + [len(lines)]
     for (k, head), end in zip(heads, ends, strict=True):
         names = head["names"].replace(" ", "").split(",")
@@ -260,7 +267,7 @@ def _calculix(text: str, output: DeckOutput) -> Found:
         if head["set"].upper() != output.set.upper() or output.column not in names:
             continue
         index = names.index(str(output.column))
-        rows = [words for line in lines[k + 1 : end] if (words := line.split()) and _NUMBER.fullmatch(words[0])]
+        rows = [words for line in lines[k + 1 : end] if (words := line.split()) and _RESULT_NUMBER.fullmatch(words[0])]
         own = [float(w[-len(names) + index]) for w in rows if len(w) in (len(names), len(names) + 1)]
         if head["what"].startswith("total"):
             totals.append((float(head["time"]), own[0]))
@@ -305,7 +312,7 @@ def _febio(text: str, output: DeckOutput) -> Found:
             times.append(float(head[2]))
         elif head and head[1] == "Data":
             names = [n.strip() for n in head[2].split(";")]
-        elif (cells := re.split(r"[,;\s]+", line.strip().rstrip(",;"))) and _NUMBER.fullmatch(cells[0]):
+        elif (cells := re.split(r"[,;\s]+", line.strip().rstrip(",;"))) and _RESULT_NUMBER.fullmatch(cells[0]):
             rows.append(cells)
     end()
     n = min(len(times), len(values))
@@ -330,8 +337,8 @@ def _by_function(output: DeckOutput, path: Path, base: Path) -> Found:
 
 def _listed(names: list[str]) -> str:
     """What there is, cut after some."""
-    shown = ", ".join(name[:60] for name in names[:SHOWN])
-    return f"{shown} and {len(names) - SHOWN} more" if len(names) > SHOWN else shown
+    shown = ", ".join(name[:60] for name in names[:MAX_LISTED_NAMES])
+    return f"{shown} and {len(names) - MAX_LISTED_NAMES} more" if len(names) > MAX_LISTED_NAMES else shown
 
 
 READERS: dict[str, Callable[[str, DeckOutput], Found]] = {

@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from rso.core.units import conversion_factor
-from rso.doe.constraints import FUNCTIONS, read_expression
+from rso.doe.constraints import EXPRESSION_FUNCTIONS, read_expression
 
 DELIMITERS = ("{", "}")
-FORMAT = re.compile(r"[<>=^]?[+ -]?0?(?P<width>\d{0,2})(?:\.\d{1,2})?[eEfFgGd]?")
-PLAIN = ".12g"  # how a number is printed where nothing is said
-ROUNDED = 1e-3  # share of a number that its print may be off by: more would be another simulation than the key says
-BLOCKS = ("asked", "corner")
-_NAME = re.compile(r"(?<![\w.])([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\[([^\[\]]*)\])?")
+NUMBER_FORMAT = re.compile(r"[<>=^]?[+ -]?0?(?P<width>\d{0,2})(?:\.\d{1,2})?[eEfFgGd]?")
+DEFAULT_FORMAT = ".12g"  # how a number is printed where nothing is said
+# share of a number that its print may be off by: more would be another simulation than the key says
+MAX_PRINT_ERROR_SHARE = 1e-3
+BLOCK_KINDS = ("asked", "corner")
+_NAME_IN_EXPRESSION = re.compile(r"(?<![\w.])([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\[([^\[\]]*)\])?")
 Row = Mapping[str, float]
 
 
@@ -58,7 +59,7 @@ class Placeholder:
         return self._printed(number)
 
     def _of_text(self, text: str) -> str:
-        if self.expression != "v0" or self.format != PLAIN:
+        if self.expression != "v0" or self.format != DEFAULT_FORMAT:
             raise ValueError(
                 f"line {self.line}: {self.text}: a text ({text!r}) is filled in as it is, without a format"
             )
@@ -68,10 +69,10 @@ class Placeholder:
         """A number in its format; ValueError where it does not fit or is rounded to another one."""
         whole = self.format.endswith("d")
         text = format(round(number) if whole else number, self.format)
-        width = FORMAT.fullmatch(self.format)["width"]  # type: ignore[index]  # checked when read
+        width = NUMBER_FORMAT.fullmatch(self.format)["width"]  # type: ignore[index]  # checked when read
         if width and len(text) > int(width):
             raise ValueError(f"line {self.line}: {self.text} prints {text!r}, which is wider than its {width} columns")
-        if abs(float(text) - number) > ROUNDED * abs(number):
+        if abs(float(text) - number) > MAX_PRINT_ERROR_SHARE * abs(number):
             raise ValueError(f"line {self.line}: {self.text} prints {text.strip()} for {number:.6g}: give more digits")
         return text
 
@@ -139,8 +140,8 @@ def read_template(
         if order is not None:
             if (order == "end") == (block == ""):
                 raise ValueError(f"{where}: {line.strip()} " + ("within a block" if block else "without a block"))
-            if order != "end" and order not in BLOCKS:
-                raise ValueError(f"{where}: each {order!r} is no block; choose from {', '.join(BLOCKS)}")
+            if order != "end" and order not in BLOCK_KINDS:
+                raise ValueError(f"{where}: each {order!r} is no block; choose from {', '.join(BLOCK_KINDS)}")
             block, opened = ("", opened) if order == "end" else (order, number)
             continue
         parts: list[str | Placeholder] = []
@@ -169,12 +170,12 @@ def _place(where: str, line: int, text: str, inside: str, known: set[str], delim
     names: list[tuple[str, str]] = []
 
     def symbol(match: re.Match[str]) -> str:
-        if match[1] in FUNCTIONS and match[2] is None:
+        if match[1] in EXPRESSION_FUNCTIONS and match[2] is None:
             return match[1]
         names.append((match[1], (match[2] or "").strip()))
         return f"v{len(names) - 1}"
 
-    written = _NAME.sub(symbol, expression)
+    written = _NAME_IN_EXPRESSION.sub(symbol, expression)
     unknown = [name for name, _ in names if name not in known]
     if unknown or not names:
         what = f"{unknown[0]!r} is no parameter, setting or word of the programme" if unknown else "names nothing"
@@ -182,14 +183,14 @@ def _place(where: str, line: int, text: str, inside: str, known: set[str], delim
             "" if delimiters != DELIMITERS else "; a deck with braces of its own takes other ones, backend.delimiters"
         )
         raise ValueError(f"{where}: {text}: {what}; choose from {', '.join(sorted(known))}{hint}")
-    if colon and (not form or FORMAT.fullmatch(form) is None):
+    if colon and (not form or NUMBER_FORMAT.fullmatch(form) is None):
         raise ValueError(f"{where}: {text}: {form!r} is no format of a number, such as .6e, 10.4f or d")
     try:
         read_expression(written, [f"v{k}" for k in range(len(names))])
     except ValueError:
-        known_words = f"numbers, + - * / ** ( ), {', '.join(FUNCTIONS)}"
+        known_words = f"numbers, + - * / ** ( ), {', '.join(EXPRESSION_FUNCTIONS)}"
         raise ValueError(f"{where}: {text}: is no expression of names, {known_words}") from None
-    return Placeholder(line, text, written, tuple(names), form or PLAIN)
+    return Placeholder(line, text, written, tuple(names), form or DEFAULT_FORMAT)
 
 
 def _value(value: Any, index: str, unit: str) -> float | str:

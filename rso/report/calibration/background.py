@@ -23,9 +23,9 @@ from rso.report.reading import (
     views,
 )
 
-OUTPUT_COLUMNS = 4  # of the table of all runs
+MAX_OUTPUT_COLUMNS = 4  # of the table of all runs
 
-_EXIT = {
+_EXIT_CODE_WORDS = {
     0: "done and verified",
     2: "bad study or data file",
     3: "finished, some runs failed",
@@ -137,7 +137,7 @@ def _runs(results: Results, every: list[Mapping[str, Any]]) -> Table:
 def _shown_outputs(results: Results) -> list[OutputView]:
     """The targets of the main search, or the first outputs if there are none: a page has room for a few columns."""
     every = outputs(results)
-    if len(every) <= OUTPUT_COLUMNS:
+    if len(every) <= MAX_OUTPUT_COLUMNS:
         return list(every.values())
     targets = {
         target_output(t)
@@ -145,7 +145,7 @@ def _shown_outputs(results: Results) -> list[OutputView]:
         for t in search.get("targets") or ()
         if known(t.get("depth_mm"))
     }
-    return ([o for o in every.values() if o.id in targets] or list(every.values()))[:OUTPUT_COLUMNS]
+    return ([o for o in every.values() if o.id in targets] or list(every.values()))[:MAX_OUTPUT_COLUMNS]
 
 
 def _state(run: Mapping[str, Any]) -> Cell:
@@ -235,7 +235,7 @@ def _study(results: Results) -> list[tuple[str, str]]:
         ("cores, jobs", ", ".join(clean(made[k]) for k in ("cores", "jobs") if made.get(k) is not None)),
         ("started", clean(made.get("started"))),
         ("finished", clean(made.get("finished"))),
-        ("exit code", "" if code is None else f"{code}: {_EXIT.get(code, 'unknown')}"),
+        ("exit code", "" if code is None else f"{code}: {_EXIT_CODE_WORDS.get(code, 'unknown')}"),
         ("because", lettered(results, results.get("exit_reason")) if code else ""),
     ]
     rows += [(clean(k), _settings(v)) for k, v in (backend.get("settings") or {}).items()]

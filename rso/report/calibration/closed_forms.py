@@ -14,10 +14,10 @@ from rso.report.layout.digits import clean, shown
 from rso.report.layout.document import Block, Cell, Picture, Section, Text, column, table, words
 from rso.report.reading import Results, experiment, listed
 
-ENOUGH = 0.05  # of the force: a formula this near is as good as most tests
-FAR = 0.6  # of the force: the figure shows no more
-SHARES = (0.25, 0.5, 1.0)  # of the deepest reading
-_COLOURS = (ACCENT, WARM, INK, GREY, "#5f8f3e", "#8a5a9c", "#b59a2c")
+CLOSE_FORMULA_TOLERANCE = 0.05  # of the force: a formula this near is as good as most tests
+MAX_DRAWN_FORMULA_ERROR = 0.6  # of the force: the figure shows no more
+TABLED_DEPTH_SHARES = (0.25, 0.5, 1.0)  # of the deepest reading
+_FORMULA_COLOURS = (ACCENT, WARM, INK, GREY, "#5f8f3e", "#8a5a9c", "#b59a2c")
 
 
 def closed_form_sections(results: Results) -> tuple[Section, ...]:
@@ -40,14 +40,14 @@ def closed_form_figure(results: Results, k: int, name: str) -> str:
     unit = shown("mm", float(depth.max()))
     figure = canvas(2.6)
     axes = figure.subplots()
-    axes.axhspan(-100 * ENOUGH, 100 * ENOUGH, color=LIGHT, alpha=0.5, lw=0)
+    axes.axhspan(-100 * CLOSE_FORMULA_TOLERANCE, 100 * CLOSE_FORMULA_TOLERANCE, color=LIGHT, alpha=0.5, lw=0)
     axes.axhline(0.0, color=GREY, lw=0.8)
     x = depth * unit.factor
     if (own := _own_error(row)) is not None:
         axes.plot(x, 100.0 * own, x, -100.0 * own, color=GREY, lw=0.8, ls=":")
-    for f, colour in zip(row["formulas"], _COLOURS * 3, strict=False):
+    for f, colour in zip(row["formulas"], _FORMULA_COLOURS * 3, strict=False):
         off = 100.0 * (_force(f) / simulated - 1.0)
-        off[np.abs(off) > 100.0 * FAR] = np.nan
+        off[np.abs(off) > 100.0 * MAX_DRAWN_FORMULA_ERROR] = np.nan
         if not np.isfinite(off).any():
             continue
         holds = np.array([not why for why in f["invalid"]])
@@ -84,8 +84,8 @@ def _own_error(row: Mapping[str, Any]) -> np.ndarray | None:
 
 
 def _near(row: Mapping[str, Any], f: Mapping[str, Any]) -> float:
-    """Depth (mm) up to which a formula is within ENOUGH of the simulation, 0 where it never is."""
-    within = np.abs(np.nan_to_num(_off(row, f), nan=np.inf)) <= ENOUGH
+    """Depth (mm) up to which a formula is within CLOSE_FORMULA_TOLERANCE of the simulation, 0 where it never is."""
+    within = np.abs(np.nan_to_num(_off(row, f), nan=np.inf)) <= CLOSE_FORMULA_TOLERANCE
     count = len(within) if within.all() else int(np.argmin(within))
     return float(row["depth"][count - 1]) if count else 0.0
 
@@ -100,7 +100,7 @@ def _sentence(row: Mapping[str, Any]) -> str:
         said = f"{name}: at {_length(deepest)}, {clean(first['name'])} is {size} {where} the simulated force"
     if known(first.get("modulus")):
         said += f"; from these readings it would give {_times(first['modulus'])} the modulus"
-    band = f"within {100 * ENOUGH:.0f}{NBSP}% of the simulation"
+    band = f"within {100 * CLOSE_FORMULA_TOLERANCE:.0f}{NBSP}% of the simulation"
     best = max(row["formulas"], key=lambda f: _near(row, f))  # the first, that is the simplest, of equals
     near = _near(row, best)
     if near >= deepest * (1.0 - 1e-9):
@@ -112,17 +112,18 @@ def _sentence(row: Mapping[str, Any]) -> str:
 
 def _caption(row: Mapping[str, Any]) -> str:
     own = "" if _own_error(row) is None else " Dotted: the estimated numerical error of the simulation itself."
+    band = f"±{100 * CLOSE_FORMULA_TOLERANCE:.0f}{NBSP}%"
     return (
         f"{clean(row['experiment'])}: force of each formula over that of the best candidate, at its parameters. Full "
-        f"where the formula claims to hold, dashed where it does not; the band is ±{100 * ENOUGH:.0f}{NBSP}%. "
-        f"Beyond ±{100 * FAR:.0f}{NBSP}% nothing is drawn.{own}"
+        f"where the formula claims to hold, dashed where it does not; the band is {band}. "
+        f"Beyond ±{100 * MAX_DRAWN_FORMULA_ERROR:.0f}{NBSP}% nothing is drawn.{own}"
     )
 
 
 def _table(results: Results, row: Mapping[str, Any]) -> Block:
     """One line per formula."""
     depth = np.asarray(row["depth"], float)
-    at = [int(np.argmin(np.abs(depth - s * depth[-1]))) for s in SHARES]
+    at = [int(np.argmin(np.abs(depth - s * depth[-1]))) for s in TABLED_DEPTH_SHARES]
     forms = row["formulas"]
     columns = [
         column("Formula", words([clean(f["name"]) for f in forms]), number=False),

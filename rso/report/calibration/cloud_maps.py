@@ -16,10 +16,10 @@ from rso.report.layout.digits import clean, quantity, shown
 from rso.report.layout.document import Block, Picture
 from rso.report.reading import Results, listed, number
 
-NAME = "cloud"
-_MARK = re.compile(r"(u[xyz])\((.*),(.*)\)")
-_BOTH = LinearSegmentedColormap.from_list("both", [ACCENT, "#f4f3ef", WARM])
-_LIMIT = 3.0  # standard deviations at the ends of the scale
+CLOUD_PICTURE = "cloud"
+_MARK_COMPONENT = re.compile(r"(u[xyz])\((.*),(.*)\)")
+_SIGNED_COLOURS = LinearSegmentedColormap.from_list("both", [ACCENT, "#f4f3ef", WARM])
+_COLOUR_SCALE_SD = 3.0  # standard deviations at the ends of the scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def cloud_maps(results: Results) -> list[CloudMap]:
 
 def cloud_blocks(results: Results) -> list[Block]:
     """A map of every cloud."""
-    return [Picture(f"{NAME}-{k}", _caption(m)) for k, m in enumerate(cloud_maps(results))]
+    return [Picture(f"{CLOUD_PICTURE}-{k}", _caption(m)) for k, m in enumerate(cloud_maps(results))]
 
 
 def cloud_figure(results: Results, k: int, name: str) -> str:
@@ -82,10 +82,10 @@ def cloud_figure(results: Results, k: int, name: str) -> str:
         for axes, values, limit, title in (
             (row[0], m.measured[mine] * unit.factor, size, f"{component} measured{unit.bracket}"),
             (row[1], m.simulated[mine] * unit.factor, size, f"{component} simulated{unit.bracket}"),
-            (row[2], m.off[mine], _LIMIT, f"{component} difference (σ)"),
+            (row[2], m.off[mine], _COLOUR_SCALE_SD, f"{component} difference (σ)"),
         ):
             norm = TwoSlopeNorm(0.0, -limit, limit)
-            drawn = axes.scatter(x, y, c=values, s=30, cmap=_BOTH, norm=norm, edgecolors=INK, linewidths=0.4)
+            drawn = axes.scatter(x, y, c=values, s=30, cmap=_SIGNED_COLOURS, norm=norm, edgecolors=INK, linewidths=0.4)
             figure.colorbar(drawn, ax=axes, shrink=0.85)
             axes.set_title(title, fontsize=8)
             axes.set_aspect("equal", adjustable="box")
@@ -109,7 +109,7 @@ def _caption(m: CloudMap) -> str:
 def _map(
     experiment: str, role: str, row: Mapping[str, Any], depth: Any, simulated: Any, sigma: Any, p_value: float | None
 ) -> CloudMap | None:
-    marks = [_MARK.fullmatch(str(v)) for v in row["marks"]]
+    marks = [_MARK_COMPONENT.fullmatch(str(v)) for v in row["marks"]]
     arrays = [_array(v) for v in (depth, row.get("measured") or (), simulated, sigma)]
     if not marks or not all(marks) or any(len(a) != len(marks) or not np.isfinite(a).all() for a in arrays):
         return None

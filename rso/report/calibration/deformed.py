@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from rso.core.digits import NBSP
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, SIMULATED, WIDTH_90
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, SD_OF_90_PERCENT, SIMULATED_LABEL, STEEL
 from rso.report.layout.digits import Unit, channel_text, clean, percent, quantity, shortest, shown
 from rso.report.layout.document import Picture
 from rso.report.reading import (
@@ -32,15 +32,25 @@ from rso.report.reading import (
     points,
 )
 
-NAME, CURVE = "deformed", "pressed"
-BANDS = ("#f7f0e4", "#f8e0bd", "#f5c88f", "#efa968", "#e48750", "#d06145", "#b3413f", "#8e2a3f", "#67193b", "#420d30")
-DARK = "#24282c"  # on the lightest band, whatever the theme
-STEEL = "#dfe4e7"
-WIDE, TALL = 620.0, 400.0  # of the picture, its text being 13 of it
-BAR = 92.0  # of it, for the scale of colours
-SURPRISING = 2.0  # standard deviations of a contact shift or gain before the fit
-REACH = 2.2  # half widths of the indenter or depths that are shown to either side
-TALLEST = 0.68  # of its width
+DEFORMED_PICTURE, PRESSED_PICTURE = "deformed", "pressed"
+BAND_COLOURS = (
+    "#f7f0e4",
+    "#f8e0bd",
+    "#f5c88f",
+    "#efa968",
+    "#e48750",
+    "#d06145",
+    "#b3413f",
+    "#8e2a3f",
+    "#67193b",
+    "#420d30",
+)
+SCALE_BAR_COLOUR = "#24282c"  # on the lightest band, whatever the theme
+MAX_SECTION_WIDTH, MAX_SECTION_HEIGHT = 620.0, 400.0  # of the picture, its text being 13 of it
+COLOUR_SCALE_WIDTH = 92.0  # of it, for the scale of colours
+SURPRISING_SD = 2.0  # standard deviations of a contact shift or gain before the fit
+SECTION_REACH_RATIO = 2.2  # half widths of the indenter or depths that are shown to either side
+MAX_SECTION_ASPECT = 0.68  # of its width
 
 
 def deformed_blocks(results: Results) -> tuple[Picture, ...]:
@@ -56,7 +66,7 @@ def deformed_blocks(results: Results) -> tuple[Picture, ...]:
         f"The fitted model at the deepest reading of {name}, {depth} mm: {clean(field)}, at most {largest}. "
         f"Section, {clean(found['plane'])}."
     )
-    blocks = (Picture(NAME, caption, share=3),)
+    blocks = (Picture(DEFORMED_PICTURE, caption, share=3),)
     if pressed_data(results) is None:
         return blocks
     beside = f"Measured {name} and fitted model; the ring is the depth of the section."
@@ -67,7 +77,7 @@ def deformed_blocks(results: Results) -> tuple[Picture, ...]:
             beside += f" {said} Dashed: the simulation without that."
     elif (model := fitted_model(results)) is not None and not model.search:
         beside += " The curve may run beside the readings: an error that moves all of them counts once."
-    return (*blocks, Picture(CURVE, beside, share=2))
+    return (*blocks, Picture(PRESSED_PICTURE, beside, share=2))
 
 
 def moved_sentence(band: BandView) -> str:
@@ -91,7 +101,7 @@ def _surprises(contact: float | None, gain: float | None, expected: Mapping[str,
     return [
         f"The {words} is {shortest(float(f'{times:.2g}'))} times what was expected: check it, or the model."
         for words, times in sizes
-        if times > SURPRISING
+        if times > SURPRISING_SD
     ]
 
 
@@ -103,7 +113,7 @@ def _usual(expected: Mapping[str, Any], key: str, unit: str, size: float | None 
 
 def body(results: Results) -> Mapping[str, Any] | None:
     """What deformed.json holds, its arrays as such; None where it is not there or not whole."""
-    found: Any = results.get(NAME) or {}
+    found: Any = results.get(DEFORMED_PICTURE) or {}
     try:
         triangles: Any = None
         frames = []
@@ -131,13 +141,13 @@ def window(found: Mapping[str, Any]) -> tuple[float, float, float, float]:
     every = np.vstack([f["points"] for f in found["frames"]])
     tip = last["indenter"][np.argmin(last["indenter"][:, 1])]
     depth = last["travel"]
-    reach = REACH * max(min(float(np.ptp(last["indenter"][:, 0])) / 2, 4 * depth), 1.6 * depth)
+    reach = SECTION_REACH_RATIO * max(min(float(np.ptp(last["indenter"][:, 0])) / 2, 4 * depth), 1.6 * depth)
     mirrored = last["mirrored"]
     left = -float(every[:, 0].max()) if mirrored else float(every[:, 0].min())
     x0, x1 = max(tip[0] - reach, left), min(tip[0] + reach, float(every[:, 0].max()))
     top = max(float(found["frames"][0]["indenter"][:, 1].min()) + depth, float(every[:, 1].max()))
     high = top + 0.14 * reach
-    low = max(high - TALLEST * (x1 - x0), float(every[:, 1].min()) - 0.05 * reach)
+    low = max(high - MAX_SECTION_ASPECT * (x1 - x0), float(every[:, 1].min()) - 0.05 * reach)
     return x0, x1, low, high
 
 
@@ -146,7 +156,7 @@ def levels(found: Mapping[str, Any], field: str) -> np.ndarray:
     unit = shown_unit(found, field)
     v = np.concatenate([f["fields"][field] for f in found["frames"]]) * unit.factor
     low, high = min(0.0, float(v.min())), float(v.max())
-    ticks = MaxNLocator(len(BANDS)).tick_values(low, high if high > low else low + 1.0)
+    ticks = MaxNLocator(len(BAND_COLOURS)).tick_values(low, high if high > low else low + 1.0)
     first = max(int(np.searchsorted(ticks, low, "right")) - 1, 0)
     last = int(np.searchsorted(ticks, high, "left"))
     return np.asarray(ticks[first : last + 1]) / unit.factor
@@ -160,7 +170,7 @@ def shown_unit(found: Mapping[str, Any], field: str) -> Unit:
 
 def colours(n: int) -> list[str]:
     """Colours of n bands from light to dark."""
-    return [BANDS[round(k * (len(BANDS) - 1) / max(n - 1, 1))] for k in range(n)]
+    return [BAND_COLOURS[round(k * (len(BAND_COLOURS) - 1) / max(n - 1, 1))] for k in range(n)]
 
 
 def superlevel(at: np.ndarray, triangles: np.ndarray, v: np.ndarray, level: float) -> list[np.ndarray]:
@@ -214,7 +224,7 @@ def deformed_figure(results: Results, name: str) -> str:
     found = body(results)
     assert found is not None  # there is no picture without
     x0, x1, low, high = window(found)
-    scale = min((WIDE - BAR) / (x1 - x0), TALL / (high - low))
+    scale = min((MAX_SECTION_WIDTH - COLOUR_SCALE_WIDTH) / (x1 - x0), MAX_SECTION_HEIGHT / (high - low))
     tall = scale * (high - low)
     field = next(iter(found["units"]))
     place = {"scale": scale, "x": x0, "high": high, "tall": tall, "wide": scale * (x1 - x0)}
@@ -243,7 +253,7 @@ def deformed_figure(results: Results, name: str) -> str:
     steel = _path([to_picture(last["indenter"], place)])
     parts.append(f'<path class="indenter" fill="{STEEL}" stroke="{INK}" stroke-width="1.3" d="{steel}"/>')
     parts += ["</g>", *_scale_bar(place), *_colour_bar(found, field, limits, tones, place)]
-    return _svg(name, place["wide"] + BAR, tall, parts, script_data(found, place))
+    return _svg(name, place["wide"] + COLOUR_SCALE_WIDTH, tall, parts, script_data(found, place))
 
 
 def _without_axis(line: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
@@ -270,8 +280,8 @@ def _scale_bar(place: Mapping[str, float]) -> list[str]:
     mm = next(k * size for k in (5, 2, 1) if k * size <= room)
     y, x = place["tall"] - 24, 10
     return [
-        f'<path stroke="{DARK}" stroke-width="2" fill="none" d="M{x},{y:.1f}h{mm * place["scale"]:.1f}"/>',
-        _text(x + mm * place["scale"] / 2, y - 6, f"{shortest(mm)} mm", anchor="middle", colour=DARK),
+        f'<path stroke="{SCALE_BAR_COLOUR}" stroke-width="2" fill="none" d="M{x},{y:.1f}h{mm * place["scale"]:.1f}"/>',
+        _text(x + mm * place["scale"] / 2, y - 6, f"{shortest(mm)} mm", anchor="middle", colour=SCALE_BAR_COLOUR),
     ]
 
 
@@ -340,7 +350,7 @@ def script_data(found: Mapping[str, Any], place: Mapping[str, float]) -> dict[st
 
 def pressed_data(results: Results) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Depth and force of the measured curve, and of the fitted model from contact on, whose experiment is drawn."""
-    found, model = results.get(NAME) or {}, fitted_model(results)
+    found, model = results.get(DEFORMED_PICTURE) or {}, fitted_model(results)
     name = clean(found.get("experiment"))
     e = experiment(results, name)
     m = on_the_way(e.get("measured") or {})
@@ -354,7 +364,7 @@ def pressed_data(results: Results) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
 
 def pressed_band(results: Results) -> BandView | None:
     """What was fitted to the curve that is drawn; None where results do not hold it."""
-    name = clean((results.get(NAME) or {}).get("experiment"))
+    name = clean((results.get(DEFORMED_PICTURE) or {}).get("experiment"))
     band = fitted_band(results, experiment(results, name))
     return None if band is None or len(band.loading.depth) < 2 else band.loading
 
@@ -392,7 +402,7 @@ def pressed_figure(results: Results, name: str) -> str:
     parts.append(_text(4, 14, f"{channel_text(e.get('channel'))} ({unit.label})", anchor="start"))
     shown_ones = at(u, y)[:: max(1, len(u) // 60)]
     if band is not None:
-        half = WIDTH_90 * band.sd
+        half = SD_OF_90_PERCENT * band.sd
         upper, lower = at(band.depth, band.value + half), at(band.depth, np.maximum(band.value - half, low))
         around = _path([np.vstack([upper, lower[::-1]])])
         parts.append(f'<path class="area" fill="{ACCENT}" fill-opacity="0.16" d="{around}"/>')
@@ -421,7 +431,7 @@ def pressed_figure(results: Results, name: str) -> str:
     ]
     if band is not None:
         y_plain, p = (plain * unit.factor).tolist(), np.round(at(x, plain), 1).tolist()
-        series.append({"name": SIMULATED, "x": x.tolist(), "y": y_plain, "p": p})
+        series.append({"name": SIMULATED_LABEL, "x": x.tolist(), "y": y_plain, "p": p})
     labels = ["depth (mm)", f"{channel_text(e.get('channel'))} ({unit.label})"]
     held = {"kind": "pressed", "dots": np.round(dots, 1).tolist(), "said": values, "series": series, "labels": [labels]}
     return _svg(name, wide, tall, parts, held)

@@ -11,7 +11,7 @@ from rso.report.layout.digits import Unit, between, clean, percent, shown
 from rso.report.layout.document import Fact, Table, column, table, words
 from rso.report.reading import Results, number, pair
 
-TILES = 2  # on the first page
+N_DERIVED_TILES = 2  # on the first page
 
 
 def derived_rows(results: Results) -> list[Mapping[str, Any]]:
@@ -22,12 +22,14 @@ def derived_rows(results: Results) -> list[Mapping[str, Any]]:
 
 def open_rows(results: Results) -> list[Mapping[str, Any]]:
     """Those of the first page that the data leave open; what a study fixes is not among them."""
-    return [q for q in derived_rows(results)[:TILES] if q.get("known") is not True and not q.get("follows_from")]
+    return [
+        q for q in derived_rows(results)[:N_DERIVED_TILES] if q.get("known") is not True and not q.get("follows_from")
+    ]
 
 
 def derived_facts(results: Results) -> list[Fact]:
     """One tile for each of the first of them."""
-    return [_fact(results, q) for q in derived_rows(results)[:TILES]]
+    return [_fact(results, q) for q in derived_rows(results)[:N_DERIVED_TILES]]
 
 
 def derived_sentences(results: Results) -> list[str]:
@@ -48,7 +50,7 @@ def derived_sentences(results: Results) -> list[str]:
         f"{derived_span(q).replace(' to ', ' and ')}."
         for q in open_rows(results)
     ]
-    for q in rows[:TILES]:
+    for q in rows[:N_DERIVED_TILES]:
         if q.get("follows_from"):
             said.append(
                 f"The {clean(q['description'])} {clean(q['letter'])} = {derived_value(q)} rests on {_stated(q)}."

@@ -14,8 +14,8 @@ from rso.report.layout.digits import Unit, aligned, clean, largest, percent, qua
 from rso.report.layout.document import Block, Cell, Picture, Table, column, table, words
 from rso.report.reading import Results, best_candidate, candidates, number, validations
 
-_DEPTHS = 8  # of a figure; the numbers are over all
-_SAME = 0.03  # of the deepest: depths nearer than this are drawn as one
+_MAX_DRAWN_DEPTHS = 8  # of a figure; the numbers are over all
+_SAME_DRAWN_DEPTH_TOLERANCE = 0.03  # of the deepest: depths nearer than this are drawn as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def profile_figure(results: Results, e: Mapping[str, Any], name: str) -> str:
     axes = figure.subplots()
     axes.axhline(0, color=LIGHT, lw=0.8)
     groups = _groups(m.depth)
-    chosen = sorted({round(k) for k in np.linspace(0, len(groups) - 1, min(len(groups), _DEPTHS))})
+    chosen = sorted({round(k) for k in np.linspace(0, len(groups) - 1, min(len(groups), _MAX_DRAWN_DEPTHS))})
     for k in chosen:
         rows, shade = groups[k], 0.35 + 0.65 * (k + 1) / len(groups)
         for side in np.unique(m.place[rows, 1 - along]):
@@ -191,5 +191,5 @@ def _where(m: Marks, k: int) -> str:
 def _groups(depth: np.ndarray) -> list[np.ndarray]:
     """Rows of each depth, shallow first."""
     order = np.argsort(depth, kind="stable")
-    cut = np.flatnonzero(np.diff(depth[order]) > _SAME * depth.max()) + 1
+    cut = np.flatnonzero(np.diff(depth[order]) > _SAME_DRAWN_DEPTH_TOLERANCE * depth.max()) + 1
     return np.split(order, cut)

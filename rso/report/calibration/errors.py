@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from scipy.ndimage import gaussian_filter
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, NARROW, PAPER, WARM, canvas, parameter_axis, svg
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, NARROW_WIDTH_INCH, PAPER, WARM, canvas, parameter_axis, svg
 from rso.report.layout.digits import channel_text, clean, percent
 from rso.report.layout.document import Block, Picture
 from rso.report.reading import (
@@ -28,26 +28,28 @@ from rso.report.reading import (
     points,
 )
 
-PAIRS, RESIDUALS, BUDGET = "pairs", "residuals", "budget"
-FEWEST = 200  # draws of which a density is drawn
-MOST = 4  # parameters
-CELLS = 40  # of a density along each axis
-SHARES = (0.9, 0.5)  # of the draws that a contour holds
-_PARTS = {
+PAIRS_PICTURE, RESIDUALS_PICTURE, BUDGET_PICTURE = "pairs", "residuals", "budget"
+MIN_DENSITY_DRAWS = 200  # draws of which a density is drawn
+MAX_PAIRED_PARAMETERS = 4  # the first ones, of which pairs are drawn
+DENSITY_CELLS_PER_AXIS = 40  # of a density along each axis
+CONTOUR_SHARES = (0.9, 0.5)  # of the draws that a contour holds
+_ERROR_PART_LOOKS = {
     "measurement": ("measurement", INK),
     "numerical": ("numerical (mesh)", ACCENT),
     "interpolation": ("between computed travels", WARM),
     "emulator": ("response surface", GREY),
 }
-_DENSITY = LinearSegmentedColormap.from_list("density", [PAPER, "#8fadba", ACCENT])
+_DENSITY_COLOURS = LinearSegmentedColormap.from_list("density", [PAPER, "#8fadba", ACCENT])
 
 
 def error_blocks(results: Results) -> tuple[Block, ...]:
     """Pictures of what there are numbers for."""
     blocks: list[Block] = []
     if len(_free(results)) > 1:
-        inner, outer = (percent(s) for s in sorted(SHARES))
-        blocks.append(Picture(PAIRS, f"Draws of the posterior in pairs. The lines hold {inner} and {outer} of them."))
+        inner, outer = (percent(s) for s in sorted(CONTOUR_SHARES))
+        blocks.append(
+            Picture(PAIRS_PICTURE, f"Draws of the posterior in pairs. The lines hold {inner} and {outer} of them.")
+        )
     if _left(results):
         said = (
             "What the fit leaves of the readings, in standard deviations of a reading: over depth, and in order "
@@ -55,17 +57,23 @@ def error_blocks(results: Results) -> tuple[Block, ...]:
         )
         if any(_white(results, e) is not None for e in fitted_curves(results)):
             said += " Right: whitened, so that the dots follow the line where model and errors are right."
-        blocks.append(Picture(RESIDUALS, said))
+        blocks.append(Picture(RESIDUALS_PICTURE, said))
     if _budget(results):
-        blocks.append(Picture(BUDGET, "Errors that the intervals count: root mean squares over the largest reading."))
+        blocks.append(
+            Picture(BUDGET_PICTURE, "Errors that the intervals count: root mean squares over the largest reading.")
+        )
     return tuple(blocks)
 
 
 def _free(results: Results) -> list[tuple[ParameterView, np.ndarray]]:
     """Open parameters with their draws, of which there are enough."""
     draws = results.get("draws") or {}
-    found = [(p, np.asarray(draws.get(p.name, ()), float)) for p in parameters(results, free=True)][:MOST]
-    whole = [(p, x) for p, x in found if len(x) >= FEWEST and np.isfinite(x).all() and (not p.log or x.min() > 0)]
+    found = [(p, np.asarray(draws.get(p.name, ()), float)) for p in parameters(results, free=True)][
+        :MAX_PAIRED_PARAMETERS
+    ]
+    whole = [
+        (p, x) for p, x in found if len(x) >= MIN_DENSITY_DRAWS and np.isfinite(x).all() and (not p.log or x.min() > 0)
+    ]
     return whole if len({len(x) for _, x in whole}) == 1 else []
 
 
@@ -73,7 +81,7 @@ def pairs_figure(results: Results, name: str) -> str:
     """Below the diagonal densities of two parameters, on it those of one."""
     found = _free(results)
     n = len(found)
-    figure = canvas(1.5 * n + 0.3, NARROW if n < 4 else 7.2)
+    figure = canvas(1.5 * n + 0.3, NARROW_WIDTH_INCH if n < 4 else 7.2)
     grid = figure.subplots(n, n, squeeze=False)
     for i, (py, y) in enumerate(found):
         for j, (px, x) in enumerate(found):
@@ -82,7 +90,7 @@ def pairs_figure(results: Results, name: str) -> str:
                 axes.axis("off")
                 continue
             if i == j:
-                count, edges = np.histogram(_scale(px, x), CELLS)
+                count, edges = np.histogram(_scale(px, x), DENSITY_CELLS_PER_AXIS)
                 axes.stairs(count, _back(px, edges) * px.unit.factor, color=ACCENT, fill=True, alpha=0.5)
                 parameter_axis(axes, "x", px, float(x.min()), float(x.max()))
                 axes.set_yticks([])
@@ -106,13 +114,13 @@ def _back(p: ParameterView, x: np.ndarray) -> np.ndarray:
 
 
 def _density(axes: Axes, px: ParameterView, py: ParameterView, x: np.ndarray, y: np.ndarray) -> None:
-    count, a, b = np.histogram2d(_scale(px, x), _scale(py, y), CELLS)
+    count, a, b = np.histogram2d(_scale(px, x), _scale(py, y), DENSITY_CELLS_PER_AXIS)
     smooth = gaussian_filter(count, 1.2)
     X, Y = (_back(p, 0.5 * (e[1:] + e[:-1])) * p.unit.factor for p, e in ((px, a), (py, b)))
-    axes.contourf(X, Y, smooth.T, 8, cmap=_DENSITY)
+    axes.contourf(X, Y, smooth.T, 8, cmap=_DENSITY_COLOURS)
     order = np.sort(smooth.ravel())[::-1]
     held = np.cumsum(order) / order.sum()
-    levels = sorted({float(order[np.searchsorted(held, s)]) for s in SHARES})
+    levels = sorted({float(order[np.searchsorted(held, s)]) for s in CONTOUR_SHARES})
     axes.contour(X, Y, smooth.T, levels, colors=INK, linewidths=0.8)
     parameter_axis(axes, "x", px, float(x.min()), float(x.max()))
     parameter_axis(axes, "y", py, float(y.min()), float(y.max()))
@@ -150,7 +158,7 @@ def _left(results: Results) -> list[tuple[str, np.ndarray, np.ndarray]]:
 
 def residuals_figure(results: Results, name: str) -> str:
     """Residuals over depth, and sorted against the quantiles of the normal law."""
-    figure = canvas(2.4, NARROW)
+    figure = canvas(2.4, NARROW_WIDTH_INCH)
     left, right = figure.subplots(1, 2, sharey=True)
     reach = 1.0
     whitened = {clean(e["name"]): _white(results, e) for e in fitted_curves(results)}
@@ -182,12 +190,12 @@ def budget_figure(results: Results, name: str) -> str:
     """One bar per part and curve, in per cent of the largest reading."""
     rows = _budget(results)
     shown_parts = list(dict.fromkeys(k for _, e in rows for k in e if number(e.get(k))))
-    figure = canvas(0.75 + 0.22 * len(rows) * (len(shown_parts) + 1), NARROW)
+    figure = canvas(0.75 + 0.22 * len(rows) * (len(shown_parts) + 1), NARROW_WIDTH_INCH)
     axes = figure.subplots()
     ticks, labels, y = [], [], 0.0
     for label, e in rows:
         for part in shown_parts:
-            words, colour = _PARTS.get(part, (clean(part), GREY))
+            words, colour = _ERROR_PART_LOOKS.get(part, (clean(part), GREY))
             size = 100.0 * (number(e.get(part)) or 0.0)
             axes.barh([y], [size], height=0.7, color=colour)
             axes.annotate(percent(size / 100), (size, y), xytext=(4, 0), textcoords="offset points", va="center")

@@ -17,10 +17,10 @@ from rso.report.calibration.closed_forms import closed_form_figure
 from rso.report.calibration.displacements import is_profile, profile_figure
 from rso.report.calibration.gauss_newton import gauss_newton_figure
 from rso.report.calibration.hold_panels import (
-    BEST,
-    FINE,
-    OTHER,
-    PLAIN,
+    BEST_CANDIDATE_LOOK,
+    N_DRAWN_HOLD_POINTS,
+    OTHER_CANDIDATE_LOOK,
+    UNFITTED_BEST_LOOK,
     Resting,
     draw_creep,
     draw_resting,
@@ -33,19 +33,19 @@ from rso.report.calibration.predictive_check import prediction_of
 from rso.report.calibration.verdict import how, interval_rows, likely
 from rso.report.canvas import (
     ACCENT,
-    FITTED,
+    FITTED_LABEL,
     GREY,
     HALO,
     INK,
     LIGHT,
-    NARROW,
+    NARROW_WIDTH_INCH,
     PALE,
     PAPER,
+    SD_OF_90_PERCENT,
     SHADE,
-    SIMULATED,
+    SIMULATED_LABEL,
     WARM,
-    WIDTH,
-    WIDTH_90,
+    WIDTH_INCH,
     Look,
     canvas,
     grouped_as,
@@ -76,10 +76,10 @@ from rso.report.reading import (
     predicted_band,
     validations,
 )
-from rso.report.sketch import NAME, sketch_figure
+from rso.report.sketch import SKETCH_PICTURE, sketch_figure
 
-BESIDE = 4.4  # inch: the sketch beside the section
-_ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
+SKETCH_BESIDE_WIDTH_INCH = 4.4  # inch: the sketch beside the section
+_MAX_VERIFIED_ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
 
 
 Drawing = Callable[[Results, int, str], str]
@@ -90,15 +90,18 @@ def _validation(results: Results, k: int, name: str) -> str:
     return profile_figure(results, e, name) if is_profile(e) else validation(results, e, name)
 
 
-FIGURES: Mapping[str, Drawing] = {  # what stands before the hyphen of a name → results, number behind it, name → SVG
-    NAME: lambda results, k, name: sketch_figure(results, BESIDE if deformed.body(results) else WIDTH),
-    deformed.NAME: lambda results, k, name: deformed.deformed_figure(results, name),
-    deformed.CURVE: lambda results, k, name: deformed.pressed_figure(results, name),
-    turning.BODY: lambda results, k, name: turning.body_figure(results, name),
-    turning.SURFACE: lambda results, k, name: turning.relief_figure(results, name),
-    errors.PAIRS: lambda results, k, name: errors.pairs_figure(results, name),
-    errors.RESIDUALS: lambda results, k, name: errors.residuals_figure(results, name),
-    errors.BUDGET: lambda results, k, name: errors.budget_figure(results, name),
+# what stands before the hyphen of a name → results, number behind it, name → SVG
+REPORT_FIGURES: Mapping[str, Drawing] = {
+    SKETCH_PICTURE: lambda results, k, name: sketch_figure(
+        results, SKETCH_BESIDE_WIDTH_INCH if deformed.body(results) else WIDTH_INCH
+    ),
+    deformed.DEFORMED_PICTURE: lambda results, k, name: deformed.deformed_figure(results, name),
+    deformed.PRESSED_PICTURE: lambda results, k, name: deformed.pressed_figure(results, name),
+    turning.BODY_PICTURE: lambda results, k, name: turning.body_figure(results, name),
+    turning.RELIEF_PICTURE: lambda results, k, name: turning.relief_figure(results, name),
+    errors.PAIRS_PICTURE: lambda results, k, name: errors.pairs_figure(results, name),
+    errors.RESIDUALS_PICTURE: lambda results, k, name: errors.residuals_figure(results, name),
+    errors.BUDGET_PICTURE: lambda results, k, name: errors.budget_figure(results, name),
     "formulas": closed_form_figure,
     "determined": lambda results, k, name: determined(results, name),
     "profile": lambda results, k, name: profiles(results, name),
@@ -108,7 +111,7 @@ FIGURES: Mapping[str, Drawing] = {  # what stands before the hyphen of a name �
     "validation": _validation,
     "surface": lambda results, k, name: surfaces(results, name),
     "sensitivity": lambda results, k, name: sensitivity(results, name),
-    cloud_maps.NAME: cloud_maps.cloud_figure,
+    cloud_maps.CLOUD_PICTURE: cloud_maps.cloud_figure,
     "along": along_figure,
     "shapes": lambda results, k, name: shapes_figure(results, name),
     "morris": lambda results, k, name: morris_figure(results, name),
@@ -119,16 +122,16 @@ FIGURES: Mapping[str, Drawing] = {  # what stands before the hyphen of a name �
 def draw(results: Results, name: str) -> str:
     """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
     kind, _, index = name.partition("-")
-    if kind not in FIGURES:
+    if kind not in REPORT_FIGURES:
         raise ValueError(f"no figure {name!r}")
     with style():
-        return FIGURES[kind](results, int(index or 0), name)
+        return REPORT_FIGURES[kind](results, int(index or 0), name)
 
 
 def determined(results: Results, name: str) -> str:
     """One line per parameter: the range searched, what the data allow, the most likely value."""
     rows = interval_rows(results)
-    figure = canvas(0.2 + 0.55 * len(rows), NARROW)
+    figure = canvas(0.2 + 0.55 * len(rows), NARROW_WIDTH_INCH)
     axes = figure.subplots()
     for k, (p, d) in enumerate(rows):
         y = -k
@@ -171,7 +174,7 @@ def _scale(axes: Axes, y: float, p: ParameterView) -> None:
 
 def verification(results: Results, name: str) -> str:
     """Predicted − recomputed of every target, in per cent, one row per candidate."""
-    rows = [(c, found) for c in candidates(results) if (found := _differences(c))][:_ROWS]
+    rows = [(c, found) for c in candidates(results) if (found := _differences(c))][:_MAX_VERIFIED_ROWS]
     views = outputs(results)
     ids = list(dict.fromkeys(i for _, found in rows for i, _, _ in found))
     figure = canvas(0.75 + 0.19 * len(rows))
@@ -249,7 +252,7 @@ def _creep(name: str, e: Mapping[str, Any], unit: Unit, hold: Resting) -> str:
 def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
     low = min(x[0], 0.0)
-    at = np.unique(np.concatenate([np.linspace(low, x[-1], FINE), u[(u > low) & (u < x[-1])]]))
+    at = np.unique(np.concatenate([np.linspace(low, x[-1], N_DRAWN_HOLD_POINTS), u[(u > low) & (u < x[-1])]]))
     return at, drawn_at(x, f, at)
 
 
@@ -269,11 +272,11 @@ def _curves(
     simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
     hold: Resting | None = None,
     band: BandView | None = None,
-    word: str = FITTED,
+    word: str = FITTED_LABEL,
 ) -> str:
     band = None if band is None or len(band.loading.depth) < 2 else band.loading
     simulated = sorted(simulated, key=lambda row: row[0].best)
-    figure = canvas(3.8 if simulated else 2.6, NARROW if hold is None else WIDTH)
+    figure = canvas(3.8 if simulated else 2.6, NARROW_WIDTH_INCH if hold is None else WIDTH_INCH)
     rows, columns = 2 if simulated else 1, 1 if hold is None else 2
     heights, widths = [2.6, 1][:rows], [1.35, 1][:columns]
     grid = figure.subplots(
@@ -320,24 +323,24 @@ def _draw_band(
     axes: Axes, unit: Unit, band: BandView, simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]], word: str
 ) -> None:
     """What readings are expected to be, and where 90 % of them lie; as fine as the simulated curve that it rests on."""
-    wide = WIDTH_90 * band.sd
+    wide = SD_OF_90_PERCENT * band.sd
     axes.fill_between(band.depth, (band.value - wide) * unit.factor, (band.value + wide) * unit.factor, **SHADE)
     x, f = band.depth, band.value
     for _, at, model in [row for row in simulated if row[0].best and band.moved.any()]:
         inside = at <= band.depth[-1] * (1 + 1e-9)
         x, f = at[inside], band.over(at[inside], model[inside])
-    axes.plot(x, f * unit.factor, label=word, **BEST)
+    axes.plot(x, f * unit.factor, label=word, **BEST_CANDIDATE_LOOK)
 
 
 def _look(c: CandidateView, band: BandView | None) -> Look:
-    return OTHER if not c.best else BEST if band is None else PLAIN
+    return OTHER_CANDIDATE_LOOK if not c.best else BEST_CANDIDATE_LOOK if band is None else UNFITTED_BEST_LOOK
 
 
 def _series_name(c: CandidateView, band: BandView | None = None) -> str:
     """The name of a curve for whoever points at it; all but the fitted model are shown or hidden together."""
     if not c.best:
         return f"{c.label}{grouped_as('other candidates')}"
-    return c.label if band is None else SIMULATED
+    return c.label if band is None else SIMULATED_LABEL
 
 
 def _residuals(
@@ -358,11 +361,11 @@ def _residuals(
     if band is None:
         axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     else:
-        wide = WIDTH_90 * band.sd * unit.factor
+        wide = SD_OF_90_PERCENT * band.sd * unit.factor
         axes.fill_between(band.depth, -wide, wide, **SHADE)
         inside = (u >= band.depth[0]) & (u <= band.depth[-1] * (1 + 1e-9))
         r = y[inside] - np.interp(u[inside], band.depth, band.value)
-        axes.plot(u[inside], r * unit.factor, label=FITTED, **BEST)
+        axes.plot(u[inside], r * unit.factor, label=FITTED_LABEL, **BEST_CANDIDATE_LOOK)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
         axes.plot(x, r * unit.factor, label=_series_name(c, band), **_look(c, band))
@@ -420,8 +423,8 @@ def _most_likely(results: Results, e: Mapping[str, Any]) -> tuple[CandidateView,
 def _dots(
     name: str, e: Mapping[str, Any], unit: Unit, y: float, sigma: float, rows: list[tuple[CandidateView, float]]
 ) -> str:
-    rows = rows[:_ROWS]
-    figure = canvas(0.85 + 0.19 * len(rows), NARROW)
+    rows = rows[:_MAX_VERIFIED_ROWS]
+    figure = canvas(0.85 + 0.19 * len(rows), NARROW_WIDTH_INCH)
     axes = figure.subplots()
     for k, alpha in ((2, 0.35), (1, 0.6)):
         axes.axvspan((y - k * sigma) * unit.factor, (y + k * sigma) * unit.factor, color=LIGHT, lw=0, alpha=alpha)

@@ -13,9 +13,9 @@ from rso.report.layout.digits import channel_text, clean, percent
 from rso.report.layout.document import Block, Cell, Fact, Section, Table, Text, column, table, words
 from rso.report.reading import Results, fitted_curves, pair
 
-NOT_EXAMINED = "Whether the model misses something, and what, has not been examined; “rso diagnose STUDY” does."
-_REGIONS = 3
-_VERDICTS = {
+NOT_EXAMINED_NOTE = "Whether the model misses something, and what, has not been examined; “rso diagnose STUDY” does."
+_MAX_GAP_REGIONS = 3  # the strongest; the page of the diagnosis has all
+_GAP_VERDICTS = {
     "no_gap": ("none", "The model reproduces the measurements within their noise."),
     "explained": ("explained", "The model misses something, and the diagnosis has found its cause: {0}."),
     "ambiguous": ("several causes", "The model misses something, and these data cannot separate the causes: {0}."),
@@ -37,13 +37,13 @@ def gap_fact(results: Results) -> list[Fact]:
     if not d:
         return []
     v = UNDECIDED if undecided(d) else clean(d.get("verdict"))
-    title, note = _VERDICTS.get(v, (v or DASH, ""))[0], _closed(d) or "see the diagnosis"
+    title, note = _GAP_VERDICTS.get(v, (v or DASH, ""))[0], _closed(d) or "see the diagnosis"
     return [Fact("Gap to reality", title, note, "good" if v in ("no_gap", "explained") else "warn")]
 
 
 def gap_sentences(results: Results) -> list[str]:
     """That nothing is known of the gap, where that is so and there is something to compare."""
-    return [] if diagnosed(results) or not fitted_curves(results) else [NOT_EXAMINED]
+    return [] if diagnosed(results) or not fitted_curves(results) else [NOT_EXAMINED_NOTE]
 
 
 def gap_sections(results: Results) -> tuple[Section, ...]:
@@ -54,7 +54,7 @@ def gap_sections(results: Results) -> tuple[Section, ...]:
     causes = list(d.get("causes") or ())
     names = ", ".join(_name(c) for c in causes) or "no cause is named"
     v = UNDECIDED if undecided(d) else clean(d.get("verdict"))
-    said = _VERDICTS.get(v, ("", v))[1].format(names)
+    said = _GAP_VERDICTS.get(v, ("", v))[1].format(names)
     closed = _closed(d)
     proved = unproved(d) if d.get("verdict") == "no_gap" else []
     how_much = f"{closed[:1].upper()}{closed[1:]}." if closed else ""
@@ -81,7 +81,7 @@ def _closed(d: Mapping[str, Any]) -> str:
 
 def _regions(d: Mapping[str, Any]) -> str:
     """The places that are farthest off, where any is beyond noise."""
-    rows = [r for r in d.get("where") or () if r.get("beyond_noise") and known(r.get("z"))][:_REGIONS]
+    rows = [r for r in d.get("where") or () if r.get("beyond_noise") and known(r.get("z"))][:_MAX_GAP_REGIONS]
     each = [
         f"{channel_text(r.get('channel'))} of {clean(r.get('experiment'))}, {clean(r.get('region'))} (measured "
         f"{'above' if r['z'] > 0 else 'below'} simulated, {significant(abs(r['z']), 2)} standard deviations)"

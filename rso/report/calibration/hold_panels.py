@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from scipy.interpolate import PchipInterpolator
 
-from rso.report.canvas import ACCENT, FITTED, GREY, INK, LIGHT, PAPER, SHADE, WIDTH_90, Look, short, tag
+from rso.report.canvas import ACCENT, FITTED_LABEL, GREY, INK, LIGHT, PAPER, SD_OF_90_PERCENT, SHADE, Look, short, tag
 from rso.report.layout.digits import Unit, shortest
 from rso.report.reading import BandView, CandidateView, at_rest, number, points
 
-FINE = 81  # points of a drawn curve
-BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
-OTHER: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
-PLAIN: Look = {"color": ACCENT, "lw": 0.8, "ls": (0, (4, 2)), "zorder": 2}
+N_DRAWN_HOLD_POINTS = 81  # points of a drawn curve
+BEST_CANDIDATE_LOOK: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
+OTHER_CANDIDATE_LOOK: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
+UNFITTED_BEST_LOOK: Look = {"color": ACCENT, "lw": 0.8, "ls": (0, (4, 2)), "zorder": 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,13 +86,13 @@ def draw_resting(
     if band is None:
         axes.fill_between(t, y - s, y + s, color=LIGHT, lw=0, alpha=0.75)
     else:
-        at, wide = band.since, WIDTH_90 * band.sd * unit.factor
+        at, wide = band.since, SD_OF_90_PERCENT * band.sd * unit.factor
         axes.fill_between(at, band.value * unit.factor - wide, band.value * unit.factor + wide, **SHADE)
-        axes.plot(at, band.value * unit.factor, label=FITTED, **BEST)
+        axes.plot(at, band.value * unit.factor, label=FITTED_LABEL, **BEST_CANDIDATE_LOOK)
     axes.plot(t, y, "o", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, label="measured")
     for c, x, f, _ in hold.simulated:
-        at = np.geomspace(x[0], x[-1], FINE)
-        look = OTHER if not c.best else BEST if band is None else PLAIN
+        at = np.geomspace(x[0], x[-1], N_DRAWN_HOLD_POINTS)
+        look = OTHER_CANDIDATE_LOOK if not c.best else BEST_CANDIDATE_LOOK if band is None else UNFITTED_BEST_LOOK
         axes.plot(at, PchipInterpolator(np.log(x), f * unit.factor)(np.log(at)), **look)
     axes.set_xscale("log")
     axes.set_title(f"held at {shortest(float(f'{hold.depth:.3g}'))} mm" if title is None else title, color=GREY)
@@ -101,13 +101,22 @@ def draw_resting(
         if band is None:
             rest.fill_between(t, -s, s, color=LIGHT, lw=0, alpha=0.75)
         else:
-            wide = WIDTH_90 * band.sd * fine.factor
+            wide = SD_OF_90_PERCENT * band.sd * fine.factor
             rest.fill_between(band.since, -wide, wide, **SHADE)
-            rest.plot(t, (hold.y - np.interp(t, band.since, band.value)) * fine.factor, label=FITTED, **BEST)
+            rest.plot(
+                t,
+                (hold.y - np.interp(t, band.since, band.value)) * fine.factor,
+                label=FITTED_LABEL,
+                **BEST_CANDIDATE_LOOK,
+            )
         rest.axhline(0, color=INK, lw=0.7)
         for c, x, f, error in hold.simulated:
             left, wide = (hold.y - np.interp(t, x, f)) * fine.factor, np.interp(t, x, error) * fine.factor
-            rest.plot(t, left, **(OTHER if not c.best else BEST if band is None else PLAIN))
+            rest.plot(
+                t,
+                left,
+                **(OTHER_CANDIDATE_LOOK if not c.best else BEST_CANDIDATE_LOOK if band is None else UNFITTED_BEST_LOOK),
+            )
             if c.best and wide.any() and band is None:
                 rest.fill_between(t, left - wide, left + wide, color=ACCENT, alpha=0.25, lw=0)
     below = axes if rest is None else rest

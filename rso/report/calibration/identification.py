@@ -15,18 +15,18 @@ from rso.report.calibration.cloud_maps import cloud_blocks
 from rso.report.calibration.derived import derived_table
 from rso.report.calibration.errors import error_blocks
 from rso.report.calibration.inputs import input_blocks
-from rso.report.canvas import ACCENT, NARROW, WARM, WIDTH, canvas, parameter_axis, svg
+from rso.report.canvas import ACCENT, NARROW_WIDTH_INCH, WARM, WIDTH_INCH, canvas, parameter_axis, svg
 from rso.report.layout.digits import aligned, between, channel_text, clean, percent, sentence, shortest
 from rso.report.layout.document import Block, Cell, Mark, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.reading import ParameterView, Results, lettered, number, pair, parameters, points
 
-_WORDS: dict[str, tuple[str, Mark]] = {
+_DETERMINED_WORDS: dict[str, tuple[str, Mark]] = {
     "determined": ("determined", "good"),
     "weakly": ("weakly", "warn"),
     "not": ("not determined", "warn"),
 }
-_METHODS = (("interval", "profile"), ("laplace", "Gaussian"), ("mcmc", "MCMC"))
-_PANELS = 4
+_INTERVAL_METHODS = (("interval", "profile"), ("laplace", "Gaussian"), ("mcmc", "MCMC"))
+_MAX_PROFILE_PANELS = 4  # parameters; the table holds all
 
 
 def identification_section(results: Results) -> Section:
@@ -86,7 +86,7 @@ def spans(results: Results, p: ParameterView, interval: Any) -> str:
 def profiled(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
     """Those of which a profile can be drawn."""
     found = []
-    for p, d in identified(results)[:_PANELS]:
+    for p, d in identified(results)[:_MAX_PROFILE_PANELS]:
         profile = d.get("profile") or {}
         if len(points(profile.get("values"), profile.get("rise"))[0]) > 1:
             found.append((p, profile))
@@ -149,7 +149,7 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
         column("± sd", words([percent(number(d.get("sd_log"))) for _, d in rows])),
     ]
     level = percent(number(data.get("level")))
-    for key, label in _METHODS:
+    for key, label in _INTERVAL_METHODS:
         said = []
         for p, d in rows:
             low, high = d.get(key) or (None, None)
@@ -163,7 +163,7 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
         columns.insert(5, column("profile, as stated", words(said), level))
     need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]
     columns.append(column("noise needed", words(need)))
-    state = [_WORDS.get(str(d.get("verdict")), (clean(d.get("verdict")) or DASH, "")) for _, d in rows]
+    state = [_DETERMINED_WORDS.get(str(d.get("verdict")), (clean(d.get("verdict")) or DASH, "")) for _, d in rows]
     columns.append(column("", tuple(Cell(t, mark=m) for t, m in state), number=False))
     apart = [p.letter for p, d in rows if d.get("agreement") is False]
     note = "± sd is that of the logarithm, from the curvature of the misfit; a value has the digits that are known. "
@@ -237,7 +237,7 @@ def _values(results: Results, data: Mapping[str, Any]) -> Table | None:
 def profiles(results: Results, name: str) -> str:
     """Profile of the misfit along each parameter."""
     found = profiled(results)
-    figure = canvas(1.9, NARROW if len(found) < 3 else WIDTH)
+    figure = canvas(1.9, NARROW_WIDTH_INCH if len(found) < 3 else WIDTH_INCH)
     grid = figure.subplots(1, len(found), squeeze=False, sharey="row")
     level = number((results.get("identification") or {}).get("level")) or 0.9
     limit = NormalDist().inv_cdf(0.5 * (1 + min(level, 0.9999))) ** 2

@@ -15,9 +15,9 @@ from rso.report.layout.digits import Unit, channel_text, clean, percent, shortes
 from rso.report.layout.document import Block, Cell, Picture, Table, column, table, words
 from rso.report.reading import Results, number, outputs, pair, parameters, seen
 
-_LOOKS = ((ACCENT, "-"), (INK, "--"), (WARM, "-."), (GREY, ":"), (ACCENT, ":"), (INK, "-."))
-_PANELS = 4
-_CURVES = 2  # curves with more would be a book
+_PARAMETER_LOOKS = ((ACCENT, "-"), (INK, "--"), (WARM, "-."), (GREY, ":"), (ACCENT, ":"), (INK, "-."))
+_MAX_INFLUENCE_PANELS = 4  # parameters, and outputs, of a figure
+_MAX_INFLUENCE_CURVES = 2  # curves with more would be a book
 
 Row = Mapping[str, Any]
 
@@ -57,7 +57,7 @@ def _curves(results: Results) -> list[tuple[str, str]]:
     depths: dict[tuple[str, str], set[float]] = {}
     for r in rows:
         depths.setdefault((r["experiment"], r["channel"]), set()).add(r["depth_mm"])
-    return [key for key, at in depths.items() if len(at) > 1][:_CURVES]
+    return [key for key, at in depths.items() if len(at) > 1][:_MAX_INFLUENCE_CURVES]
 
 
 def _sensitivity(results: Results, key: str) -> list[Row]:
@@ -108,9 +108,9 @@ def along_figure(results: Results, k: int, name: str) -> str:
     figure = canvas(2.5)
     for axes, (field, title) in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         lines = _over_depth(results, key, field)
-        for n, (p, rows) in enumerate(list(lines.items())[: len(_LOOKS)]):
+        for n, (p, rows) in enumerate(list(lines.items())[: len(_PARAMETER_LOOKS)]):
             x, y = np.array([a for a, _, _ in rows]), np.array([b for _, b, _ in rows])
-            colour, line = _LOOKS[n]
+            colour, line = _PARAMETER_LOOKS[n]
             if field == "total":
                 found = [(r.get("total_interval"), b) for _, b, r in rows]
                 ends = np.array([i if pair(i) else (b, b) for i, b in found], float)
@@ -143,7 +143,7 @@ def _shapes(results: Results) -> dict[str, list[Row]]:
         if len(c.get("x") or ()) > 2 and all(map(known, [*c["x"], *c["y"]])):
             found.setdefault(c["parameter"], []).append(c)
     ours = {p.name for p in parameters(results, free=True)}
-    return {p: rows[:_PANELS] for p, rows in list(found.items())[:_PANELS] if p in ours}
+    return {p: rows[:_MAX_INFLUENCE_PANELS] for p, rows in list(found.items())[:_MAX_INFLUENCE_PANELS] if p in ours}
 
 
 def _middle(c: Row) -> float:
@@ -179,7 +179,7 @@ def shapes_figure(results: Results, name: str) -> str:
         parameter = by_name[p]
         axes.axhline(0, color=GREY, lw=0.6)
         for k, c in enumerate(rows):
-            colour, line = _LOOKS[k]
+            colour, line = _PARAMETER_LOOKS[k]
             y = 100 * (np.array(c["y"], float) - _middle(c)) / (abs(_middle(c)) or 1.0)
             label = views[c["output"]].label if c["output"] in views else clean(c["output"])
             axes.plot(np.array(c["x"]) * parameter.unit.factor, y, line, color=colour, label=short(label, 24))
@@ -224,7 +224,7 @@ def _morris_caption(results: Results) -> str:
 def morris_figure(results: Results, name: str) -> str:
     """σ against μ* of every parameter, one panel per output."""
     rows, unit, label, letters = _morris(results), _units(results), _labels(results), _letters(results)
-    ids = list(dict.fromkeys(m["output"] for m in rows))[:_PANELS]
+    ids = list(dict.fromkeys(m["output"] for m in rows))[:_MAX_INFLUENCE_PANELS]
     figure = canvas(2.5)
     for axes, i in zip(np.atleast_1d(figure.subplots(1, len(ids))), ids, strict=True):
         mine = [m for m in rows if m["output"] == i]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.calibration.derived import TILES, derived_rows
+from rso.report.calibration.derived import N_DERIVED_TILES, derived_rows
 from rso.report.layout.digits import clean, percent, shown, signed
 from rso.report.layout.document import Block, Text, column, table, words
 from rso.report.reading import Results, number, parameters
@@ -32,7 +32,7 @@ def _budget(results: Results, rows: list[Mapping[str, Any]]) -> Block:
     for p in views:
         columns.append(column(f"moves {p.letter} by", words([_signed(r["moves"].get(p.name)) for r in rows])))
         columns.append(column(f"of the variance of {p.letter}", words([_share(r["share"].get(p.name)) for r in rows])))
-    for q in derived_rows(results)[:TILES]:
+    for q in derived_rows(results)[:N_DERIVED_TILES]:
         if not q.get("follows_from"):
             moved = words([_signed(r["moves"].get(q["name"])) for r in rows])
             columns.append(column(f"moves {clean(q['letter'])} by", moved))

@@ -49,13 +49,13 @@ from rso.report.reading import (
 )
 
 # From light to middle tone in one hue: it stays ordered in greyscale and marks stand out on all of it.
-_SURFACE = LinearSegmentedColormap.from_list("surface", ["#fbfaf6", "#dfe7e8", "#b9ccd3", "#8fadba"])
-_PANELS = 6
+_SURFACE_COLOURS = LinearSegmentedColormap.from_list("surface", ["#fbfaf6", "#dfe7e8", "#b9ccd3", "#8fadba"])
+_MAX_SURFACE_PANELS = 6  # pairs of parameters of a figure
 
 
 def surfaces(results: Results, name: str) -> str:
     """Filled contours (or lines, for one parameter) of the first outputs, with runs, targets and candidates."""
-    shown_ones = grids(results)[:_PANELS]
+    shown_ones = grids(results)[:_MAX_SURFACE_PANELS]
     by_name = {p.name: p for p in parameters(results)}
     columns = 1 if len(shown_ones) == 1 else 2
     rows = -(-len(shown_ones) // columns)
@@ -87,7 +87,7 @@ def _surface(
     X, Y = np.array(s["x"]["values"]) * x.unit.factor, np.array(s["y"]["values"]) * y.unit.factor
     Z = np.array([[np.nan if v is None else v for v in row] for row in s["mean"]], float) * output.unit.factor
     levels = MaxNLocator(9).tick_values(np.nanmin(Z), np.nanmax(Z))
-    axes.contourf(X, Y, Z, levels, cmap=_SURFACE)
+    axes.contourf(X, Y, Z, levels, cmap=_SURFACE_COLOURS)
     lines = axes.contour(X, Y, Z, levels, colors=GREY, linewidths=0.5)
     # Inline labels would cut the steep part of a line away, and with it what the map is for.
     labels = axes.clabel(lines, fmt=number_label(3), fontsize=7, inline=False, colors=INK)

@@ -71,12 +71,13 @@ from rso.report.reading import (
     validations,
 )
 
-NOTES = 500  # characters of what a file says of itself beside its curve
-SHORT = 3  # rows of a table that the main page has room for
-NEAR = 0.01  # per cent between a prediction and its simulation that nobody needs to know better
-_METRICS = (("NRMSE", "nrmse", ""), ("MRE", "mre", ""), ("MAPE", "mape", "%"), ("RRMSE", "rrmse", ""))
+MAX_NOTES_CHARACTERS = 500  # characters of what a file says of itself beside its curve
+MAX_OPEN_TABLE_ROWS = 3  # rows of a table that the main page has room for
+# per cent between a prediction and its simulation that nobody needs to know better
+NEGLIGIBLE_DIFFERENCE_PERCENT = 0.01
+_METRIC_COLUMNS = (("NRMSE", "nrmse", ""), ("MRE", "mre", ""), ("MAPE", "mape", "%"), ("RRMSE", "rrmse", ""))
 
-_KINDS = {
+_MINIMA_KINDS = {
     "valley": "a valley",
     "islands": "separate solutions",
     "front": "a front of compromises",
@@ -95,7 +96,7 @@ def report(results: Results) -> Report:
         clean(study.get("title")) or "Untitled study",
         (f"Parameters identified from {fitted}" if fitted else "") + (f", chosen with {chosen} too" if chosen else ""),
         byline(results),
-        tuple(section for make in SECTIONS for section in make(results)),
+        tuple(section for make in REPORT_SECTIONS for section in make(results)),
     )
 
 
@@ -162,7 +163,11 @@ def _off(relative: float | None) -> str:
     """How far a prediction was from what came out, in per cent; where that is nothing, it is only said to be so."""
     if relative is None:
         return DASH
-    return f"<{NBSP}{NEAR}{NBSP}%" if abs(relative) < NEAR else signed(relative, percent(relative / 100))
+    return (
+        f"<{NBSP}{NEGLIGIBLE_DIFFERENCE_PERCENT}{NBSP}%"
+        if abs(relative) < NEGLIGIBLE_DIFFERENCE_PERCENT
+        else signed(relative, percent(relative / 100))
+    )
 
 
 def _zip(a: Sequence[Any], b: Sequence[Any]) -> Any:
@@ -185,7 +190,7 @@ def _state(c: CandidateView) -> Cell:
 
 def _search_title(s: Mapping[str, Any]) -> str:
     kind = clean(s.get("kind"))
-    return f"Search {clean(s['name'])}" + (f": {_KINDS.get(kind, kind)}" if kind else "")
+    return f"Search {clean(s['name'])}" + (f": {_MINIMA_KINDS.get(kind, kind)}" if kind else "")
 
 
 def _search_note(results: Results, s: Mapping[str, Any], chosen: list[CandidateView]) -> str:
@@ -221,7 +226,9 @@ def curve_section(results: Results) -> Section:
         if points((e.get("measured") or {}).get("depth"), (e.get("measured") or {}).get("value"))[0]:
             blocks.append(Picture(f"curve-{k}", curve_caption(results, e)))
         if e.get("notes"):
-            blocks.append(Text(f"{clean(e.get('file') or e['name'])}: {opening(e['notes'], NOTES)}", "note"))
+            blocks.append(
+                Text(f"{clean(e.get('file') or e['name'])}: {opening(e['notes'], MAX_NOTES_CHARACTERS)}", "note")
+            )
         rows = metric_rows(results, e["name"])
         if rows:
             blocks.append(_metric_table(results, e, rows))
@@ -319,7 +326,7 @@ def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, 
         column("Model", names, number=False),
         column("RMSE", _scaled([number(m.get("rmse")) for _, _, m in rows], unit, 3), unit.label),
     ]
-    for title, key, label in _METRICS:
+    for title, key, label in _METRIC_COLUMNS:
         columns.append(column(title, aligned([number(m.get(key)) for _, _, m in rows], 3), label))
     used = rows[0][2]
     note = (
@@ -329,7 +336,7 @@ def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, 
         if known(used.get("n"))
         else ""
     )
-    return table(f"Errors against {clean(e['name'])}", columns, note, folded=len(rows) > SHORT)
+    return table(f"Errors against {clean(e['name'])}", columns, note, folded=len(rows) > MAX_OPEN_TABLE_ROWS)
 
 
 def _validation_blocks(results: Results) -> list[Block]:
@@ -389,7 +396,7 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     many = any(len(v.get("depth") or ()) > 1 for v in rows)
     last_one = "at the end of the hold" if any((v.get("since") or [0.0])[-1] for v in rows) else "at the last depth"
     note = (f"Values are those {last_one}. " if many else "") + " ".join(reasons)
-    return table(f"Unused test {clean(e['name'])}", columns, note, folded=len(rows) > SHORT)
+    return table(f"Unused test {clean(e['name'])}", columns, note, folded=len(rows) > MAX_OPEN_TABLE_ROWS)
 
 
 def _how_found(results: Results) -> tuple[Section, ...]:
@@ -409,7 +416,7 @@ def _behind(make: Callable[[Results], Sequence[Section]]) -> Callable[[Results],
 
 
 # The order of the page: the answer, how well it fits and predicts, what is open; how it was found stands behind.
-SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
+REPORT_SECTIONS: tuple[Callable[[Results], tuple[Section, ...]], ...] = (
     _one(verdict),
     _one(curve_section),
     _one(prediction_section),

@@ -15,12 +15,13 @@ from rso.report.layout.digits import clean, percent, quantity, shortest
 from rso.report.layout.document import Fact, Mark
 from rso.report.reading import Results, best_candidate, candidates, experiments, finished, number, validations
 
-WITHIN = 2.0  # standard deviations of measurement and computation together
-ENOUGH = 0.9  # of the readings: one curve's errors mostly go up and down together
-MET = 1e-3  # of the force: a target counts as met within that, so that no candidate can do better elsewhere
+PREDICTED_WITHIN_SD = 2.0  # standard deviations of measurement and computation together
+MIN_PREDICTED_SHARE = 0.9  # of the readings: one curve's errors mostly go up and down together
+# of the force: a target counts as met within that, so that no candidate can do better elsewhere
+MET_TARGET_TOLERANCE = 1e-3
 Answer = Literal["yes", "no", "among", ""]
-_TILES = {"yes": "predicted", "no": "not predicted", "among": "within what is open"}
-_WORDS = {"yes": "Yes", "no": "No", "among": "Yes, within what the fit leaves open"}
+_PREDICTION_TILES = {"yes": "predicted", "no": "not predicted", "among": "within what is open"}
+_ANSWER_WORDS = {"yes": "Yes", "no": "No", "among": "Yes, within what the fit leaves open"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,7 @@ class Prediction:
     @property
     def near(self) -> np.ndarray:
         """What it may be off by at each reading."""
-        return WITHIN * np.hypot(self.total, MET * np.abs(self.predicted))
+        return PREDICTED_WITHIN_SD * np.hypot(self.total, MET_TARGET_TOLERANCE * np.abs(self.predicted))
 
     @property
     def within(self) -> int:
@@ -53,7 +54,7 @@ class Prediction:
     @property
     def met(self) -> bool | None:
         """Whether it meets enough of them; None where no uncertainty is known."""
-        return None if not self.total.any() else self.within >= ENOUGH * len(self.depth)
+        return None if not self.total.any() else self.within >= MIN_PREDICTED_SHARE * len(self.depth)
 
 
 def predictions(results: Results, e: Mapping[str, Any]) -> list[Prediction]:
@@ -96,7 +97,7 @@ def answer(found: Sequence[Prediction]) -> Answer:
         return "yes" if all(met) else "no"
     low, high = np.min([p.predicted - p.near for p in found], 0), np.max([p.predicted + p.near for p in found], 0)
     measured = found[0].measured
-    return "among" if np.mean((low <= measured) & (measured <= high)) >= ENOUGH else "no"
+    return "among" if np.mean((low <= measured) & (measured <= high)) >= MIN_PREDICTED_SHARE else "no"
 
 
 def prediction_sentences(results: Results) -> list[str]:
@@ -133,7 +134,7 @@ def _sentence(e: Mapping[str, Any], found: Sequence[Prediction], mine: Sequence[
         "among": f"lies among the predictions of {len(found)} candidates, {some or 'none'} of which meet"
         f"{'s' if some == 1 else ''} it",
     }
-    head = f"{_WORDS[verdict]}: " if verdict else ""
+    head = f"{_ANSWER_WORDS[verdict]}: " if verdict else ""
     text = f"{head}{name}, which was not used for the fit, {not_.get(verdict, 'is compared with no known uncertainty')}"
     if is_profile(e):
         text += profile_words(mine[0]) if mine else ""
@@ -200,4 +201,4 @@ def prediction_fact(results: Results) -> list[Fact]:
         return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, every)]
     ((e, verdict, note),) = rows
     mark: Mark = "good" if verdict == "yes" else "warn" if verdict else ""
-    return [Fact("Unused test", _TILES.get(verdict, "compared"), f"{clean(e['name'])}: {note}", mark)]
+    return [Fact("Unused test", _PREDICTION_TILES.get(verdict, "compared"), f"{clean(e['name'])}: {note}", mark)]

@@ -10,9 +10,9 @@ from rso.report.calibration.displacements import is_profile
 from rso.report.layout.digits import clean, percent, quantity, shortest
 from rso.report.reading import Results, listed, number
 
-SEEN = 3.0  # standard deviations below which a single reading is hardly more than noise
-_HEADS = {"yes": "Yes: ", "among": "Yes, within what the fit leaves open: ", "no": "No: "}
-_WORDS = {
+MIN_VISIBLE_SD = 3.0  # standard deviations below which a single reading is hardly more than noise
+_PREDICTION_HEADS = {"yes": "Yes: ", "among": "Yes, within what the fit leaves open: ", "no": "No: "}
+_PREDICTED_WORDS = {
     "yes": "is predicted",
     "among": "lies within what the fit leaves open of the prediction",
     "no": "is not predicted",
@@ -28,10 +28,11 @@ def prediction_of(results: Results, e: Mapping[str, Any]) -> Mapping[str, Any] |
 def prediction_sentence(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     """Yes or no, by how much the readings are missed, and against which uncertainty."""
     verdict, name, channels = clean(v.get("verdict")), clean(e["experiment"]), list(v.get("channels") or ())
-    if verdict not in _WORDS:
+    if verdict not in _PREDICTED_WORDS:
         text = f"Whether {name}, which was not used for the fit, is predicted is open: {clean(v.get('why'))}"
         return f"{text}; {_off(channels)}." if channels else f"{text}."
-    text = f"{_HEADS[verdict]}{name}, which was not used for the fit, {_WORDS[verdict]} by the most likely values"
+    text = f"{_PREDICTION_HEADS[verdict]}{name}, which was not used for the fit, "
+    text += f"{_PREDICTED_WORDS[verdict]} by the most likely values"
     if not is_profile(e) and v.get("points") == 1:
         (c,) = channels
         text += f": at {shortest(c['depth'][0])} mm {quantity(c['measured'][0], c['unit'])} was measured"
@@ -50,14 +51,14 @@ def missed(v: Mapping[str, Any]) -> str:
     """Why the most likely values do not have it."""
     chi2 = significant(number(v.get("chi2")), 3)
     z = number(v.get("level"))
-    whole = f", as a whole {_away(z)}" if z is not None and abs(z) >= SEEN else ""
+    whole = f", as a whole {_away(z)}" if z is not None and abs(z) >= MIN_VISIBLE_SD else ""
     return f"by the most likely values χ² = {chi2} for {v.get('points')} readings{whole}, {_p(v)}"
 
 
 def _level(v: Mapping[str, Any]) -> str:
     """Where the readings lie as a whole, if that is off by more than hardly."""
     z = number(v.get("level"))
-    far = z is not None and abs(z) >= SEEN and (v.get("points") or 0) > 1
+    far = z is not None and abs(z) >= MIN_VISIBLE_SD and (v.get("points") or 0) > 1
     return f" As a whole the readings lie {_away(z)} the prediction." if z is not None and far else ""
 
 
@@ -91,7 +92,7 @@ def _off(channels: Sequence[Mapping[str, Any]]) -> str:
         gap = f"{percent(abs(f - y) / abs(y))} too {'high' if abs(f) > abs(y) else 'low'}" if y else ""
         if y and f * y < 0:
             gap = f"{quantity(f, c['unit'])} instead of {quantity(y, c['unit'])}"
-        if abs(y) < SEEN * c["sigma"][-1]:  # a per cent of noise says nothing
+        if abs(y) < MIN_VISIBLE_SD * c["sigma"][-1]:  # a per cent of noise says nothing
             gap = f"{quantity(f, c['unit'])} where {quantity(y, c['unit'])}, hardly more than noise, was measured"
         name = f"{clean(c['channel'])} " if len(channels) > 1 else ""
         held = ", at the end of the hold" if (c.get("since") or [0.0])[-1] else ""

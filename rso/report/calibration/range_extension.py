@@ -10,7 +10,7 @@ from rso.report.layout.digits import clean, shortest
 from rso.report.layout.document import Block, Cell, Text, column, table, words
 from rso.report.reading import ParameterView, Results, lettered, listed, parameters
 
-_WORDS = {"widened": "widened", "taken back": "taken back", "done": "done", "stopped": "stopped"}
+_EXTENSION_WORDS = {"widened": "widened", "taken back": "taken back", "done": "done", "stopped": "stopped"}
 
 
 def range_blocks(results: Results) -> list[Block]:
@@ -47,7 +47,7 @@ def range_blocks(results: Results) -> list[Block]:
 
 
 def _word(a: Mapping[str, Any]) -> Cell:
-    return Cell(_WORDS.get(a["what"], clean(a["what"])), mark="warn" if a["what"] == "taken back" else "")
+    return Cell(_EXTENSION_WORDS.get(a["what"], clean(a["what"])), mark="warn" if a["what"] == "taken back" else "")
 
 
 def _letter(views: Mapping[str, ParameterView], a: Mapping[str, Any]) -> str:

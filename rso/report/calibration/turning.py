@@ -24,16 +24,16 @@ from rso.report.layout.digits import clean, quantity, shortest
 from rso.report.layout.document import Picture, Section
 from rso.report.reading import Results, grids, listed, outputs, parameters, target_output
 
-BODY, SURFACE = "solid", "relief"
-YAW, PITCH = 0.6, 0.5  # radians
-HALF, TALL = 320.0, 400.0  # half width and height of the picture
-FILLED = 0.92  # of the half width that a body takes
-FLOOR = 145.0  # half width of the floor under a surface
-LIGHT = np.array([-0.35, -0.45, 0.82])  # towards it, in the space of the body
-DARKEST = 0.62  # of a colour, where a face looks away from the light
-LOW = 0.55  # height of a surface over its width
-_RELIEF = LinearSegmentedColormap.from_list("relief", ["#eef2f1", "#99b5be", "#25586e"])
-TONES = tuple(to_hex(c) for c in _RELIEF(np.linspace(0, 1, 32)))
+BODY_PICTURE, RELIEF_PICTURE = "solid", "relief"
+YAW_RAD, PITCH_RAD = 0.6, 0.5  # radians
+HALF_PICTURE_WIDTH, PICTURE_HEIGHT = 320.0, 400.0  # half width and height of the picture
+BODY_WIDTH_SHARE = 0.92  # of the half width that a body takes
+FLOOR_HALF_WIDTH = 145.0  # half width of the floor under a surface
+LIGHT_DIRECTION = np.array([-0.35, -0.45, 0.82])  # towards it, in the space of the body
+MIN_SHADE = 0.62  # of a colour, where a face looks away from the light
+RELIEF_HEIGHT_RATIO = 0.55  # height of a surface over its width
+_RELIEF_COLOURS = LinearSegmentedColormap.from_list("relief", ["#eef2f1", "#99b5be", "#25586e"])
+RELIEF_TONES = tuple(to_hex(c) for c in _RELIEF_COLOURS(np.linspace(0, 1, 32)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +57,11 @@ def turning_sections(results: Results) -> tuple[Section, ...]:
         field = next(iter(found["units"]))
         depth = shortest(float(f"{found['frames'][-1]['travel']:.4g}"))
         said = f"The deformed body at {depth} mm, coloured by its {clean(field)}. Drag it, or use the arrow keys."
-        blocks.append(Picture(BODY, said, share=1))
+        blocks.append(Picture(BODY_PICTURE, said, share=1))
     if (s := _surface(results)) is not None and relief_solid(results) is not None:
         label = outputs(results)[s["output"]].label
         said = f"The response surface of {label}. Along the line the target is met, and nothing changes."
-        blocks.append(Picture(SURFACE, said, share=1))
+        blocks.append(Picture(RELIEF_PICTURE, said, share=1))
     return (Section("model", "The model, and what it answers", tuple(blocks)),) if blocks else ()
 
 
@@ -100,7 +100,11 @@ def body_solid(results: Results) -> Solid | None:
     tones = deformed.colours(len(limits) - 1)
     bands = np.clip(np.searchsorted(limits, v[t].mean(1), "right") - 1, 0, len(tones) - 1)
     middle = 0.5 * (x.min(0) + x.max(0))
-    size = FILLED * HALF / max(float(np.linalg.norm(np.ptp(x[:, :2], axis=0))) / 2, float(np.ptp(x[:, 2])) / 2, 1e-9)
+    size = (
+        BODY_WIDTH_SHARE
+        * HALF_PICTURE_WIDTH
+        / max(float(np.linalg.norm(np.ptp(x[:, :2], axis=0))) / 2, float(np.ptp(x[:, 2])) / 2, 1e-9)
+    )
     return Solid((x - middle) * size, t, bands, tones)
 
 
@@ -121,18 +125,20 @@ def relief_solid(results: Results) -> Solid | None:
         return None
     ny, nx = Z.shape
     low, high = float(Z.min()), float(Z.max())
-    wide = FLOOR
+    wide = FLOOR_HALF_WIDTH
 
     def place(i: np.ndarray, j: np.ndarray, z: np.ndarray) -> np.ndarray:
         height = (z - low) / (high - low) - 0.5
-        return np.stack([(2 * j / (nx - 1) - 1) * wide, (2 * i / (ny - 1) - 1) * wide, 2 * LOW * wide * height], -1)
+        return np.stack(
+            [(2 * j / (nx - 1) - 1) * wide, (2 * i / (ny - 1) - 1) * wide, 2 * RELIEF_HEIGHT_RATIO * wide * height], -1
+        )
 
     rows, columns = np.meshgrid(np.arange(ny), np.arange(nx), indexing="ij")
     points = place(rows, columns, Z).reshape(-1, 3)
     a = (np.arange(ny - 1)[:, None] * nx + np.arange(nx - 1)).ravel()
     triangles = np.vstack([np.column_stack([a, a + 1, a + nx + 1]), np.column_stack([a, a + nx + 1, a + nx])])
     heights = np.tile(Z.ravel()[np.column_stack([a, a + 1, a + nx, a + nx + 1])].mean(1), 2)  # both halves alike
-    bands = np.clip(((heights - low) / (high - low) * len(TONES)).astype(int), 0, len(TONES) - 1)
+    bands = np.clip(((heights - low) / (high - low) * len(RELIEF_TONES)).astype(int), 0, len(RELIEF_TONES) - 1)
     values = [t["value"] for one in listed(results, "searches") for t in one.get("targets") or ()
               if target_output(t) == s["output"] and known(t.get("value"))]  # fmt: skip
     lines = []
@@ -145,7 +151,7 @@ def relief_solid(results: Results) -> Solid | None:
     view = {p.name: p for p in parameters(results)}
     x, y = view.get(s["x"]["parameter"]), view.get(s["y"]["parameter"])
     o = outputs(results)[s["output"]]
-    floor, out = -LOW * wide, 1.22 * wide
+    floor, out = -RELIEF_HEIGHT_RATIO * wide, 1.22 * wide
     corner = [(-wide, -wide), (wide, -wide), (wide, wide), (-wide, wide), (-wide, -wide)]
     lines.append((np.array([[*c, floor] for c in corner]), False))
     texts = [
@@ -154,9 +160,12 @@ def relief_solid(results: Results) -> Solid | None:
         (np.array([-wide, -out, floor]), _end(x, s["x"]["values"][0])),
         (np.array([wide, -out, floor]), _end(x, s["x"]["values"][-1])),
         (np.array([out, wide, floor]), _end(y, s["y"]["values"][-1])),
-        (np.array([-wide, wide, 1.06 * LOW * wide]), f"up to {quantity(high, o.base, 3, 1 / o.unit.factor)}"),
+        (
+            np.array([-wide, wide, 1.06 * RELIEF_HEIGHT_RATIO * wide]),
+            f"up to {quantity(high, o.base, 3, 1 / o.unit.factor)}",
+        ),
     ]
-    return Solid(points, triangles, bands, TONES, tuple(lines), tuple(texts), shaded=False)
+    return Solid(points, triangles, bands, RELIEF_TONES, tuple(lines), tuple(texts), shaded=False)
 
 
 def _end(p: Any, value: float) -> str:
@@ -182,7 +191,7 @@ def normals(solid: Solid) -> np.ndarray:
 
 def towards(solid: Solid) -> np.ndarray:
     """Which triangles (t,) may be seen from the first angles."""
-    viewer = np.array([-np.sin(YAW) * np.cos(PITCH), -np.cos(YAW) * np.cos(PITCH), np.sin(PITCH)])
+    viewer = np.array([-np.sin(YAW_RAD) * np.cos(PITCH_RAD), -np.cos(YAW_RAD) * np.cos(PITCH_RAD), np.sin(PITCH_RAD)])
     return np.asarray(normals(solid) @ viewer > -0.5)  # a dent may look away from the middle
 
 
@@ -190,13 +199,13 @@ def shades(solid: Solid) -> np.ndarray:
     """How bright each triangle is (t,), by the angle between its normal and the light."""
     if not solid.shaded:
         return np.ones(len(solid.triangles))
-    return np.round(DARKEST + (1.0 - DARKEST) * np.clip(normals(solid) @ LIGHT, 0.0, 1.0), 2)
+    return np.round(MIN_SHADE + (1.0 - MIN_SHADE) * np.clip(normals(solid) @ LIGHT_DIRECTION, 0.0, 1.0), 2)
 
 
 def _drawn(solid: Solid, name: str) -> str:
     """The polygons from far to near, then lines and texts."""
-    q = seen_from(solid.points, YAW, PITCH)
-    place = np.round(np.column_stack([HALF + q[:, 0], TALL / 2 - q[:, 1]]), 1)
+    q = seen_from(solid.points, YAW_RAD, PITCH_RAD)
+    place = np.round(np.column_stack([HALF_PICTURE_WIDTH + q[:, 0], PICTURE_HEIGHT / 2 - q[:, 1]]), 1)
     order = np.argsort(-q[solid.triangles, 2].sum(1), kind="stable")
     parts, bright = ['<g fill="currentColor" stroke="currentColor" stroke-width=".6">'], shades(solid)
     a, b, c = (place[solid.triangles[:, k]] for k in range(3))
@@ -209,20 +218,20 @@ def _drawn(solid: Solid, name: str) -> str:
         parts.append(f'<path color="{colour}" d="M{d}z"/>')
     parts.append("</g>")
     for line, strong in solid.lines:
-        r = seen_from(line, YAW, PITCH)
-        d = "L".join(f"{HALF + a:.1f},{TALL / 2 - b:.1f}" for a, b in r[:, :2])
+        r = seen_from(line, YAW_RAD, PITCH_RAD)
+        d = "L".join(f"{HALF_PICTURE_WIDTH + a:.1f},{PICTURE_HEIGHT / 2 - b:.1f}" for a, b in r[:, :2])
         look = f'stroke="{ACCENT}" stroke-width="3"' if strong else f'stroke="{INK}" stroke-width="1"'
         parts.append(f'<path d="M{d}" fill="none" {look}/>')
     for at, text in solid.texts:
-        ((a, b, _),) = seen_from(at[None], YAW, PITCH)
+        ((a, b, _),) = seen_from(at[None], YAW_RAD, PITCH_RAD)
         parts.append(
-            f'<text x="{HALF + a:.1f}" y="{TALL / 2 - b:.1f}" text-anchor="middle" font-family="DejaVu Sans" '
-            f'font-size="13" fill="{INK}">{html.escape(text)}</text>'
+            f'<text x="{HALF_PICTURE_WIDTH + a:.1f}" y="{PICTURE_HEIGHT / 2 - b:.1f}" text-anchor="middle" '
+            f'font-family="DejaVu Sans" font-size="13" fill="{INK}">{html.escape(text)}</text>'
         )
     data = {
         "kind": "turn",
-        "yaw": YAW,
-        "pitch": PITCH,
+        "yaw": YAW_RAD,
+        "pitch": PITCH_RAD,
         "points": np.round(solid.points, 1).ravel().tolist(),
         "triangles": solid.triangles.ravel().tolist(),
         "bands": solid.bands.tolist(),
@@ -233,6 +242,7 @@ def _drawn(solid: Solid, name: str) -> str:
     }
     held = html.escape(json.dumps(data, separators=(",", ":")), quote=False)
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * HALF:.0f} {TALL:.0f}" width="{2 * HALF:.0f}" '
-        f'height="{TALL:.0f}" id="{name}-svg"><metadata class="data">{held}</metadata>{"".join(parts)}</svg>'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * HALF_PICTURE_WIDTH:.0f} {PICTURE_HEIGHT:.0f}" '
+        f'width="{2 * HALF_PICTURE_WIDTH:.0f}" '
+        f'height="{PICTURE_HEIGHT:.0f}" id="{name}-svg"><metadata class="data">{held}</metadata>{"".join(parts)}</svg>'
     )

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from rso.core.digits import estimate, known
-from rso.inference.verdict import REFUTED
+from rso.core.plain_results import RUN_STAGES
+from rso.inference.verdict import REFUTED_ERROR_RATIO
 from rso.report.calibration.deformed import deformed_blocks, moved_sentence
 from rso.report.calibration.derived import (
     derived_facts,
@@ -25,7 +26,6 @@ from rso.report.layout.digits import Unit, clean, duration, percent, quantity, s
 from rso.report.layout.document import Answers, Block, Fact, Facts, Mark, Picture, Section, Text
 from rso.report.notes import data_remarks
 from rso.report.reading import (
-    STAGES,
     CandidateView,
     ParameterView,
     Results,
@@ -138,15 +138,15 @@ def found_sentences(results: Results) -> list[str]:
 def unfinished(results: Results) -> list[str]:
     """What is missing of a study that is not complete."""
     stage = results.get("stage")
-    if stage == STAGES[-1]:
+    if stage == RUN_STAGES[-1]:
         return []
-    if stage not in STAGES:
+    if stage not in RUN_STAGES:
         return [f"This study has not finished any stage that this report knows (stage: {clean(stage) or 'none'})."]
-    later = ", ".join(STAGES[STAGES.index(stage) + 1 :])
+    later = ", ".join(RUN_STAGES[RUN_STAGES.index(stage) + 1 :])
     return [f"This study is not complete. The last finished stage is “{stage}”; still to come: {later}."]
 
 
-NOT = "is not determined"
+NOT_DETERMINED = "is not determined"
 
 
 def interval_rows(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
@@ -171,7 +171,7 @@ def likely(results: Results, p: ParameterView) -> float | None:
 def how(results: Results, p: ParameterView) -> str:
     """How a parameter that is not determined is called."""
     verdicts = {q.name: d.get("verdict") for q, d in identified(results)}
-    return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT
+    return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT_DETERMINED
 
 
 def _also(p: ParameterView, x: float, interval: list[float]) -> str:
@@ -204,7 +204,7 @@ def _material(results: Results) -> list[str]:
 def _refuted(results: Results) -> float | None:
     """By how many times their errors the model misses the data, where it does so widely."""
     scale = number((results.get("identification") or {}).get("scale"))
-    return scale if scale is not None and scale > REFUTED else None
+    return scale if scale is not None and scale > REFUTED_ERROR_RATIO else None
 
 
 def _agrees(results: Results) -> str:
@@ -385,8 +385,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
 def _determined_caption(results: Results) -> str:
     rows = interval_rows(results)
     fixed = [p.letter for p, d in rows if d.get("determined") is True]
-    weakly = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) != NOT]
-    loose = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) == NOT]
+    weakly = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) != NOT_DETERMINED]
+    loose = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) == NOT_DETERMINED]
     said = []
     if fixed:
         said.append(f"the data leave {_and(fixed)} only a part of the range that was searched")

@@ -11,7 +11,7 @@ from rso.report.layout.digits import clean, duration, percent, quantity, shortes
 from rso.report.layout.document import Block, Cell, Section, Table, Text, column, table, words
 from rso.report.reading import listed, number, pair
 
-_LONG = 6  # a longer list starts closed
+_MAX_OPEN_LIST_ROWS = 6  # a longer list starts closed
 
 
 def background(found: Found) -> Section:
@@ -23,7 +23,7 @@ def background(found: Found) -> Section:
     if failed:
         columns = [column("Run", words(failed, "code"), number=False)]
         note = "Their place is taken by the nearest run that has an answer."
-        blocks.append(table(f"Failed runs ({len(failed)})", columns, note, folded=len(failed) > _LONG))
+        blocks.append(table(f"Failed runs ({len(failed)})", columns, note, folded=len(failed) > _MAX_OPEN_LIST_ROWS))
     else:
         blocks.append(Text("No run failed."))
     if t := _times(found):

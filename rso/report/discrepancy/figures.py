@@ -30,15 +30,15 @@ from rso.report.discrepancy.reading import (
 from rso.report.discrepancy.signatures import signature_map
 from rso.report.layout.digits import clean, symbol
 from rso.report.reading import listed, number
-from rso.report.sketch import NAME, sketch_figure
+from rso.report.sketch import SKETCH_PICTURE, sketch_figure
 
-BARS, CURVES = 7, 12
-_POWER = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
+MAX_HYPOTHESIS_BARS, MAX_HELD_OUT_CURVES = 7, 12  # of one figure
+_POWER_COLOURS = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
 
 
 def draw(found: Found, name: str) -> str:
     """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
-    if name == NAME:
+    if name == SKETCH_PICTURE:
         with style():
             return sketch_figure(found)
     figures = {
@@ -61,7 +61,7 @@ def leading(found: Found) -> list[tuple[str, float]]:
     """Hypotheses that are worth a bar, with their probabilities."""
     rows = [(str(k), float(v)) for k, v in (found.get("probabilities") or {}).items() if known(v)]
     rows.sort(key=lambda v: -v[1])
-    return [v for k, v in enumerate(rows[:BARS]) if k < 4 or v[1] >= 0.005]
+    return [v for k, v in enumerate(rows[:MAX_HYPOTHESIS_BARS]) if k < 4 or v[1] >= 0.005]
 
 
 def probabilities(found: Found) -> Figure:
@@ -84,13 +84,13 @@ def probabilities(found: Found) -> Figure:
     return figure
 
 
-_STEPS = ("before", "refit_only", "with_cause")
+_SHRINKAGE_STEPS = ("before", "refit_only", "with_cause")
 
 
 def shrinkage(found: Found) -> Figure:
     """From the gap before to what is left, in steps."""
     s = core(found)["shrinkage"]
-    before, refit, cause = (float(s[k]) for k in _STEPS)
+    before, refit, cause = (float(s[k]) for k in _SHRINKAGE_STEPS)
     floor = float(s.get("noise_floor") or 1.0)
     rows = [("before", 0.0, before, GREY), ("a re-fit alone", refit, before, LIGHT)]
     if chosen(found):
@@ -140,24 +140,24 @@ def shrinkage(found: Found) -> Figure:
 def drawn_curves(found: Found) -> list[Mapping[str, Any]]:
     """Held-out curves whose three gaps are known."""
     curves = (core(found).get("shrinkage") or {}).get("curves") or ()
-    return [c for c in curves if all(known(c.get(k)) and c[k] > 0 for k in _STEPS)]
+    return [c for c in curves if all(known(c.get(k)) and c[k] > 0 for k in _SHRINKAGE_STEPS)]
 
 
 def held_out_curves(found: Found) -> Figure:
     """The three gaps of each held-out curve."""
-    curves = drawn_curves(found)[:CURVES]
+    curves = drawn_curves(found)[:MAX_HELD_OUT_CURVES]
     figure = canvas(0.72 + 0.2 * len(curves))
     axes = figure.subplots()
     some = chosen(found) is not None
     for k, c in enumerate(curves):
-        before, refit, cause = (float(c[v]) for v in _STEPS)
+        before, refit, cause = (float(c[v]) for v in _SHRINKAGE_STEPS)
         axes.plot([before, cause], [-k, -k], color=LIGHT, lw=1.6, solid_capstyle="butt", zorder=1)
         axes.plot([before], [-k], "o", ms=5, color=GREY, mew=0)
         axes.plot([refit], [-k], "|", ms=7, color=INK, mew=1.3)
         if some:
             axes.plot([cause], [-k], "o", ms=5, color=ACCENT, mew=0)
     axes.axvline(1.0, color=INK, lw=0.9, ls=(0, (4, 2)), zorder=0)
-    values = [1.0, *(float(c[v]) for c in curves for v in _STEPS)]
+    values = [1.0, *(float(c[v]) for c in curves for v in _SHRINKAGE_STEPS)]
     if max(values) > 5 * min(values):
         axes.set_xscale("log")
         plain_log(axes.xaxis)
@@ -179,7 +179,7 @@ def held_out_curves(found: Found) -> Figure:
     return figure
 
 
-_CALLED = {"before": "without cause", "if_nothing_else": "nothing else", "after": "all allowed"}
+_BAND_WORDS = {"before": "without cause", "if_nothing_else": "nothing else", "after": "all allowed"}
 
 
 def parameters(found: Found) -> Figure:
@@ -203,7 +203,7 @@ def parameters(found: Found) -> Figure:
         else:
             axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.margins(x=0.08)
-        axes.set_yticks([-k for k in range(len(whens))], [_CALLED[w] for w, _ in whens])
+        axes.set_yticks([-k for k in range(len(whens))], [_BAND_WORDS[w] for w, _ in whens])
         axes.set(ylim=(0.4 - len(whens), 0.6), xlabel=f"{symbol(name)}{use.bracket}")
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)
@@ -234,7 +234,7 @@ def power(found: Found) -> Figure:
     for k, (name, values, entry) in enumerate(rows):
         n = len(values)
         for i, q in enumerate(values):
-            axes.barh(-k, 1 / n, left=i / n, height=0.8, color=_POWER(q), edgecolor=PAPER, lw=0.8)
+            axes.barh(-k, 1 / n, left=i / n, height=0.8, color=_POWER_COLOURS(q), edgecolor=PAPER, lw=0.8)
         limit = number(entry.get("smallest_visible"))
         word = "any" if entry.get("visible") else "invisible"
         if limit is not None:
@@ -255,6 +255,6 @@ def power(found: Found) -> Figure:
     axes.set(xlim=(0, 1), ylim=(-len(rows) - 0.9, 1.3))
     axes.axis("off")
     for i in range(21):
-        axes.barh(-len(rows) - 0.25, 0.4 / 21, left=i * 0.4 / 21, height=0.45, color=_POWER(i / 20), lw=0)
+        axes.barh(-len(rows) - 0.25, 0.4 / 21, left=i * 0.4 / 21, height=0.45, color=_POWER_COLOURS(i / 20), lw=0)
     axes.text(0.42, -len(rows) - 0.25, "noticed never … always", va="center", fontsize=8, color=GREY)
     return figure

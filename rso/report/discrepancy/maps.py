@@ -16,17 +16,18 @@ from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look, canvas, pla
 from rso.report.discrepancy.reading import Found, Panel, brief, chosen, panels
 from rso.report.layout.digits import shortest
 
-FIRST, PANELS = 3, 9
-QUANTILE = 1.645  # standard deviations on each side of 90 %
-FEW_TICKS = 20.0  # ratio of times from which decades alone are marked
-COLUMNS, LETTERS, KEY = 6, 116, 7  # of a legend: most columns, letters in a row, those that a line and its gaps take
-TINT = "#f3dfd5"  # behind what is beyond noise
+N_FIRST_PANELS, MAX_MAP_PANELS = 3, 9  # of the first figure, and of both together
+NOISE_BAND_SD = 1.645  # standard deviations on each side of 90 %
+DECADE_TICKS_RATIO = 20.0  # ratio of times from which decades alone are marked
+# of a legend: most columns, letters in a row, those that a line and its gaps take
+MAX_LEGEND_COLUMNS, LEGEND_ROW_LETTERS, LEGEND_KEY_LETTERS = 6, 116, 7
+BEYOND_NOISE_TINT = "#f3dfd5"  # behind what is beyond noise
 
 
 def residual_map(found: Found, more: bool = False) -> Figure:
     """Measured minus model over depth, one panel per experiment and channel: the strongest three, or those after."""
     every = panels(found)
-    rows = every[FIRST:PANELS] if more else every[:FIRST]
+    rows = every[N_FIRST_PANELS:MAX_MAP_PANELS] if more else every[:N_FIRST_PANELS]
     columns = min(3, len(rows))
     lines = -(-len(rows) // columns)
     figure = canvas(1.55 * lines if more else 2.15 if columns > 1 else 3.0)
@@ -60,7 +61,7 @@ def _keys(figure: Figure, found: Found, rows: Sequence[Panel]) -> None:
         )
     handles.append(Patch(color=LIGHT, alpha=0.75, lw=0, label="90 % of the noise"))
     if strong:
-        handles.append(Patch(color=TINT, lw=0, label="beyond noise"))
+        handles.append(Patch(color=BEYOND_NOISE_TINT, lw=0, label="beyond noise"))
     legend(figure, handles)
 
 
@@ -69,9 +70,9 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
 
     def wide(columns: int) -> int:
         each = [[len(h.get_label()) for h in handles[k::columns]] for k in range(min(columns, len(handles)))]
-        return sum(max(v) + KEY for v in each)
+        return sum(max(v) + LEGEND_KEY_LETTERS for v in each)
 
-    columns = next((c for c in range(COLUMNS, 1, -1) if wide(c) <= LETTERS), 1)
+    columns = next((c for c in range(MAX_LEGEND_COLUMNS, 1, -1) if wide(c) <= LEGEND_ROW_LETTERS), 1)
     by_column = [h for k in range(columns) for h in handles[k::columns]]  # as matplotlib fills them in
     figure.legend(
         handles=by_column,
@@ -90,7 +91,7 @@ def _panel(axes: Axes, p: Panel) -> None:
     f = p.unit.factor
     for _, low, high in p.regions:
         room = 0.0 if high > low else 1.1 * _half_width(p)
-        axes.axvspan(low - room, high + room, color=TINT, lw=0, zorder=0)
+        axes.axvspan(low - room, high + room, color=BEYOND_NOISE_TINT, lw=0, zorder=0)
     if p.profile:
         _marks(axes, p)
         along(axes, p)
@@ -101,7 +102,7 @@ def _panel(axes: Axes, p: Panel) -> None:
                 _branch(axes, p, which, branch, colour, width)
         along(axes, p)
     axes.axhline(0, color=INK, lw=0.6, zorder=1)
-    sizes = [np.abs(v).max() for r in p.records for v in (r.base, r.cause, QUANTILE * r.sd) if v is not None]
+    sizes = [np.abs(v).max() for r in p.records for v in (r.base, r.cause, NOISE_BAND_SD * r.sd) if v is not None]
     high = 1.08 * f * float(max(sizes))
     axes.set_ylim(-high, high)
     axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True, min_n_ticks=3))
@@ -124,7 +125,7 @@ def along(axes: Axes, p: Panel) -> None:
         axes.set_xscale("log")
         plain_log(axes.xaxis)
         times = np.concatenate([r.depth for r in p.records])
-        if times.max() > FEW_TICKS * times.min():
+        if times.max() > DECADE_TICKS_RATIO * times.min():
             axes.xaxis.set_major_locator(LogLocator(numticks=5))
         axes.set_xlabel("time at rest (s)")
     else:
@@ -136,7 +137,7 @@ def _noise(axes: Axes, p: Panel) -> None:
     """The 90 % band of a single reading, from the branch that most records have."""
     d, s = (np.concatenate([getattr(r, k)[r.branch == r.branch[0]] for r in p.records]) for k in ("depth", "sd"))
     order = np.argsort(d, kind="stable")
-    d, s = d[order], s[order] * p.unit.factor * QUANTILE
+    d, s = d[order], s[order] * p.unit.factor * NOISE_BAND_SD
     axes.fill_between(d, -s, s, color=LIGHT, alpha=0.75, lw=0, zorder=0.5)
 
 
@@ -190,7 +191,7 @@ def _marks(axes: Axes, p: Panel) -> None:
     wide, f = _half_width(p), p.unit.factor
     for r in p.records:
         for d, k, x in spread(p, r.depth):
-            s = np.full(2, QUANTILE * float(r.sd[k].mean()) * f)
+            s = np.full(2, NOISE_BAND_SD * float(r.sd[k].mean()) * f)
             axes.fill_between([d - 1.1 * wide, d + 1.1 * wide], -s, s, color=LIGHT, alpha=0.75, lw=0, zorder=0.5)
             axes.plot(x, r.base[k] * f, "o", ms=2.4, color=GREY, mew=0, zorder=2)
             if r.cause is not None:

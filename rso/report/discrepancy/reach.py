@@ -7,7 +7,7 @@ from typing import Any
 
 from rso.core.digits import DASH, known
 from rso.discrepancy.parameters import called
-from rso.discrepancy.wording import TELLS
+from rso.discrepancy.wording import MIN_NAMED_TEST_CHANCE
 from rso.report.discrepancy.figures import leading, least, power_rows
 from rso.report.discrepancy.reading import Found, amount, brief, core, effects_of
 from rso.report.layout.digits import aligned, clean, percent
@@ -112,7 +112,7 @@ def next_test(found: Found) -> Section:
         open_ = core(found).get("verdict") in ("partly", "unexplained")
         why = "What is left looks like nothing in the catalogue" if open_ else "No rival causes are left to separate"
         return Section("next", title, (Text(f"{why}, so no further test is proposed."),))
-    every, rows = rows, [t for t in rows if (number(t.get("chance")) or 0.0) >= TELLS]
+    every, rows = rows, [t for t in rows if (number(t.get("chance")) or 0.0) >= MIN_NAMED_TEST_CHANCE]
     if not rows:
         told = f"None of {len(every)} proposed tests would separate the causes (chance below 1 %): "
         return Section("next", title, (Text(f"{told}repeats, less noise or other channels are needed."),))

@@ -16,10 +16,11 @@ from rso.report.layout.digits import Unit, clean, percent, shortest, shown, unit
 from rso.report.reading import listed, number, pair
 
 Found = Mapping[str, Any]
-BASE, REST = "none", "unexplained"  # parts of the names of hypotheses: no effect, a gap of no known cause
-WHEN = "before", "if_nothing_else", "after"  # bands of parameters
-_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-_BRANCH = {"loading": 0, "unloading": 1, "held": 2}
+# parts of the names of hypotheses: no effect, a gap of no known cause
+NO_EFFECT, NO_KNOWN_CAUSE = "none", "unexplained"
+PARAMETER_BANDS = "before", "if_nothing_else", "after"  # bands of parameters
+_RAISED_DIGITS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_BRANCH_ORDER = {"loading": 0, "unloading": 1, "held": 2}  # as in `rso.discrepancy.library.test_plan`
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def parts(name: str) -> list[str]:
 
 def effects_of(name: str) -> list[str]:
     """Names of the effects of a hypothesis; the base model and what is unexplained are none."""
-    return [p for p in parts(name) if p not in (BASE, REST)]
+    return [p for p in parts(name) if p not in (NO_EFFECT, NO_KNOWN_CAUSE)]
 
 
 def chosen(found: Found) -> str | None:
@@ -104,7 +105,7 @@ def descriptions(found: Found) -> dict[str, str]:
 
 def label(found: Found, name: str) -> str:
     """A hypothesis in words."""
-    effects, rest = effects_of(name), REST in parts(name)
+    effects, rest = effects_of(name), NO_KNOWN_CAUSE in parts(name)
     if not effects:
         return "something that is not in the catalogue" if rest else "nothing: the base model alone"
     text = " and ".join(clean(called(found, e)) for e in effects)
@@ -114,7 +115,7 @@ def label(found: Found, name: str) -> str:
 def brief(found: Found, name: str) -> str:
     """A hypothesis by what people call its effects, for the heading of a column."""
     effects = " + ".join(clean(called(found, e)) for e in effects_of(name))
-    if REST not in parts(name):
+    if NO_KNOWN_CAUSE not in parts(name):
         return effects or "base model"
     return f"{effects} and more" if effects else "not in the catalogue"
 
@@ -138,7 +139,7 @@ def p_text(p: object) -> str:
 def unit_of(unit: object, size: float | None = None) -> Unit:
     """The unit people use for a quantity of this size, powers raised."""
     use = shown("" if unit is None else str(unit), size)
-    raised = re.sub(r"\^(\d+)", lambda m: m.group(1).translate(_POWERS), use.label)
+    raised = re.sub(r"\^(\d+)", lambda m: m.group(1).translate(_RAISED_DIGITS), use.label)
     return Unit(unit_text(raised), use.factor)
 
 
@@ -189,10 +190,10 @@ def said_when(found: Found) -> dict[str, str]:
 def parameter_bands(found: Found) -> list[tuple[str, str, dict[str, tuple[float, float, float]]]]:
     """(name, unit, {when: (low, median, high)}) of every base parameter."""
     data = core(found).get("parameters") or {}
-    names = dict.fromkeys(k for when in WHEN for k in data.get(when) or {})
+    names = dict.fromkeys(k for when in PARAMETER_BANDS for k in data.get(when) or {})
     rows = []
     for k in names:
-        known_bands = {w: b for w in WHEN if (b := band((data.get(w) or {}).get(k)))}
+        known_bands = {w: b for w in PARAMETER_BANDS if (b := band((data.get(w) or {}).get(k)))}
         if known_bands:
             rows.append((clean(k), str((found.get("units") or {}).get(k) or ""), known_bands))
     return rows
@@ -231,7 +232,7 @@ def _record(r: Mapping[str, Any], cause: str | None) -> RecordView | None:
     """The readings of which everything is known."""
     residual = r.get("residual") or {}
     names = ["since" if "since" in r else "depth", "branch", "measured", "sd"]
-    columns = [r.get(k) for k in names] + [residual.get(BASE)] + ([residual[cause]] if cause in residual else [])
+    columns = [r.get(k) for k in names] + [residual.get(NO_EFFECT)] + ([residual[cause]] if cause in residual else [])
     data = _known(columns)
     if data is None or not np.any(keep := data[3] > 0):
         return None
@@ -251,9 +252,9 @@ def _known(columns: Sequence[Sequence[Any] | None]) -> np.ndarray | None:
 def _region(text: object) -> tuple[int | None, float, float] | None:
     """Branch and depths (mm) or times (s) of a region from its words, None where they hold none."""
     if m := re.fullmatch(r"held ([\d.e+-]+)–([\d.e+-]+) s", str(text)):
-        return _BRANCH["held"], float(m[1]), float(m[2])
+        return _BRANCH_ORDER["held"], float(m[1]), float(m[2])
     if m := re.fullmatch(r"(loading|unloading) ([\d.]+)–([\d.]+) mm", str(text)):
-        return _BRANCH[m[1]], float(m[2]), float(m[3])
+        return _BRANCH_ORDER[m[1]], float(m[2]), float(m[3])
     if m := re.fullmatch(r"profile at ([\d.]+) mm", str(text)):
         return None, float(m[1]), float(m[1])
     return None

@@ -10,11 +10,19 @@ from typing import Any, Unpack
 from rso.core.digits import DASH, NBSP, known, significant
 from rso.core.symbols import in_letters
 from rso.discrepancy.parameters import called, known_alone, unproved
-from rso.discrepancy.wording import DOUBT, UNDECIDED, in_one_curve, may_be_absent, nothing, shaped, undecided
+from rso.discrepancy.wording import (
+    MENTIONED_NO_GAP_PROBABILITY,
+    UNDECIDED,
+    in_one_curve,
+    may_be_absent,
+    nothing,
+    shaped,
+    undecided,
+)
 from rso.report.canvas import short
 from rso.report.discrepancy.background import background
 from rso.report.discrepancy.figures import draw, leading
-from rso.report.discrepancy.maps import FIRST, PANELS
+from rso.report.discrepancy.maps import MAX_MAP_PANELS, N_FIRST_PANELS
 from rso.report.discrepancy.reach import how_sure, in_sight, next_test
 from rso.report.discrepancy.reading import (
     Found,
@@ -37,7 +45,7 @@ from rso.report.discrepancy.reading import (
     verdict_of,
 )
 from rso.report.discrepancy.shrinkage import each_its_own, how_much, share_text
-from rso.report.discrepancy.signatures import ROWS, colours
+from rso.report.discrepancy.signatures import N_SIGNATURE_ROWS, colours
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import aligned, clean, percent, quantity, symbol
@@ -59,9 +67,9 @@ from rso.report.layout.document import (
 from rso.report.reading import listed, number, pair
 from rso.report.sketch import sketch_blocks
 
-FEW = 0.9  # probability of all named causes below which it is said that others hold the rest
+MIN_NAMED_CAUSES_PROBABILITY = 0.9  # probability of all named causes below which it is said that others hold the rest
 
-_VERDICTS = {
+_DIAGNOSIS_VERDICTS = {
     "no_gap": ("No gap", "The model reproduces these measurements within their noise."),
     "explained": ("Explained", "The model misses something, and this explains it: {0}."),
     "ambiguous": ("Ambiguous", "The model misses something, and these data cannot separate the causes: {0}."),
@@ -103,14 +111,14 @@ def report(found: Found) -> Report:
 def verdict(found: Found) -> Section:
     """Section 1: the verdict in one sentence, the numbers behind it, and the story."""
     d = core(found)
-    text = _VERDICTS.get(told(found), ("", ""))[1]
+    text = _DIAGNOSIS_VERDICTS.get(told(found), ("", ""))[1]
     names = [descriptions(found).get(c, c) for c in map(lambda c: clean(c.get("effect")), d.get("causes") or ())]
     if d.get("ambiguous_with"):
         named = _listing(names if names[1:] else [*names, _other(d)], "or")
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
-    if nothing(found) > DOUBT:
+    if nothing(found) > MENTIONED_NO_GAP_PROBABILITY:
         text = text.replace("misses", "may miss")
     lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
     lead += "".join(f" {_in_letters(found, v)}" for v in unproved(core(found))) if verdict_of(found) == "no_gap" else ""
@@ -148,10 +156,10 @@ def _not_settled(found: Found) -> str:
     if verdict_of(found) != "ambiguous" or not held or len(held) < len(causes):
         return ""
     total, text = sum(held), ""
-    if total < FEW:
+    if total < MIN_NAMED_CAUSES_PROBABILITY:
         text += f" Given a gap, these hold {chance(total)} of the probability; the rest is spread over what is less "
         text += "likely."
-    if nothing(found) > DOUBT:
+    if nothing(found) > MENTIONED_NO_GAP_PROBABILITY:
         text += f" That there is no gap at all has {chance(nothing(found))}."
     return text
 
@@ -167,17 +175,17 @@ def _facts(found: Found) -> list[Fact]:
     g, s, v = d.get("gap") or {}, d.get("shrinkage") or {}, verdict_of(found)
     mark: Mark = "good" if told(found) in ("no_gap", "explained", "measurement") else "warn"
     facts = [
-        Fact("Verdict", _VERDICTS.get(told(found), (clean(v) or DASH, ""))[0], _policy(d), mark),
+        Fact("Verdict", _DIAGNOSIS_VERDICTS.get(told(found), (clean(v) or DASH, ""))[0], _policy(d), mark),
         Fact("p-value of “no gap”", p_text(g.get("p_value")), "rare below 0.05"),
         Fact(
             "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
         ),
     ]
-    if nothing(found) > DOUBT:
+    if nothing(found) > MENTIONED_NO_GAP_PROBABILITY:
         facts.insert(1, Fact("No gap at all", chance(nothing(found)), "of the probability"))
     causes = list(d.get("causes") or ())
     if causes:
-        c, given = causes[0], ", given a gap" if nothing(found) > DOUBT else ""
+        c, given = causes[0], ", given a gap" if nothing(found) > MENTIONED_NO_GAP_PROBABILITY else ""
         note = f"probability {chance(c.get('probability'))}{given}"
         note += "; may be absent" if pair(c.get("interval")) and may_be_absent(c) else ""
         facts.append(Fact("Leading cause", short(clean(called(found, str(c.get("effect")))), 26), note))
@@ -198,7 +206,7 @@ def _parameter_facts(found: Found) -> list[Fact]:
     return [Fact(symbol(name), value, f"90{NBSP}%: {ends}") for name, (value, ends) in rows]
 
 
-_POLICY = {
+_VERDICT_POLICY = {
     "no_gap": "nothing beyond noise",
     "explained": "probability 95 % or more",
     "ambiguous": "no cause reaches 95 %",
@@ -208,7 +216,7 @@ _POLICY = {
     UNDECIDED: "neither shown nor excluded",
 }
 
-_EITHER = {
+_EITHER_SOURCES = {
     "like_a_modulus": "load cell or specimen",
     "like_a_body": "load train or specimen",
     "like_a_spot": "its seat or the specimen",
@@ -218,10 +226,10 @@ _EITHER = {
 def _policy(d: Mapping[str, Any]) -> str:
     causes = list(d.get("causes") or ())
     lone = causes[0] if d.get("verdict") == "ambiguous" and len(causes) == 1 else {}
-    for like, either in _EITHER.items():
+    for like, either in _EITHER_SOURCES.items():
         if lone.get(like):
             return either
-    return _POLICY.get(UNDECIDED if undecided(d) else clean(d.get("verdict")), "")
+    return _VERDICT_POLICY.get(UNDECIDED if undecided(d) else clean(d.get("verdict")), "")
 
 
 def _check_of(found: Found) -> float | None:
@@ -235,8 +243,8 @@ def where(found: Found) -> Section:
     shown_panels = panels(found)
     if shown_panels:
         blocks.append(Picture("residuals", _residual_caption(found)))
-    if len(shown_panels) > FIRST:
-        left = len(shown_panels) - PANELS
+    if len(shown_panels) > N_FIRST_PANELS:
+        left = len(shown_panels) - MAX_MAP_PANELS
         caption = f"{left} more panels, weaker than these, are not drawn." if left > 0 else ""
         blocks.append(Picture("residuals-more", f"The next panels, drawn in the same way. {caption}".strip()))
     rows = list(core(found).get("where") or ())
@@ -258,7 +266,7 @@ def _residual_caption(found: Found) -> str:
     text += "is one, are taken out; the band is what a reading scatters by and a model may be off by."
     if cause and verdict_of(found) == "unexplained":
         text += f" Blue: the best of the catalogue ({brief(found, cause)}), which did not hold."
-    if any(p.profile for p in panels(found)[:PANELS]):
+    if any(p.profile for p in panels(found)[:MAX_MAP_PANELS]):
         text += " Profiles: one dot per surface mark at each depth."
     return text
 
@@ -418,7 +426,9 @@ def _signature_caption(found: Found) -> str:
         text += f"leaves. What {brief(found, cause)} does to each curve for itself has no mean, and so no line."
     else:
         text += "leaves. None of these hypotheses held."
-    return text + (f" The first {ROWS} of {len(rows)} panels are drawn." if len(rows) > ROWS else "")
+    return text + (
+        f" The first {N_SIGNATURE_ROWS} of {len(rows)} panels are drawn." if len(rows) > N_SIGNATURE_ROWS else ""
+    )
 
 
 def parameters(found: Found) -> Section:

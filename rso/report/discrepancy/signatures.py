@@ -15,16 +15,17 @@ from rso.report.canvas import ACCENT, GREY, INK, PAPER, WARM, Look, canvas, shor
 from rso.report.discrepancy.maps import along, heading, legend, spread
 from rso.report.discrepancy.reading import Found, Panel, Signature, brief, chosen, signatures
 
-ROWS = 4
-COLOURS = (ACCENT, WARM, "#2f8f6f", "#c08a1e", "#8b6ba8", "#5a5f64")  # the first is kept for the chosen hypothesis
-ALIKE = 0.05  # of the largest change: repeats that differ by less are one line
-UNLOADING = (0, (3, 1.6))
+N_SIGNATURE_ROWS = 4  # hypotheses of a figure
+# the first is kept for the chosen hypothesis
+SIGNATURE_COLOURS = (ACCENT, WARM, "#2f8f6f", "#c08a1e", "#8b6ba8", "#5a5f64")
+SAME_LINE_TOLERANCE = 0.05  # of the largest change: repeats that differ by less are one line
+UNLOADING_DASHES = (0, (3, 1.6))  # lengths in points of strokes and gaps
 
 
 def signature_map(found: Found) -> Figure:
     """Left what each leading hypothesis adds to the base model, right what the base model leaves and the chosen one's
     line, one row per panel."""
-    rows = signatures(found)[:ROWS]
+    rows = signatures(found)[:N_SIGNATURE_ROWS]
     cause = chosen(found)
     colour = colours(found)
     figure = canvas(0.55 + 1.4 * len(rows))
@@ -51,9 +52,9 @@ def signature_map(found: Found) -> Figure:
 
 def colours(found: Found) -> dict[str, str]:
     """The hypotheses that are drawn, in their order, each with its colour."""
-    names = dict.fromkeys(n for _, own in signatures(found)[:ROWS] for s in own for n in s.added)
-    free = iter(COLOURS[1:])
-    return {n: COLOURS[0] if n == chosen(found) else next(free, COLOURS[-1]) for n in names}
+    names = dict.fromkeys(n for _, own in signatures(found)[:N_SIGNATURE_ROWS] for s in own for n in s.added)
+    free = iter(SIGNATURE_COLOURS[1:])
+    return {n: SIGNATURE_COLOURS[0] if n == chosen(found) else next(free, SIGNATURE_COLOURS[-1]) for n in names}
 
 
 def _keys(
@@ -64,7 +65,9 @@ def _keys(
     if any(np.any(s.branch == 1) for _, own in rows for s in own):
         handles.append(Line2D([], [], color=INK, lw=1.3, label="loading"))
         handles.append(
-            Line2D([], [], color=INK, lw=0.9, ls=UNLOADING, marker="o", ms=3, mfc=PAPER, mew=0.6, label="unloading")
+            Line2D(
+                [], [], color=INK, lw=0.9, ls=UNLOADING_DASHES, marker="o", ms=3, mfc=PAPER, mew=0.6, label="unloading"
+            )
         )
     handles.append(Line2D([], [], color=GREY, marker="o", ms=3.5, lw=0, mew=0, label="residual of the base model"))
     legend(figure, handles)
@@ -80,7 +83,7 @@ def _hypothesis(axes: Axes, p: Panel, own: Sequence[Signature], name: str, colou
                 axes.plot(x, v[k], "-o", ms=1.2 * width, mew=0, color=colour, lw=0.5 * width, zorder=z)
         return
     for branch in (2,) if p.held else (0, 1):
-        look: Look = {"lw": width} if branch != 1 else {"lw": 0.65 * width, "ls": UNLOADING}
+        look: Look = {"lw": width} if branch != 1 else {"lw": 0.65 * width, "ls": UNLOADING_DASHES}
         for x, y in _lines([(s.depth[k], v[k]) for s, v in rows if np.any(k := s.branch == branch)]):
             axes.plot(x, y, color=colour, zorder=z, **look)
 
@@ -89,7 +92,7 @@ def _lines(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> Iterator[np.ndarray
     """One line for all repeats where these agree, each its own otherwise."""
     if len({len(x) for x, _ in rows}) == 1:
         both = np.array(rows)
-        if np.ptp(both[:, 1], axis=0).max() <= ALIKE * np.abs(both[:, 1]).max():
+        if np.ptp(both[:, 1], axis=0).max() <= SAME_LINE_TOLERANCE * np.abs(both[:, 1]).max():
             both = both.mean(axis=0, keepdims=True)
         yield from both
         return

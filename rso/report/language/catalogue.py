@@ -13,23 +13,25 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-_HERE = Path(__file__).parent
-_SLOT = re.compile(r"\{(\w+)(!?)\}")
-_SENTENCE = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;]|p = )")
-_NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
-_WORDLESS = re.compile(r"[^A-Za-z]*$")
-_PART = r"(?:[kMGµmn]?(?:N|Pa|m|s|g|J|V|Hz)(?:[²³⁴]|⁻¹)?|min|h|d|deg|%|°)"
-_UNIT = rf"(?:1?/?{_PART}(?:[/·]{_PART})*)"
-_SIZE = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
-_QUANTITY = re.compile(rf"(?:{_SIZE}(?:\s{_UNIT})?|{_UNIT}|{_SIZE}\s(?:h|min)\s{_SIZE}\s(?:min|s))$")
+_LANGUAGES_FOLDER = Path(__file__).parent
+_TEMPLATE_SLOT = re.compile(r"\{(\w+)(!?)\}")
+_SENTENCE_GAP = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)(?<!vs\.)(?<!eq\.)\s+(?=[^a-z\s)\].,;]|p = )")
+_DECIMAL_NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
+_WORDLESS_TEXT = re.compile(r"[^A-Za-z]*$")
+_UNIT_PART = r"(?:[kMGµmn]?(?:N|Pa|m|s|g|J|V|Hz)(?:[²³⁴]|⁻¹)?|min|h|d|deg|%|°)"
+_PRINTED_UNIT = rf"(?:1?/?{_UNIT_PART}(?:[/·]{_UNIT_PART})*)"
+_PRINTED_NUMBER = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+_PRINTED_QUANTITY = re.compile(
+    rf"(?:{_PRINTED_NUMBER}(?:\s{_PRINTED_UNIT})?|{_PRINTED_UNIT}|{_PRINTED_NUMBER}\s(?:h|min)\s{_PRINTED_NUMBER}\s(?:min|s))$"
+)
 # What a study, a file or a machine calls its own: paths, keys, hashes, versions, settings as a study file has them.
-_OWN = re.compile(
+_OWN_WORD = re.compile(
     r"[\w./-]+\.(?:csv|toml|json|xlsx|stl)$|[0-9a-f]{8,64}$|\d{4}-\d\d-\d\d(?:[T ][\d:.+Z]+)?$|rso [a-z]+ \S+|"
     r"N-mm-MPa-s$|(?:[\w-]+ \d+\.[\w.]+, )+|(?:[a-z_ ]+: )?[a-z][a-z_0-9]+ = \S.*(?<!\.)$|"
     r"\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
 )
-_START = 4  # letters by which templates are looked up
-_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
+_LOOKUP_LETTERS = 4  # letters by which templates are looked up
+_SLOT_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,9 @@ class SentenceTemplate:
 
     def _pattern(self, anything: str) -> re.Pattern[str]:
         parts, end, seen = [], 0, set[str]()
-        for m in _SLOT.finditer(self.english):
+        for m in _TEMPLATE_SLOT.finditer(self.english):
             parts.append(_spaced(self.english[end : m.start()]))
-            form = _FORMS.get(m[1].partition("_")[0], anything) if "_" in m[1] else anything
+            form = _SLOT_FORMS.get(m[1].partition("_")[0], anything) if "_" in m[1] else anything
             parts.append(f"(?P={m[1]})" if m[1] in seen else f"(?P<{m[1]}>{form})")
             seen.add(m[1])
             end = m.end()
@@ -58,13 +60,13 @@ class SentenceTemplate:
     @functools.cached_property
     def fixed(self) -> tuple[str, str, str]:
         """What stands before its first slot and behind its last one, and its longest piece, all single spaced."""
-        pieces = _SLOT.sub("\0", re.sub(r"\s+", " ", self.english)).split("\0")
+        pieces = _TEMPLATE_SLOT.sub("\0", re.sub(r"\s+", " ", self.english)).split("\0")
         return pieces[0], pieces[-1], max(pieces, key=len)
 
     @functools.cached_property
     def weight(self) -> int:
         """Letters that are its own."""
-        return len(_SLOT.sub("", self.english))
+        return len(_TEMPLATE_SLOT.sub("", self.english))
 
 
 def _spaced(text: str) -> str:
@@ -85,19 +87,19 @@ class Catalogue:
 
     @functools.cached_property
     def _whole(self) -> dict[str, str]:
-        return {" ".join(t.english.split()): t.other for t in self.templates if not _SLOT.search(t.english)}
+        return {" ".join(t.english.split()): t.other for t in self.templates if not _TEMPLATE_SLOT.search(t.english)}
 
     @functools.cached_property
     def _slotted(self) -> dict[str, list[SentenceTemplate]]:
         """Templates with slots by their first letters, the heaviest first; all of them have those that have none."""
-        slotted = sorted((t for t in self.templates if _SLOT.search(t.english)), key=lambda t: -t.weight)
-        starts = {t.fixed[0][:_START] for t in slotted}
-        return {s: [t for t in slotted if s.startswith(t.fixed[0][:_START])] for s in {"", *starts}}
+        slotted = sorted((t for t in self.templates if _TEMPLATE_SLOT.search(t.english)), key=lambda t: -t.weight)
+        starts = {t.fixed[0][:_LOOKUP_LETTERS] for t in slotted}
+        return {s: [t for t in slotted if s.startswith(t.fixed[0][:_LOOKUP_LETTERS])] for s in {"", *starts}}
 
     def _candidates(self, said: str) -> list[SentenceTemplate]:
         """Templates with slots that have their words in common with a single-spaced text, the heaviest first."""
         starts = self._slotted
-        near = next(starts[said[:n]] for n in range(_START, -1, -1) if said[:n] in starts)
+        near = next(starts[said[:n]] for n in range(_LOOKUP_LETTERS, -1, -1) if said[:n] in starts)
         found = []
         for t in near:
             start, end, longest = t.fixed
@@ -107,13 +109,13 @@ class Catalogue:
 
     def numbers(self, text: str) -> str:
         """Decimal numbers as the language writes them; versions and names of files stay."""
-        return _NUMBER.sub(rf"\1{self.comma}\2", text)
+        return _DECIMAL_NUMBER.sub(rf"\1{self.comma}\2", text)
 
     def text(self, said: str) -> str:
         """A paragraph, sentence by sentence; one that is a template as a whole goes first."""
         if (found := self.phrase(said)) is not None:
             return found
-        parts = _SENTENCE.split(said)
+        parts = _SENTENCE_GAP.split(said)
         return " ".join(self._sentence(p) for p in parts)
 
     def _sentence(self, said: str) -> str:
@@ -126,9 +128,9 @@ class Catalogue:
     def phrase(self, said: str) -> str | None:
         """A sentence or a part of one; None where there is no template for it."""
         stripped = said.strip()
-        if stripped in self.kept or _OWN.match(stripped):
+        if stripped in self.kept or _OWN_WORD.match(stripped):
             return said
-        if _WORDLESS.match(stripped) or _QUANTITY.match(stripped):
+        if _WORDLESS_TEXT.match(stripped) or _PRINTED_QUANTITY.match(stripped):
             return self.numbers(said)
         if stripped not in self._known:
             self._known[stripped] = self._found(stripped)
@@ -147,26 +149,26 @@ class Catalogue:
     def _filled(self, t: SentenceTemplate, m: re.Match[str]) -> str | None:
         """The other sentence with its slots filled; None where a phrase within has no template."""
         values: dict[str, str] = {}
-        for name, mark in _SLOT.findall(t.english):
+        for name, mark in _TEMPLATE_SLOT.findall(t.english):
             if not mark:
-                if _SENTENCE.search(m[name]):  # another sentence is no part of this one
+                if _SENTENCE_GAP.search(m[name]):  # another sentence is no part of this one
                     return None
                 values[name] = self.numbers(m[name])
             elif (inner := self.phrase(m[name])) is not None:
                 values[name] = inner
             else:
                 return None
-        return _SLOT.sub(lambda s: values[s[1]], t.other)
+        return _TEMPLATE_SLOT.sub(lambda s: values[s[1]], t.other)
 
 
 def languages() -> list[str]:
     """Codes of the languages that a report can be written in, beside English."""
-    return sorted(p.name for p in _HERE.iterdir() if p.is_dir() and (p / "language.toml").is_file())
+    return sorted(p.name for p in _LANGUAGES_FOLDER.iterdir() if p.is_dir() and (p / "language.toml").is_file())
 
 
 @functools.lru_cache
 def _read(language: str) -> tuple[str, tuple[SentenceTemplate, ...]]:
-    folder = _HERE / language
+    folder = _LANGUAGES_FOLDER / language
     comma = tomllib.loads((folder / "language.toml").read_text("utf-8"))["decimal"]
     found: list[SentenceTemplate] = []
     for path in sorted(folder.glob("*.toml")):

@@ -20,7 +20,7 @@ from rso.report.layout.document import (
     Text,
 )
 
-_FIGURES = re.compile(r"[\d\s.,;:±×⁻⁰¹²³⁴⁵⁶⁷⁸⁹−+<>≤≥()%·/–-]*$")
+_NUMERIC_CELL = re.compile(r"[\d\s.,;:±×⁻⁰¹²³⁴⁵⁶⁷⁸⁹−+<>≤≥()%·/–-]*$")
 
 
 def in_language(report: Report, by: Catalogue) -> Report:
@@ -67,5 +67,5 @@ def _column(c: TableColumn, by: Catalogue) -> TableColumn:
 def _cell(c: Cell, by: Catalogue) -> Cell:
     if c.mark == "code" or not c.text:
         return c
-    text = by.numbers(c.text) if _FIGURES.match(c.text) else by.text(c.text)
+    text = by.numbers(c.text) if _NUMERIC_CELL.match(c.text) else by.text(c.text)
     return replace(c, text=text, pad=c.pad.replace(".", by.comma))

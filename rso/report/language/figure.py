@@ -9,14 +9,14 @@ from typing import Any
 
 from rso.report.language.catalogue import Catalogue
 
-_TEXT = re.compile(r"(<text\b[^>]*>)([^<]*)(</text>)")
-_DATA = re.compile(r'(<metadata class="data">)(.*?)(</metadata>)', re.DOTALL)
+_SVG_TEXT = re.compile(r"(<text\b[^>]*>)([^<]*)(</text>)")
+_SVG_DATA = re.compile(r'(<metadata class="data">)(.*?)(</metadata>)', re.DOTALL)
 
 
 def figure_in_language(svg: str, by: Catalogue) -> str:
     """An own SVG element with its labels, numbers and data in the language of a catalogue."""
-    svg = _TEXT.sub(lambda m: f"{m[1]}{html.escape(_said(html.unescape(m[2]), by), quote=False)}{m[3]}", svg)
-    return _DATA.sub(lambda m: f"{m[1]}{_held(m[2], by)}{m[3]}", svg, count=1)
+    svg = _SVG_TEXT.sub(lambda m: f"{m[1]}{html.escape(_said(html.unescape(m[2]), by), quote=False)}{m[3]}", svg)
+    return _SVG_DATA.sub(lambda m: f"{m[1]}{_held(m[2], by)}{m[3]}", svg, count=1)
 
 
 def _said(text: str, by: Catalogue) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 from rso.report.layout.digits import channel_text, clean, symbol
 from rso.report.reading import Results, candidates, listed, parameters, views
 
-NAMED = ("name", "letter", "experiment", "parameter", "effect", "channel", "file", "curve", "mounting", "focus")
-LISTED = ("experiments", "channels", "added")  # lists of names
-KEYED = ("units", "before", "gain")  # tables whose keys are names
+NAME_KEYS = ("name", "letter", "experiment", "parameter", "effect", "channel", "file", "curve", "mounting", "focus")
+NAME_LIST_KEYS = ("experiments", "channels", "added")  # lists of names
+NAME_TABLE_KEYS = ("units", "before", "gain")  # tables whose keys are names
 
 
 def names_of(found: Any) -> frozenset[str]:
@@ -28,8 +28,10 @@ def _ratio(name: str) -> str:
 def _named(found: Any) -> Iterator[str]:
     if isinstance(found, Mapping):
         for key, value in found.items():
-            keyed = (key in KEYED and isinstance(value, Mapping)) or (key in LISTED and isinstance(value, list | tuple))
-            yield from (v for v in (value if keyed else [value] if key in NAMED else ()) if isinstance(v, str))
+            keyed = (key in NAME_TABLE_KEYS and isinstance(value, Mapping)) or (
+                key in NAME_LIST_KEYS and isinstance(value, list | tuple)
+            )
+            yield from (v for v in (value if keyed else [value] if key in NAME_KEYS else ()) if isinstance(v, str))
             yield from _named(value)
     elif isinstance(found, list | tuple):
         for value in found:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rso.report.layout.digits import clean
 
-_HASH, _FILES = 8, 2  # characters of a hash, and files, that a line has room for
+_HASH_CHARACTERS, _MAX_BYLINE_FILES = 8, 2  # characters of a hash, and files, that a line has room for
 
 
 def byline(found: Mapping[str, Any]) -> str:
@@ -18,7 +18,7 @@ def byline(found: Mapping[str, Any]) -> str:
     said += [f"rso {clean(made['rso'])}"] if made.get("rso") else []
     said += [clean(made["finished"])[:10]] if made.get("finished") else []
     said += [f"seed {clean(study['seed'])}"] if study.get("seed") is not None else []
-    hashes = [clean(h)[:_HASH] for h in (made.get("data_sha256") or {}).values()]
-    more = f" and {len(hashes) - _FILES} more" if len(hashes) > _FILES else ""
-    said += [f"data {', '.join(hashes[:_FILES])}{more}"] if hashes else []
+    hashes = [clean(h)[:_HASH_CHARACTERS] for h in (made.get("data_sha256") or {}).values()]
+    more = f" and {len(hashes) - _MAX_BYLINE_FILES} more" if len(hashes) > _MAX_BYLINE_FILES else ""
+    said += [f"data {', '.join(hashes[:_MAX_BYLINE_FILES])}{more}"] if hashes else []
     return " · ".join(said)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from rso.core import symbols
 from rso.core.digits import DASH, NBSP, fixed, interval_ends, known, places, significant
-from rso.core.units import LADDERS, people
+from rso.core.units import UNIT_LADDERS, people
 from rso.report.layout.document import Cell
 
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Unit:
 
 def clean(text: object) -> str:
     """Any text without control characters and lone surrogates, which neither page can hold."""
-    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", "" if text is None else str(text))
+    return _CONTROL_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", "" if text is None else str(text))
 
 
 def symbol(name: str) -> str:
@@ -64,7 +64,7 @@ def sentence(text: object) -> str:
 
 def shown(unit: str, size: float | None = None) -> Unit:
     """The unit people would use for a quantity of this size (MPa, kPa or Pa; N or mN; mm or µm)."""
-    if unit not in LADDERS or not known(size) or size == 0:
+    if unit not in UNIT_LADDERS or not known(size) or size == 0:
         return Unit(unit_text(unit))
     return Unit(*people(unit, size))
 

@@ -15,12 +15,15 @@ from rso.core.digits import known
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, plain_log, short, style, svg
 from rso.report.layout.digits import Unit, channel_text, clean, largest, shown, symbol
 from rso.report.reading import at_rest, listed, on_the_way, pair, points
-from rso.report.sketch import NAME, sketch_figure
+from rso.report.sketch import SKETCH_PICTURE, sketch_figure
 
 Found = Mapping[str, Any]
-LINES = (GREY, "#8b6ba8", WARM, "#2f8f6f", "#b08a2e", "#5b7f95", "#a04f6d")
-DASHES = tuple((0, v) for v in ((1.2, 1.2), (5, 1.4, 1.2, 1.4), (5, 1.6), (3, 1), (7, 2), (2, 2), (4, 1, 1, 1)))
-MOST = 400  # readings that are drawn as dots
+LADDER_LINE_COLOURS = (GREY, "#8b6ba8", WARM, "#2f8f6f", "#b08a2e", "#5b7f95", "#a04f6d")
+# strokes and gaps in points
+LADDER_LINE_DASHES = tuple(
+    (0, v) for v in ((1.2, 1.2), (5, 1.4, 1.2, 1.4), (5, 1.6), (3, 1), (7, 2), (2, 2), (4, 1, 1, 1))
+)
+MAX_DOTTED_READINGS = 400  # readings that are drawn as dots
 
 
 def levels(found: Found) -> list[Mapping[str, Any]]:
@@ -51,7 +54,12 @@ def looks(found: Found) -> dict[str, Look]:
         if v.get("name") == found.get("chosen"):
             out[v["name"]] = {"color": ACCENT, "ls": "-", "lw": 1.8, "zorder": 4}
         else:
-            out[v["name"]] = {"color": LINES[k % len(LINES)], "ls": DASHES[k % len(DASHES)], "lw": 1.2, "zorder": 3}
+            out[v["name"]] = {
+                "color": LADDER_LINE_COLOURS[k % len(LADDER_LINE_COLOURS)],
+                "ls": LADDER_LINE_DASHES[k % len(LADDER_LINE_DASHES)],
+                "lw": 1.2,
+                "zorder": 3,
+            }
             k += 1
     return out
 
@@ -60,7 +68,7 @@ def draw(found: Found, name: str) -> str:
     """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
     kind, _, index = name.partition("-")
     with style():
-        if kind == NAME:
+        if kind == SKETCH_PICTURE:
             return sketch_figure(found)
         if kind == "curve":
             return svg(curve(found, int(index or 0)), name)
@@ -112,7 +120,7 @@ def _panels(
     fine = shown(clean(holds.get("unit")), largest([float(s) for s in holds.get("sigma") or ()]))
     look = looks(found)
     marks: Look = {"ls": "none", "marker": "o", "ms": 2.6, "mfc": PAPER, "mec": INK, "mew": 0.7, "zorder": 2}
-    left.plot(u[:MOST], y[:MOST] * unit.factor, **marks)
+    left.plot(u[:MAX_DOTTED_READINGS], y[:MAX_DOTTED_READINGS] * unit.factor, **marks)
     at, sigma = points(holds.get(along), holds.get("sigma"))
     s = np.interp(u, at, sigma)
     right.fill_between(u, -2 * s * fine.factor, 2 * s * fine.factor, color=LIGHT, lw=0, alpha=0.75)

@@ -29,7 +29,7 @@ from rso.report.model_selection.figures import Found, draw, fitted, levels, role
 from rso.report.reading import listed, number, pair
 from rso.report.sketch import sketch_blocks
 
-_VERDICTS: dict[str, Cell] = {
+_MODEL_VERDICTS: dict[str, Cell] = {
     "adequate": Cell("good enough", mark="good"),
     "fails": Cell("fails", mark="warn"),
     "refused": Cell("refused: not determined", mark="bad"),
@@ -37,7 +37,7 @@ _VERDICTS: dict[str, Cell] = {
     "not_better": Cell("not better", mark="warn"),
     "not_needed": Cell("not needed", mark="quiet"),
 }
-DRAWN = 6  # curves
+MAX_LADDER_CURVES = 6  # that have a figure on the page
 
 
 def render_ladder(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
@@ -131,7 +131,7 @@ def _steps(found: Found) -> Table:
         column("Level", tuple(strong), number=False),
         column(
             "",
-            tuple(_VERDICTS.get(clean(s.get("verdict")), Cell(clean(s.get("verdict")))) for s in steps),
+            tuple(_MODEL_VERDICTS.get(clean(s.get("verdict")), Cell(clean(s.get("verdict")))) for s in steps),
             number=False,
         ),
         column("χ²", aligned([number(t.get("chi2")) for t in tests], 4)),
@@ -181,7 +181,7 @@ def curves(found: Found) -> Section:
         text += "uncertainty of measurement and computation together."
         held = any(c.get("since") for v in fitted(found) for c in v.get("curves") or ())
         text += " Below: the hold, over the time at rest." if held else ""
-        for k, name in enumerate(names[:DRAWN]):
+        for k, name in enumerate(names[:MAX_LADDER_CURVES]):
             blocks.append(Picture(f"curve-{k}", text if k == 0 else f"The same for {name}."))
     blocks += [Text(sentence(s.get("words"))) for s in listed(found, "steps") if s.get("verdict") != "not_needed"]
     return Section("curves", "Level by level", tuple(blocks) or (Text("Nothing was fitted.", "missing"),))

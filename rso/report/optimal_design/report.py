@@ -21,11 +21,11 @@ from rso.report.layout.document import Block, Cell, Picture, Report, Section, Ta
 from rso.report.layout.page import pictures
 from rso.report.model_selection.report import interval_text, value_text
 from rso.report.reading import listed, number
-from rso.report.sketch import NAME, sketch_blocks, sketch_figure
+from rso.report.sketch import SKETCH_PICTURE, sketch_blocks, sketch_figure
 
 Found = Mapping[str, Any]
-MOST = 12  # pairs in the table
-SHADES = ("#9ecae1", "#6baed6", "#3182bd", "#0b5a7d", "#08306b", "#4a1486", "#7a0177")
+MAX_PAIR_ROWS = 12  # pairs in the table
+TRUTH_SHADES = ("#9ecae1", "#6baed6", "#3182bd", "#0b5a7d", "#08306b", "#4a1486", "#7a0177")
 
 
 def render_next(found: Found, folder: Path, **options: Unpack[PageOptions]) -> list[Path]:
@@ -133,7 +133,7 @@ def factor(sd: float | None) -> str:
 
 def two(found: Found) -> Section:
     """Section 2: pairs."""
-    rows = rows_of(found, 2)[:MOST]
+    rows = rows_of(found, 2)[:MAX_PAIR_ROWS]
     if not rows:
         return Section("two", "Two experiments", (Text("No two experiments were asked about.", "missing"),))
     titles = [" + ".join(r["added"]) for r in rows]
@@ -224,10 +224,10 @@ def how(found: Found) -> Section:
 
 def draw(found: Found, name: str) -> str:
     """The figure of that name; ValueError for an unknown one."""
-    if name not in ("sizes", NAME):
+    if name not in ("sizes", SKETCH_PICTURE):
         raise ValueError(f"no figure {name!r}")
     with style():
-        if name == NAME:
+        if name == SKETCH_PICTURE:
             return sketch_figure(found)
         return svg(sizes(found), name)
 
@@ -237,7 +237,7 @@ def sizes(found: Found) -> Figure:
     rows = [*rows_of(found, 0), *rows_of(found, 1), *rows_of(found, 2)[:3]]
     figure = canvas(1.0 + 0.27 * len(rows))
     axes, truths = figure.subplots(), _truths(found)
-    shades = [SHADES[round(k * (len(SHADES) - 1) / max(len(truths) - 1, 1))] for k in range(len(truths))]
+    shades = [TRUTH_SHADES[round(k * (len(TRUTH_SHADES) - 1) / max(len(truths) - 1, 1))] for k in range(len(truths))]
     enough = number(found.get("enough")) or 0.34
     every = [v for r in rows for w in ("expected", "fisher") for v in size_at(found, r, w) if v > 0]
     low, high = 0.7 * min([*every, enough]), 1.3 * max([*every, enough])

@@ -15,9 +15,9 @@ from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM,
 from rso.report.layout.digits import symbol
 from rso.report.pareto.reading import Found, axis_label, names, position, searched, unit_of, value_text, wide
 
-MOST_LINES = 80  # designs of a front that are drawn as lines
-MOST_COLUMNS = 6  # parameters beside each other
-SHADES = colormaps["viridis"]
+MAX_DESIGN_LINES = 80  # designs of a front that are drawn as lines
+MAX_SLICE_COLUMNS = 6  # parameters beside each other
+DESIGN_COLOURS = colormaps["viridis"]
 
 
 def draw(found: Found, name: str) -> str:
@@ -138,7 +138,7 @@ def designs(found: Found) -> Figure:
     """Parallel coordinates: every design of the front a line through its parameters and objectives."""
     parameters, objectives = searched(found), names(found)
     points = found["front"]["points"]
-    keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), MOST_LINES)).round().astype(int))
+    keep = np.unique(np.linspace(0, len(points) - 1, min(len(points), MAX_DESIGN_LINES)).round().astype(int))
     points = [points[k] for k in keep]
     figure = canvas(3.2)
     axes = figure.subplots()
@@ -147,7 +147,7 @@ def designs(found: Found) -> Figure:
     for p in points:
         y = [position(q, p["values"][q["name"]]) for q in parameters]
         y += [_share(p["objectives"][n], ends[n]) for n in objectives]
-        axes.plot(range(count), y, color=SHADES(0.92 * y[len(parameters)]), lw=0.9, alpha=0.75)
+        axes.plot(range(count), y, color=DESIGN_COLOURS(0.92 * y[len(parameters)]), lw=0.9, alpha=0.75)
     for k in range(count):
         axes.axvline(k, color=GREY, lw=0.7, zorder=0)
     labels = [symbol(q["name"]) for q in parameters] + [short(n, 18) for n in objectives]
@@ -211,7 +211,7 @@ def slices(found: Found) -> Figure:
     """Each quantity along each parameter, the others at the first candidate."""
     cut = found["sensitivity"]["slices"]
     quantities = list(dict.fromkeys(c["quantity"] for c in cut))
-    parameters = list(dict.fromkeys(c["parameter"] for c in cut))[:MOST_COLUMNS]
+    parameters = list(dict.fromkeys(c["parameter"] for c in cut))[:MAX_SLICE_COLUMNS]
     scales = {p["name"]: p["scale"] for p in searched(found)}
     figure = canvas(1.35 * len(quantities) + 0.5)
     grid = figure.subplots(len(quantities), len(parameters), squeeze=False, sharey="row")

@@ -10,10 +10,10 @@ from rso.report.layout.byline import byline
 from rso.report.layout.digits import clean, duration, percent, sentence, symbol, unit_text
 from rso.report.layout.document import Block, Cell, Fact, Facts, Picture, Report, Section, Text, column, table, words
 from rso.report.layout.page import pictures, pour
-from rso.report.pareto.figures import MOST_COLUMNS, draw
+from rso.report.pareto.figures import MAX_SLICE_COLUMNS, draw
 from rso.report.pareto.reading import Found, names, searched, unit_of, value_text
 
-MOST_RUNS = 400  # rows of the folded table of runs; runs.csv has all
+MAX_RUN_ROWS = 400  # rows of the folded table of runs; runs.csv has all
 
 
 def render_pareto(found: Found, folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
@@ -144,7 +144,7 @@ def surfaces(found: Found) -> Section:
     blocks: list[Block] = []
     cut = found["sensitivity"]["slices"]
     if cut:
-        left = len({c["parameter"] for c in cut}) - MOST_COLUMNS
+        left = len({c["parameter"] for c in cut}) - MAX_SLICE_COLUMNS
         more = f" {left} more parameters are in results.json." if left > 0 else ""
         caption = (
             "Each quantity along one parameter, the others as in the candidate nearest to the ideal; bands are two "
@@ -233,7 +233,7 @@ def how(found: Found) -> Section:
 
 
 def _runs(found: Found) -> Block:
-    rows = found["runs"][:MOST_RUNS]
+    rows = found["runs"][:MAX_RUN_ROWS]
     columns = [column("purpose", words([clean(r["purpose"]) for r in rows]), number=False)]
     for p in searched(found):
         unit = unit_of(found, p["name"])

@@ -14,9 +14,9 @@ from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, WARM, canvas, plai
 from rso.report.layout.digits import Unit, shown, symbol
 
 Found = Mapping[str, Any]
-ROW = 0.17  # inch of a specimen
-MOST_NAMED = 60  # specimens whose names stand beside their lines
-WIDE = 4.0  # ratio of the ends of an axis from which it is logarithmic
+SPECIMEN_HEIGHT_INCH = 0.17  # inch of a specimen
+MAX_NAMED_SPECIMENS = 60  # specimens whose names stand beside their lines
+LOGARITHMIC_AXIS_RATIO = 4.0  # ratio of the ends of an axis from which it is logarithmic
 
 
 def draw(found: Found, parameter: str) -> str:
@@ -35,8 +35,8 @@ def forest(found: Found, parameter: str) -> Figure:
         if block["parameter"] == parameter and block["verdict"] != "fixed"
     ]
     unit = unit_of(p, rows)
-    named = len(rows) <= MOST_NAMED
-    height = min(max(1.6, ROW * (len(rows) + 3) + 0.6), 14.0)
+    named = len(rows) <= MAX_NAMED_SPECIMENS
+    height = min(max(1.6, SPECIMEN_HEIGHT_INCH * (len(rows) + 3) + 0.6), 14.0)
     figure = canvas(height)
     axes = figure.subplots()
     if known(p["interval"][0]):
@@ -73,7 +73,7 @@ def unit_of(p: Found, rows: list[tuple[str, Found]]) -> Unit:
 
 def _scale(axes: Axes, p: Found, ends: list[float]) -> None:
     """A logarithmic axis where values are positive and lie far apart."""
-    if p["scale"] == "log" and ends and max(ends) > WIDE * min(ends) > 0:
+    if p["scale"] == "log" and ends and max(ends) > LOGARITHMIC_AXIS_RATIO * min(ends) > 0:
         axes.set_xscale("log")
         plain_log(axes.xaxis)
     else:

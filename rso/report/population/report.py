@@ -16,7 +16,7 @@ from rso.report.layout.document import Block, Cell, Fact, Facts, Picture, Report
 from rso.report.population.figures import draw, unit_of
 
 Found = Mapping[str, Any]
-METHOD = (
+POPULATION_METHOD = (
     "Each specimen is fitted for itself, and its profile likelihood of a parameter is kept. Between specimens ln θ is "
     "normal, or θ where its range holds 0. The standard deviation τ of that is found by restricted maximum likelihood "
     "(Viechtbauer 2005), with these likelihoods in place of Gaussian ones.",
@@ -175,4 +175,4 @@ def _state(s: Found) -> Cell:
 
 def how(found: Found) -> Section:
     """The model, its intervals, the rule for outliers."""
-    return Section("how", "How this was computed", tuple(Text(t, "note") for t in METHOD))
+    return Section("how", "How this was computed", tuple(Text(t, "note") for t in POPULATION_METHOD))
