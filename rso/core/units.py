@@ -41,6 +41,7 @@ UNIT_LADDERS = {
     "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
     "N": (("N", 1.0), ("mN", 1e3), ("µN", 1e6), ("nN", 1e9)),
     "mm": (("mm", 1.0), ("µm", 1e3), ("nm", 1e6)),
+    "N/mm": (("N/mm", 1.0), ("N/m", 1e3), ("mN/m", 1e6)),
 }
 COLUMN_NAMES = (*COLUMN_UNITS, *(f"{name}_sigma" for name in COLUMN_UNITS if name != "z"), *BARE_COLUMNS)
 UNITS_OF_KIND = MappingProxyType(
@@ -75,6 +76,9 @@ _UNIT_EXAMPLES = {
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(.*)", re.DOTALL)
 _UNIT_FACTOR = r"(?:1|%|‰|[A-Za-zµμΩ°]+)(?:(?:\*\*|\^)-?[1-9]|[²³])?"
 _UNIT_PRODUCT = re.compile(rf"{_UNIT_FACTOR}(?:\s*[*·/ ]\s*{_UNIT_FACTOR})*")
+_RAISED = re.compile(r"[⁻⁰¹²³⁴-⁹]+")
+_FROM_RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_DIVISOR = re.compile(r"/\s*\(([^()/]*)\)")
 _HEADER_WITH_UNIT = re.compile(r"([A-Za-z]+)(_sigma)?_([^\s_]+)")
 _NAME_AND_ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+))", re.DOTALL)
 _BRACKETED_UNIT = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
@@ -124,10 +128,17 @@ def _scale(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]
     return _PLAIN_UNITS[written] if written in _PLAIN_UNITS else _by_pint(written)
 
 
-def _by_pint(written: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
+def _in_one_line(unit: str) -> str:
+    """A unit without raised digits, as reports print it, and without a divisor in brackets: m⁴/(N·s) is m^4/N/s."""
+    flat = _RAISED.sub(lambda found: "^" + found[0].translate(_FROM_RAISED), unit)
+    return _DIVISOR.sub(lambda found: "".join(f"/{f}" for f in re.split(r"[*· ]+", found[1].strip())), flat)
+
+
+def _by_pint(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
     """The same of any unit that pint knows."""
+    written = _in_one_line(unit) if len(unit) <= _MAX_UNIT_CHARACTERS else unit
     if len(written) > _MAX_UNIT_CHARACTERS or not _UNIT_PRODUCT.fullmatch(written):
-        raise ValueError(f"{written[:_MAX_UNIT_CHARACTERS]!r} is not a unit")
+        raise ValueError(f"{unit[:_MAX_UNIT_CHARACTERS]!r} is not a unit")
     if "px" in written:  # pint's are those of a screen
         raise ValueError(f"{written!r} is a pixel, no length of a body: multiply by the length of one")
     import pint

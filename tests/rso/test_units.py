@@ -3,8 +3,19 @@
 import numpy as np
 import pytest
 
+from fem_backend.backend import BACKEND
 from rso.core import units
-from rso.core.units import BARE_COLUMNS, COLUMN_UNITS, column_factor, header, unit_in, value_in_unit
+from rso.core.symbols import unit_text
+from rso.core.units import (
+    BARE_COLUMNS,
+    COLUMN_UNITS,
+    UNIT_LADDERS,
+    column_factor,
+    header,
+    people,
+    unit_in,
+    value_in_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -150,3 +161,23 @@ def test_unknown_columns_are_answered_with_the_list(text):
 def test_units_without_pint_are_those_of_pint():
     for unit, (scale, kind) in units._PLAIN_UNITS.items():
         assert units._by_pint(unit) == (scale, kind), unit
+
+
+@pytest.mark.parametrize("unit", sorted({p.unit for p in BACKEND.parameters} | set(UNIT_LADDERS)))
+def test_a_value_copied_from_a_report_is_read_back(unit):
+    """Reports print MPa⁻¹ and mm⁴/N/s, in the unit that people use for the size."""
+    for size in (1e-9, 1e-3, 1.0, 200.0):
+        label, factor = people(unit, size)
+        number, said = f"{size * factor:.6g}", unit_text(label)
+        assert value_in_unit(f"{number} {said}" if said else float(number), unit) == pytest.approx(size, rel=1e-5)
+
+
+@pytest.mark.parametrize("written", ["3 m⁴/(N·s)", "3 m^4/(N s)", "3 m^4/(N*s)", "3 m⁴ N⁻¹ s⁻¹", "3 m^4/N/s"])
+def test_a_divisor_may_stand_in_brackets(written):
+    assert value_in_unit(written, "m^4/N/s") == 3.0
+
+
+@pytest.mark.parametrize("written", ["3 m/(s", "3 ⁻¹", "3 9⁹⁹⁹", "3 m⁻", "3 m/(s/N)"])
+def test_what_is_no_unit_stays_refused(written):
+    with pytest.raises(ValueError, match="is not a"):
+        value_in_unit(written, "m/s")
