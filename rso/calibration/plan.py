@@ -15,6 +15,7 @@ import numpy as np
 from rso import doe
 from rso.contract import Backend, Case, DerivedQuantities, capability
 from rso.core import disk
+from rso.core.digits import quantity_text
 from rso.core.similarity import Group, group
 from rso.data import (
     CreepHold,
@@ -124,7 +125,9 @@ class Plan:
             return [*self.study.measurement(name).doubts, *said_of_cloud(self.clouds[name])]
         if (hold := self.creeps.followed.get(name)) is not None:
             loading = loading_experiment(name)
-            return [f"Depth over time while {hold.force:.3g} N are held, behind the loading of {loading!r}."]
+            return [
+                f"Depth over time while {quantity_text(hold.force, 'N')} are held, behind the loading of {loading!r}."
+            ]
         return remarks(self.study, name, self.of_hold(name, inline))
 
     def of_relaxation(self) -> list[str]:
@@ -592,7 +595,10 @@ def _search(
         # A perfect measurement would leave nothing acceptable; neither would a target of 0 on a curve that is not.
         sigma = max(sigma, 1e-3 * (abs(value) or float(np.abs(curve.value).max())))
         if sigma == 0.0:
-            text = f"the target {t.channel} of {e.name!r} at {t.depth:g} mm is 0 without uncertainty: state a noise"
+            text = (
+                f"the target {t.channel} of {e.name!r} at {quantity_text(t.depth, 'mm', 6)} is 0 without "
+                f"uncertainty: state a noise"
+            )
             raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
         goals.append(Goal(t.experiment, t.channel, depth, value, sigma, units[t.channel], t.value is None, since))
         outputs.append(Output(t.experiment, t.channel, depth, units[t.channel], since, e.branch == "unloading"))

@@ -15,6 +15,7 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
+from rso.core.digits import quantity_text
 from rso.core.symbols import unit_text
 from rso.core.units import people
 from rso.doe import read_condition
@@ -100,7 +101,7 @@ def unresolved_experiments(plan: Plan) -> list[str]:
         hint = f"; by level: {', '.join(better)}" if better else ""
         lines.append(
             f"experiment {e.name!r}: the mesh limits the accuracy, not the noise. The contact is small against the "
-            f"elements: the force at {deepest:.3g} mm is about {100 * error:.2g} % off at mesh.level = "
+            f"elements: the force at {quantity_text(deepest, 'mm')} is about {100 * error:.2g} % off at mesh.level = "
             f"{json.dumps(own)}{hint}"
         )
     return lines

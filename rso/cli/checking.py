@@ -18,6 +18,7 @@ from rso.calibration.predictive_check import held_out_experiments
 from rso.cli.answer import interval_in_unit
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
+from rso.core.digits import quantity_text
 from rso.core.symbols import symbol
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
@@ -257,7 +258,7 @@ def _things(plan: Plan) -> list[str]:
             continue
         depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
         what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
-        reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
+        reach = f"{what}{depths} depth(s) to {quantity_text(curve.depth.max(), 'mm', 6)}, {curve.n_repeats} repeat(s)"
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
         measured = plan.study.measurement(e.name)
         remarks += stated_settings.replaced(plan.study, e.name)
@@ -366,7 +367,7 @@ def _noise(study: Study, e: ExperimentTable) -> str:
     own = {k: v for k, v in e.noise.model_dump().items() if v is not None and v > 0.0}
     shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
     found = study.noise_of(e.name).contact if e.noise.contact is None else None
-    said = f"; contact {found:.2g} mm by the record" if found else ""
+    said = f"; contact {quantity_text(found, 'mm', 2)} by the record" if found else ""
     return f"stated noise: {shown or 'none'}{said}{_usual(study, e)}"
 
 
@@ -378,7 +379,7 @@ def _usual(study: Study, e: ExperimentTable) -> str:
     once = noise.of_test(max(float(r.depth.max()) for r in m.repeats))
     sizes = {
         "gain": f"gain {100 * once.gain:.2g} %",
-        "contact": f"contact {once.contact:.2g} mm",
+        "contact": f"contact {quantity_text(once.contact, 'mm', 2)}",
         "correlation": f"{100 * usual_errors.USUAL_CORRELATED_ERROR_SHARE:g} % of the largest force along the depth",
     }
     each = ", ".join(sizes[n] for n in noise.unstated)

@@ -15,6 +15,7 @@ from rso.cli.answer import interval_in_unit
 from rso.cli.checking import sketch_lines
 from rso.contract import digest
 from rso.core import disk
+from rso.core.digits import quantity_text
 from rso.core.symbols import symbol
 from rso.population.plans import specimen_plans
 from rso.population.summary import (
@@ -59,7 +60,9 @@ def _things(found: SpecimenStudies, plans: Sequence[Plan]) -> list[str]:
     for plan in plans[:MAX_SPECIMEN_LINES]:
         name = plan.study.specimen
         tests = ", ".join(
-            f"{e.name} to {plan.curves[e.name].depth.max():.3g} mm" for e in plan.study.experiments if e.kind == "force"
+            f"{e.name} to {quantity_text(plan.curves[e.name].depth.max(), 'mm')}"
+            for e in plan.study.experiments
+            if e.kind == "force"
         )
         own = ", ".join(f"{k} = {v}" for k, v in found.own[name].items())
         lines.append(f"  {name}: {tests}" + (f"; {own}" if own else ""))

@@ -6,11 +6,13 @@ import math
 from typing import TypeGuard
 
 from rso.core.symbols import superscript
+from rso.core.units import people
 
 DASH = "–"
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 # of its larger end: an interval that is less wide is written to the digits of its half-width
 NARROW_INTERVAL_RATIO = 0.5
+MIN_KEPT_UNIT_SIZE = 1e-3  # of a unit: what is smaller is written in a smaller unit
 MAX_SIGNIFICANT_DIGITS = 5  # significant digits of a number that is known however well
 
 
@@ -71,3 +73,19 @@ def estimate(value: float, low: float, high: float, digits: int = 3) -> str:
     """A value written as the ends of its interval are, so that it lies in what is written, too."""
     narrow = 0.0 < high - low < NARROW_INTERVAL_RATIO * max(abs(low), abs(high))
     return rounded(value, 0.5 * (high - low)) if narrow else significant(value, digits)
+
+
+def quantity_text(x: float, unit: str, digits: int = 3) -> str:
+    """A length or force with its unit; one below a thousandth of it in a smaller one: 7e-09 N is 7 nN."""
+    label, factor = _fitting(unit, abs(x))
+    return f"{x * factor:.{digits}g} {label}"
+
+
+def range_text(low: float, high: float, unit: str, word: str = "to", digits: int = 3) -> str:
+    """Two of them with one unit, that of the larger one, and a `word` between."""
+    label, factor = _fitting(unit, max(abs(low), abs(high)))
+    return f"{low * factor:.{digits}g} {word} {high * factor:.{digits}g} {label}"
+
+
+def _fitting(unit: str, size: float) -> tuple[str, float]:
+    return (unit, 1.0) if size >= MIN_KEPT_UNIT_SIZE or not math.isfinite(size) else people(unit, size)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rso.core.digits import quantity_text, range_text
 from rso.data import curve_shape, plausibility
 
 SEGMENTS = ("loading", "hold", "creep", "unloading")
@@ -29,11 +30,13 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
         sign = f"; column 'depth' is mostly negative: {plausibility.TURN_SIGN_ADVICE}" if below else ""
         if not below and _turned(-depth) <= _SECOND_TURN_SHARE * stroke:
             sign = (
-                f"; or column 'depth', which falls from {depth[0]:g} to {depth.min():g} mm and comes back, is a "
+                f"; or column 'depth', which falls from {range_text(depth[0], depth.min(), 'mm', 'to', 6)} and "
+                f"comes back, is a "
                 f"height: {plausibility.TURN_SIGN_ADVICE} and {plausibility.SUBTRACT_ZERO_ADVICE}"
             )
         raise ValueError(
-            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm{_cycles_in_words(path, depth)}. "
+            f"{path}: repeat {label!r} turns back more than once within "
+            f"{quantity_text(stroke, 'mm', 6)}{_cycles_in_words(path, depth)}. "
             "Add a column 'repeat', or name the one that counts the tests: repeat = { header = … } in [columns] of the "
             f"study. Or add 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
@@ -80,7 +83,7 @@ def _cycles_in_words(path: Path, depth: np.ndarray) -> str:
     found = [(n, float(depth[part].max())) for n, part in enumerate(cycles(depth), 1)]
     if not found:
         return ""
-    each = ", ".join(f"{path.name}#{n} to {peak:.4g} mm" for n, peak in found[:_MAX_LISTED_CYCLES])
+    each = ", ".join(f"{path.name}#{n} to {quantity_text(peak, 'mm', 4)}" for n, peak in found[:_MAX_LISTED_CYCLES])
     return f": {len(found)} cycles. Name the one that is meant: {each}{', …' * (len(found) > _MAX_LISTED_CYCLES)}"
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.core.digits import quantity_text
 from rso.data.files.reading import Measurement
 from rso.data.measured_curve import MeasuredCurve, Noise
 
@@ -76,7 +77,10 @@ def surface_cloud(measurement: Measurement, noise: Noise, components: Sequence[s
     np.add.at(count, (image, place), 1)
     if (count > 1).any():
         k, p = np.argwhere(count > 1)[0]
-        raise ValueError(f"{where}: the point ({places[p, 0]:g}, {places[p, 1]:g}) mm stands twice at {images[k]:g} mm")
+        raise ValueError(
+            f"{where}: the point ({places[p, 0]:g}, {places[p, 1]:g}) mm stands twice at "
+            f"{quantity_text(images[k], 'mm', 6)}"
+        )
     for c, name in enumerate(components):
         table[c, image, place] = r.channels[name][there]
     whole = (count > 0).all(axis=0)

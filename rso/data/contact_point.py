@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.core.digits import quantity_text
 from rso.core.power_law import LEADING_EXPONENT, POWER_LAW_FAMILIES, ROUNDED_EXPONENTS, STIFFENING_EXPONENT
 
 # Priors of what a force does before contact: it stays, drifts, or relaxes over so much of the way from its start.
@@ -167,7 +168,7 @@ def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
         raise ValueError("too few readings before 0.7 of the largest force to find the contact")
     before = int(np.sum(depth < contact.depth))
     if before < MIN_AIR_READINGS or contact.depth - float(depth.min()) < MIN_APPROACH_SD * contact.deviation:
-        where = f"{contact.depth:.3g} ± {contact.deviation:.2g} mm"
+        where = f"{contact.depth:.3g} ± {quantity_text(contact.deviation, 'mm', 2)}"
         raise ValueError(f"no approach is seen: {before} reading(s) before {where}, where the force begins to rise")
     return contact
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rso.core.digits import range_text
 from rso.core.power_law import LEADING_EXPONENT
 from rso.data.files.reading import Measurement, Repeat
 from rso.data.force_holds import HeldForce
@@ -60,7 +61,7 @@ def creep_of(measurement: Measurement, speed: float) -> CreepHold | str:
     levels = [float(np.median(h.force)) for h in found]
     force = float(f"{np.mean(levels):.6g}")
     if max(abs(v - force) for v in levels) > SAME_HELD_FORCE_TOLERANCE * force:
-        return f"its repeats are held at {min(levels):.3g} to {max(levels):.3g} N"
+        return f"its repeats are held at {range_text(min(levels), max(levels), 'N', 'to')}"
     times = [_since(r, h, force) for r, h in zip(measurement.repeats, found, strict=True)]
     if min(len(t) for t in times) < MIN_HOLD_READINGS:
         return f"it has fewer than {MIN_HOLD_READINGS} readings"

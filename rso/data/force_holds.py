@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.core.digits import quantity_text, range_text
 from rso.data import curve_shape
 
 MAX_HELD_FORCE_CHANGE_SHARE = 0.02  # of its range that a force may change while it is held
@@ -71,7 +72,7 @@ def hold_readings(
     if not off <= max(
         HELD_FORCE_TOLERANCE * level, 6.0 * curve_shape.noise_of(force[at]) if at.stop - at.start > 5 else 0.0
     ):
-        return f"the force there is off its level of {level:.3g} N by up to {off:.2g} N"
+        return f"the force there is off its level of {quantity_text(level, 'N')} by up to {quantity_text(off, 'N', 2)}"
     return HeldForce(time[at], depth[at], force[at], sigma[at])
 
 
@@ -96,4 +97,4 @@ def _drift(depth: np.ndarray) -> float:
 
 
 def _words(depth: np.ndarray, force: np.ndarray) -> str:
-    return f"Fz stays at {np.median(force):.3g} N from {depth.min():.3g} to {depth.max():.3g} mm"
+    return f"Fz stays at {quantity_text(np.median(force), 'N')} from {range_text(depth.min(), depth.max(), 'mm', 'to')}"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.core.digits import quantity_text
 from rso.data.files.reading import Measurement, Repeat
 
 N_HOLD_BINS = 14  # of a hold: what a curve of one or two relaxation times can tell
@@ -120,7 +121,7 @@ def hold_of(measurement: Measurement, speed: float, deepest: float) -> Hold | st
     if moved > MAX_HOLD_TRAVEL_SHARE * level:
         return f"the depth changes there by {100 * moved / level:.2g} %"
     if level < (1.0 - MAX_HOLD_TRAVEL_SHARE) * deepest:
-        return f"it is at {level:.3g} mm, not at the deepest point"
+        return f"it is at {quantity_text(level, 'mm')}, not at the deepest point"
     depth = deepest if level <= deepest else max(float(f"{level:.6g}"), deepest)
     found = Hold(depth, since, spans, speed)
     return Hold(depth, since, spans, speed, _fall(measurement, found))

@@ -20,6 +20,7 @@ import numpy as np
 
 from rso.contract import knob, parameters_of
 from rso.core.curves import rows_at
+from rso.core.digits import quantity_text
 
 
 @dataclass(frozen=True)
@@ -312,7 +313,7 @@ def correct(
     linear = (R["Fz"] - chain.bias - chain.drift * t) / chain.gain
     if np.any(1.0 + 4.0 * chain.nonlinearity * linear < 0.0):
         k, most = chain.nonlinearity, R["Fz"].max()
-        raise ValueError(f"no force makes a cell with nonlinearity = {k:g} 1/N read {most:g} N")
+        raise ValueError(f"no force makes a cell with nonlinearity = {k:g} 1/N read {quantity_text(most, 'N', 6)}")
     late = {"Fz": 2.0 * linear / (1.0 + np.sqrt(1.0 + 4.0 * chain.nonlinearity * linear))}
     zero = _zero(chain.bias_side, chain.bias_angle)
     lateral = {k: v - getattr(chain, CROSS_KNOBS[k]) * late["Fz"] - zero[k] for k, v in R.items() if k != "Fz"}

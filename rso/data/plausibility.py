@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rso.core.digits import quantity_text, range_text
 from rso.data import curve_shape
 from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air
 from rso.data.scatter import step_of_scale
@@ -66,20 +67,28 @@ def check_repeat(
             )
     stroke = float(np.ptp(depth))
     if stroke == 0.0:
-        raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
+        raise ValueError(
+            f"{who}: column 'depth' is {quantity_text(depth[0], 'mm', 6)} throughout, the indenter does not move"
+        )
     if force is not None and np.ptp(force) == 0.0:
-        raise ValueError(f"{who}: column 'Fz' is {force[0]:g} N throughout, the indenter felt nothing: another column?")
+        raise ValueError(
+            f"{who}: column 'Fz' is {quantity_text(force[0], 'N', 6)} throughout, the indenter felt nothing: "
+            f"another column?"
+        )
     if not few:
         _jump(path, depth, stroke, lines)
     loading = segment == "loading"
     notes: list[str] = []
     if few and force is not None and (k := curve_shape.slipped(depth, force)) is not None:
         notes.append(
-            f"repeat {label}: {force[k]:g} N at {depth[k]:g} mm (line {lines[k]}) lies far beside a power of the depth "
+            f"repeat {label}: {quantity_text(force[k], 'N', 6)} at {quantity_text(depth[k], 'mm', 6)} (line "
+            f"{lines[k]}) lies far beside a power of the depth "
             "that all other readings follow; mistyped?"
         )
     if pad := 0 if few else curve_shape.padding(depth, force, stroke):
-        at = f"{depth[-1]:g} mm" + ("" if force is None else f" and {force[-1]:g} N")
+        at = f"{quantity_text(depth[-1], 'mm', 6)}" + (
+            "" if force is None else f" and {quantity_text(force[-1], 'N', 6)}"
+        )
         notes.append(
             f"repeat {label}: the last {pad} readings (from line {lines[-pad]}) are all {at}, after a jump; filled up "
             "by a logger? Leave them out"
@@ -89,7 +98,8 @@ def check_repeat(
         notes += _of_order(who, label, depth, time, loading)
     if depth.max() <= 0.0:
         raise ValueError(
-            f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
+            f"{who}: column 'depth' lies between {range_text(depth.min(), depth.max(), 'mm', 'and', 6)} and "
+            f"never beyond 0, where "
             f"contact is: {SUBTRACT_ZERO_ADVICE}"
         )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
@@ -109,12 +119,14 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
         or np.ptp(depth[loading]) < MIN_LOADING_STROKE_SHARE * pressed
     ):
         raise ValueError(
-            f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and hardly rises anywhere. It must "
+            f"{who}: column 'depth' falls from {range_text(depth[0], depth[-1], 'mm', 'to', 6)} and hardly "
+            f"rises anywhere. It must "
             f"grow from 0 at contact while the indenter goes deeper: {TURN_SIGN_ADVICE} or subtract its start"
         )
     if back := curve_shape.back(depth):
         notes.append(
-            f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point, and all is read as one "
+            f"repeat {label}: depth falls back by {quantity_text(back, 'mm', 2)} before its deepest point, and "
+            f"all is read as one "
             "loading. Separate several tests by a column 'repeat', parts of one by 'segment'"
         )
     if time is None and (near := curve_shape.rest(depth)):
@@ -124,7 +136,8 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
         )
     if time is not None and (rest := curve_shape.rest_on_the_way(depth, time)):
         notes.append(
-            f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, but all is "
+            f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {quantity_text(rest[1], 'mm', 2)} on "
+            f"its way, but all is "
             "read as one loading at a steady speed. If the body relaxes, remove the readings of rests"
         )
     return notes
@@ -149,25 +162,31 @@ def _of_force(
         DOUBTED_UNTARED_FORCE_SHARE * span, 5.0 * scatter
     ):
         notes.append(
-            f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before? "
+            f"repeat {label}: Fz is {quantity_text(level, 'N')} at {quantity_text(max(d[0], 0.0), 'mm', 2)}; "
+            f"not tared, or touched before? "
             "(depth that counts from a preload: preload of the experiment says it)"
         )
     if not found and late > LATE_CONTACT_SHARE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
         notes.append(
-            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm: up to there it stays within "
-            f"its scatter of {scatter:.1g} N. Depth must count from contact: subtract the travel in air (zero = … "
+            f"repeat {label}: by the shape of Fz the contact lies near {quantity_text(late, 'mm', 2)}: up to "
+            f"there it stays within "
+            f"its scatter of {quantity_text(scatter, 'N', 1)}. Depth must count from contact: subtract the "
+            f"travel in air (zero = … "
             "or \"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
     if found and (grown := curve_shape.before_contact(d, F)):
         on = grown * float(d.max()) / abs(float(d.min()))
         notes.append(
-            f"repeat {label}: Fz grows by {grown:.3g} N in the approach, before the contact that was found. If the "
-            f"sensor drifts, it goes on by about {on:.2g} N up to the deepest reading: subtract it before, or state "
+            f"repeat {label}: Fz grows by {quantity_text(grown, 'N')} in the approach, before the contact that "
+            f"was found. If the "
+            f"sensor drifts, it goes on by about {quantity_text(on, 'N', 2)} up to the deepest reading: "
+            f"subtract it before, or state "
             "noise.correlation"
         )
     elif grown := curve_shape.before_contact(d, F):
         notes.append(
-            f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
+            f"repeat {label}: Fz grows by {quantity_text(grown, 'N')} from {quantity_text(d.min(), 'mm')} to 0, "
+            f"where contact should be; depth "
             f"must count from contact: {SUBTRACT_ZERO_ADVICE}"
         )
     if not notes and (power := curve_shape.loading_power(d, F)) is not None and power < MIN_FORCE_POWER:
@@ -177,25 +196,30 @@ def _of_force(
         )
     if flat := curve_shape.flat_top(depth, force, float(np.ptp(depth))):
         notes.append(
-            f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
+            f"repeat {label}: Fz stays at its largest value, {quantity_text(force.max(), 'N', 4)}, for {flat} "
+            f"readings; a sensor at its "
             "end?"
         )
     elif creep := curve_shape.creep(d, F, None if time is None else time[loading]):
         notes.append(
-            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm. Was it held at "
+            f"repeat {label}: Fz stays at {quantity_text(creep[1], 'N')} from "
+            f"{range_text(creep[0], d.max(), 'mm', 'to')}. Was it held at "
             "constant force, did the sensor saturate, or did the indenter sink in?"
         )
     if (step := step_of_scale(F)) > COARSE_FORCE_STEP_SHARE * span:
         notes.append(
-            f"repeat {label}: Fz comes in steps of {step:.3g} N, {100.0 * step / span:.2g} % of its range; what they "
+            f"repeat {label}: Fz comes in steps of {quantity_text(step, 'N')}, {100.0 * step / span:.2g} % of "
+            f"its range; what they "
             "round off counts as noise"
         )
     # nearer to the deepest point it is a rest, in which the body relaxes
     if (fall := curve_shape.fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):
         top, low = fall
         notes.append(
-            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter "
-            f"goes on to {d.max():.3g} mm. Did it slip or break, or was it taken off before the record ends? Leave "
+            f"repeat {label}: Fz falls from {quantity_text(F[top], 'N')} at {quantity_text(d[top], 'mm')} to "
+            f"{quantity_text(low, 'N')} while the indenter "
+            f"goes on to {quantity_text(d.max(), 'mm')}. Did it slip or break, or was it taken off before the "
+            f"record ends? Leave "
             "such readings out"
         )
     return notes
@@ -219,20 +243,24 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
     if end < start - MAX_FALL_TO_DEEPEST_SHARE * span:
         raise ValueError(
-            f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper. Fz is the "
+            f"{who}: column 'Fz' falls from {range_text(start, end, 'N', 'to')} while the indenter goes deeper. "
+            f"Fz is the "
             f"force of the specimen on the indenter, positive upwards: {TURN_SIGN_ADVICE}"
         )
     if d[0] > MAX_FIRST_DEPTH_SHARE * d.max() > 0.0:
         least = (d[0] / d.max()) ** MAX_FORCE_POWER * end
         if start < 0.5 * least and least > MIN_FORCE_TO_NOISE * curve_shape.noise_of(F):
             raise ValueError(
-                f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
-                f"{end:.3g} N. A body pressed from 0 mm on has at least {least:.2g} N at the first of these: "
+                f"{who}: column 'depth' begins at {quantity_text(d[0], 'mm', 6)} with "
+                f"{quantity_text(start, 'N')} and ends at {quantity_text(d.max(), 'mm', 6)} with "
+                f"{quantity_text(end, 'N')}. A body pressed from 0 mm on has at least "
+                f"{quantity_text(least, 'N', 2)} at the first of these: "
                 f"{SUBTRACT_ZERO_ADVICE}"
             )
     if d[0] <= curve_shape.CURVE_EDGE_SHARE * d.max() and abs(start) > MAX_UNTARED_FORCE_SHARE * span:
         raise ValueError(
-            f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
+            f"{who}: column 'Fz' is {quantity_text(start, 'N')} where the indenter begins to press, and changes "
+            f"by {quantity_text(span, 'N')} "
             "in all. Subtract the reading before contact (zero = … in [columns] of the study)"
             + ("; where the body pulls the indenter in, keep the approach in the record: it shows that" * (start < 0.0))
         )
@@ -257,8 +285,9 @@ def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]
     low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
     if low[1] * high[1] <= 0.0 or (high[1] / low[1] > MAX_REPEAT_FORCE_RATIO and low[1] > 0.0):
         raise ValueError(
-            f"{path}: the largest force of repeat {low[0]!r} is {low[1]:.3g} N, that of repeat {high[0]!r} "
-            f"{high[1]:.3g} N, to about the same depth. One of them has another sign, unit or tare"
+            f"{path}: the largest force of repeat {low[0]!r} is {quantity_text(low[1], 'N')}, that of repeat "
+            f"{high[0]!r} "
+            f"{quantity_text(high[1], 'N')}, to about the same depth. One of them has another sign, unit or tare"
         )
 
 
@@ -267,12 +296,14 @@ def check_profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
     deepest, most, least = float(depth.max()), float(uz.max()), float(uz.min())
     if max(most, -least) > MAX_MARK_TRAVEL_RATIO * deepest:
         return [
-            f"repeat {label}: uz goes from {least:.3g} to {most:.3g} mm at depths to {deepest:.3g} mm, further than "
+            f"repeat {label}: uz goes from {range_text(least, most, 'mm', 'to')} at depths to "
+            f"{quantity_text(deepest, 'mm')}, further than "
             "the indenter. uz is the displacement, not the height, of a mark: is its unit right?"
         ]
     if most > max(MAX_RISING_MARK_SHARE * deepest, -least):
         return [
-            f"repeat {label}: marks go up by {most:.3g} mm while the indenter goes {deepest:.3g} mm down; uz is "
+            f"repeat {label}: marks go up by {quantity_text(most, 'mm')} while the indenter goes "
+            f"{quantity_text(deepest, 'mm')} down; uz is "
             f"positive upwards: {TURN_SIGN_ADVICE}"
         ]
     return []
@@ -287,9 +318,15 @@ def check_common_depths(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
     slack, notes = curve_shape.CURVE_EDGE_SHARE * deepest, []
     for label, start, end in ways:
         if end < deepest - slack:
-            notes.append(f"repeat {label} ends at {end:.3g} mm, others go to {deepest:.3g} mm: the mean ends there")
+            notes.append(
+                f"repeat {label} ends at {quantity_text(end, 'mm')}, others go to "
+                f"{quantity_text(deepest, 'mm')}: the mean ends there"
+            )
         if start > max(first, 0.0) + slack:
-            notes.append(f"repeat {label} begins at {start:.3g} mm, others at {first:.3g} mm: the mean begins there")
+            notes.append(
+                f"repeat {label} begins at {quantity_text(start, 'mm')}, others at "
+                f"{quantity_text(first, 'mm')}: the mean begins there"
+            )
     return [f"{note}, the rest is left out; give it as an experiment of its own" for note in notes]
 
 
@@ -303,13 +340,15 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
     if alone.any():
         k = int(np.argmax(alone)) + 2
         raise ValueError(
-            f"{path}:{lines[k]}: column 'depth' jumps to {depth[k]:g} mm for a single reading, between "
-            f"{depth[k - 1]:g} and {depth[k + 1]:g} mm: leave the row out"
+            f"{path}:{lines[k]}: column 'depth' jumps to {quantity_text(depth[k], 'mm', 6)} for a single "
+            f"reading, between "
+            f"{range_text(depth[k - 1], depth[k + 1], 'mm', 'and', 6)}: leave the row out"
         )
     if step[-1] > max(MAX_JUMP_STROKE_SHARE * stroke, 8.0 * step[:-1].max()):
         raise ValueError(
-            f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
-            f"{depth[-2]:g} mm: leave the row out"
+            f"{path}:{lines[-1]}: column 'depth' jumps to {quantity_text(depth[-1], 'mm', 6)} in the last "
+            f"reading, after "
+            f"{quantity_text(depth[-2], 'mm', 6)}: leave the row out"
         )
 
 
@@ -338,7 +377,8 @@ def _breaks(
     if far.any():
         k = int(np.argmax(np.abs(step) * far))
         notes.append(
-            f"repeat {label}: depth jumps by {step[k]:.3g} mm from {depth[k]:.3g} mm between two readings (line "
+            f"repeat {label}: depth jumps by {quantity_text(step[k], 'mm')} from "
+            f"{quantity_text(depth[k], 'mm')} between two readings (line "
             f"{lines[k + 1]}), far more than beside it. Did a counter slip, or a motor lose steps?"
         )
     if force is not None:
@@ -356,7 +396,8 @@ def _breaks(
             k = int(np.argmax(np.abs(rise) * far))
             drawn = ", a jump into contact" * bool(rise[k] < 0.0 > force[k + 1])
             notes.append(
-                f"repeat {label}: Fz jumps by {rise[k]:.3g} N at {depth[k]:.3g} mm between two readings (line "
+                f"repeat {label}: Fz jumps by {quantity_text(rise[k], 'N')} at {quantity_text(depth[k], 'mm')} "
+                f"between two readings (line "
                 f"{lines[k + 1]}), far more than beside it. Was there a slip, a crack{drawn}, or a cell tared "
                 "during the test?"
             )

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from rso.core.digits import quantity_text
 from rso.core.power_law import POWER_LAW_FAMILIES
 from rso.data.contact_point import (
     CONTACT_BIAS_SHARE,
@@ -37,7 +38,8 @@ def tared(depth: np.ndarray, force: np.ndarray, preload: float) -> bool:
     if abs(start - preload) <= slack:
         return False
     raise ValueError(
-        f"preload = {preload:.3g} N: Fz is {start:.3g} N where the depth begins to grow, neither that nor 0. Is its "
+        f"preload = {quantity_text(preload, 'N')}: Fz is {quantity_text(start, 'N')} where the depth begins to "
+        f"grow, neither that nor 0. Is its "
         "unit right, and does the depth count from it?"
     )
 
@@ -54,7 +56,8 @@ def contact(depth: np.ndarray, force: np.ndarray, preload: float) -> Onset:
     whole, half = (_averaged(u, F, share) for share in CONTACT_FORCE_SHARES)
     if whole is None:
         raise ValueError(
-            f"preload = {preload:.3g} N: fewer than {MIN_READINGS_FOR_CONTACT} readings show the contact before it"
+            f"preload = {quantity_text(preload, 'N')}: fewer than {MIN_READINGS_FOR_CONTACT} readings show the "
+            f"contact before it"
         )
     c, variance, way = whole
     bias = CONTACT_BIAS_SHARE * (way - c)

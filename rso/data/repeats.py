@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.core.correlation import exponential
+from rso.core.digits import quantity_text, range_text
 from rso.core.distributions import student
 from rso.core.power_law import LEADING_EXPONENT
 from rso.core.units import COLUMN_UNITS
@@ -200,7 +201,10 @@ def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
     u, y = curve.depth, curve.value
     slack = 0.5 * float(np.median(np.diff(u))) if len(u) > 1 else 1e-6 * max(1.0, abs(float(u[0])))
     if not u[0] - slack <= depth <= u[-1] + slack:
-        raise ValueError(f"depth {depth:g} mm is outside the measured range {u[0]:g} to {u[-1]:g} mm")
+        raise ValueError(
+            f"depth {quantity_text(depth, 'mm', 6)} is outside the measured range "
+            f"{range_text(u[0], u[-1], 'mm', 'to', 6)}"
+        )
     inside = float(np.clip(depth, u[0], u[-1]))
     value = float(_between(u, y, np.array([inside]))[0])
     if inside != depth:
@@ -288,7 +292,10 @@ def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
         return first
     low, high = max(d[0] for d in depths), min(d[-1] for d in depths)
     if low >= high:
-        raise ValueError(f"{measurement.where}: the repeats share no range of depths ({low:g} mm against {high:g} mm)")
+        raise ValueError(
+            f"{measurement.where}: the repeats share no range of depths ({quantity_text(low, 'mm', 6)} against "
+            f"{quantity_text(high, 'mm', 6)})"
+        )
     return np.linspace(low, high, int(np.median([len(d) for d in depths])))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.core.digits import quantity_text
 from rso.discrepancy.evidence.noise import MAX_STATED_NOISE_RATIO
 from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.library.test_plan import ASSUMED_TIMES_NOTE, NOT_USED_NOTE
@@ -99,7 +100,8 @@ def _unlike(found: Mapping[str, Any]) -> list[str]:
             )
         if z and at > MAX_STATED_NOISE_RATIO * z:
             out.append(
-                f"Contact points of repeats differ by {at:.2g} mm ({c}); {z:.2g} mm is usual: "
+                f"Contact points of repeats differ by {quantity_text(at, 'mm', 2)} ({c}); "
+                f"{quantity_text(z, 'mm', 2)} is usual: "
                 f"{_counts(v['contact_mm'], at)} (contact taken early or late, a specimen that creeps or moves)."
             )
     return out
@@ -118,7 +120,8 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
         return []
     if c := j.get("crack"):
         stays = (
-            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {c['depth']:.3g} mm, and stays so "
+            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {quantity_text(c['depth'], 'mm')}, "
+            f"and stays so "
             f"({c['z']:.1f} standard deviations): a crack, a slip, a part that touches. No smooth model has that."
         )
         if not j.get("skewed", True):
@@ -139,7 +142,8 @@ def _hum(d: Mapping[str, Any]) -> list[str]:
     unit = "Hz" if timed else "periods a mm"
     whence = "mains, a drive, or regular stick–slip" if timed else "a spindle, or stick–slip"
     return [
-        f"The readings swing with {h['frequency']:.3g} {unit} (amplitude {h['amplitude']:.2g} N in {h['channel']}; "
+        f"The readings swing with {h['frequency']:.3g} {unit} (amplitude "
+        f"{quantity_text(h['amplitude'], 'N', 2)} in {h['channel']}; "
         f"chance of such a line in scatter 1e{h['log10_p']:.0f}): {whence}. "
         "No material has that."
     ]

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
+from rso.core.digits import quantity_text
 from rso.doe import Box
 
 Weighting = Literal["noise", "absolute", "relative"]
@@ -113,7 +114,10 @@ class Data:
     def places(self) -> list[str]:
         """Where each value was measured, in words: ``2 mm``, in a hold ``2 mm, 5 s held``."""
         since = np.zeros(len(self.depth)) if self.since is None else self.since
-        return [f"{u:.3g} mm" + (f", {s:.2g} s held" if s else "") for u, s in zip(self.depth, since, strict=True)]
+        return [
+            f"{quantity_text(u, 'mm')}" + (f", {s:.2g} s held" if s else "")
+            for u, s in zip(self.depth, since, strict=True)
+        ]
 
     @property
     def as_stated(self) -> Data:

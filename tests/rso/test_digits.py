@@ -1,9 +1,10 @@
 """Values and intervals as text: the same digits in terminal and page, and nothing that contradicts itself."""
 
 import numpy as np
+import pytest
 
 from rso.cli.answer import estimate_text, interval_in_unit
-from rso.core.digits import estimate, interval_ends
+from rso.core.digits import estimate, interval_ends, quantity_text, range_text
 from rso.report.calibration.derived import derived_span, derived_value
 
 
@@ -36,3 +37,24 @@ def test_terminal_and_page_write_the_same_digits():
         q = {"unit": "MPa", "value": value, "interval": [low, high], "known": True}
         assert derived_span(q).replace("\xa0", " ") == interval_in_unit((low, high), "MPa").replace("\xa0", " ")
         assert derived_value(q).replace("\xa0", " ") == estimate_text(value, (low, high), "MPa").replace("\xa0", " ")
+
+
+@pytest.mark.parametrize(
+    ("x", "unit", "said"),
+    [
+        (7e-9, "N", "7 nN"),
+        (-2.5e-4, "N", "-250 µN"),
+        (0.02, "N", "0.02 N"),  # a unit is kept as long as its number is read at once
+        (0.0, "mm", "0 mm"),
+        (5e-4, "mm", "0.5 µm"),
+        (1234.5, "mm", "1.23e+03 mm"),
+    ],
+)
+def test_a_quantity_far_below_its_unit_has_a_smaller_one(x, unit, said):
+    assert quantity_text(x, unit) == said
+
+
+def test_two_ends_have_one_unit_that_of_the_larger():
+    assert range_text(1e-9, 7e-9, "N") == "1 to 7 nN"
+    assert range_text(0.0, 2.0, "mm", "and") == "0 and 2 mm"
+    assert range_text(-3e-4, 1e-5, "mm", digits=2) == "-0.3 to 0.01 µm"

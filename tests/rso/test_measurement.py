@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import lsim
 
 from rso.contract import parameters_of
+from rso.core.digits import quantity_text
 from rso.data import (
     Chain,
     MeasuredCurve,
@@ -1034,7 +1035,7 @@ def test_a_coarse_scale_is_noise(tmp_path, readings, levels):
     curve = combine(m, Noise())
     off = (curve.value - np.interp(curve.depth, depth, force)) / curve.white
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.15  # an even error within half a step; means over marks are off by less
-    assert any(f"steps of {step:.3g} N" in d for d in m.doubts)
+    assert any(f"steps of {quantity_text(step, 'N')}" in d for d in m.doubts)
 
 
 def test_scatter_that_blurs_a_scale_is_all_that_counts(tmp_path):

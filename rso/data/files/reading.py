@@ -24,6 +24,7 @@ from typing import Literal
 import numpy as np
 
 from rso.contract.responses import FORCE_CHANNELS
+from rso.core.digits import quantity_text
 from rso.core.units import is_counted
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
@@ -358,7 +359,7 @@ def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset
             if table.found
             else "the contact is found from Fz, which is missing"
         )
-        raise ValueError(f"{table.path}: preload = {force:g} N: {why}; leave one of them out")
+        raise ValueError(f"{table.path}: preload = {quantity_text(force, 'N', 6)}: {why}; leave one of them out")
     own, at, F = dict(r.channels), r.segment == "loading", r.channels["Fz"]
     pressed = at & (r.depth >= 0.0)
     approach = int(np.sum(at & (r.depth < 0.0)))
@@ -374,9 +375,11 @@ def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset
         raise ValueError(f"{table.path}: repeat {r.label!r}: {error}") from error
     where = f"{_own(table, found.depth, found.deviation)}"
     how = "by its approach" if approach > contact_point.MIN_AIR_READINGS else "by the shape of Fz beyond it"
-    said = f"repeat {r.label}: depth is 0 at a preload of {force:.3g} N; contact is found at {where} {how}"
+    said = (
+        f"repeat {r.label}: depth is 0 at a preload of {quantity_text(force, 'N')}; contact is found at {where} {how}"
+    )
     said += "; depth counts from there"
-    said += f", and {force:.3g} N are added to Fz, which was tared at the preload" if taken else ""
+    said += f", and {quantity_text(force, 'N')} are added to Fz, which was tared at the preload" if taken else ""
     return replace(r, depth=r.depth - found.depth, channels=own), found, [said]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rso.contract.responses import FORCE_CHANNELS
+from rso.core.digits import range_text
 from rso.core.units import BARE_COLUMNS
 from rso.data.files.columns import Head, Row, cells_of, fail, is_number
 from rso.data.files.machine_lines import MISSING_VALUES, filled_cells, parted_from_readings
@@ -155,7 +156,8 @@ def labels_of(
             return one, [f"{len(parts)} {what} {_lines(headers)} and are read as one test that goes on in each"]
         if not _alike(parts, MIN_TEST_STROKE_SHARE):
             each = ", ".join(
-                f"#{k + 1} from line {headers[k]}: {len(v)} readings, depth from {v[0]:.4g} to {v[-1]:.4g} mm"
+                f"#{k + 1} from line {headers[k]}: {len(v)} readings, depth from "
+                f"{range_text(v[0], v[-1], 'mm', 'to', 4)}"
                 for k, v in enumerate(parts[:MAX_LISTED_BLOCKS])
             )
             more = ", …" * (len(parts) > MAX_LISTED_BLOCKS)
