@@ -43,7 +43,7 @@ def test_terminal_and_page_write_the_same_digits():
     ("x", "unit", "said"),
     [
         (7e-9, "N", "7 nN"),
-        (-2.5e-4, "N", "-250 µN"),
+        (-2.5e-4, "N", "-0.25 mN"),
         (0.02, "N", "0.02 N"),  # a unit is kept as long as its number is read at once
         (0.0, "mm", "0 mm"),
         (5e-4, "mm", "0.5 µm"),
