@@ -23,6 +23,8 @@ from rso.calibration.readings import (
     of_response,
     places_from_contact,
 )
+from rso.calibration.stages import Runner
+from rso.calibration.uncertain_inputs import learn_effects
 from rso.contract import ClosedFormStart, Response, capability
 from rso.emulation.emulator import Emulator, Sample, learn_emulator, relearn
 from rso.evaluation import Evaluator, Watch
@@ -205,11 +207,27 @@ def fit_level(
     samples += inherited
     try:
         emulator, last, gap, x, sure = confirm_level(plan, evaluator, level, axes, learnt(plan, axes, samples), last)
+        if plan.resolved.inputs and not level.closed_form:
+            plan = with_level_effects(plan, evaluator, level, axes.physical(_point(axes, x)))
+            emulator, last, gap, x, sure = confirm_level(plan, evaluator, level, axes, emulator, last)
         misfit = likelihood(plan, emulator, last, "fit", x)
         d = determine(misfit, seed=seed, near=x[None], mcmc=False)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise LadderUnanswered(str(error)) from error
     return _finished(plan, evaluator, axes, emulator, d, last, gap, sure, before)
+
+
+def with_level_effects(plan: Plan, evaluator: Evaluator, level: ModelLevel, values: Mapping[str, float]) -> Plan:
+    """The plan with what uncertain inputs make of its curves under a level; an input that the level fits is none."""
+    resolved = replace(plan.resolved, inputs=tuple(i for i in plan.resolved.inputs if i.parameter.name not in values))
+    cases = tuple(replace(c, settings={**c.settings, **level.settings}) for c in plan.cases)
+    found, *_ = learn_effects(Runner(replace(plan, resolved=resolved, cases=cases), evaluator), values)
+    return replace(plan, effects=found.plan.effects)
+
+
+def _point(axes: Axes, x: np.ndarray) -> dict[str, float]:
+    theta = axes.box.from_unit(x[None])[0]
+    return dict(zip(axes.box.names, map(float, theta), strict=True))
 
 
 def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") -> Emulator:

@@ -3,6 +3,8 @@
 The backend is the closed form of tests/rso/indentation_backend.py, so that an oracle has its derivatives by hand.
 """
 
+import json
+
 import indentation_backend
 import numpy as np
 import pytest
@@ -144,3 +146,20 @@ def test_what_cannot_be_is_refused_by_its_key(tmp_path, table, words):
     with pytest.raises(StudyError) as error:
         identified(tmp_path, uncertainty=table)
     assert "study.toml:" in str(error.value) and all(w in str(error.value) for w in words)
+
+
+def test_ladder_and_next_give_the_same_interval(tmp_path):
+    tables = {
+        "ladder": 'levels = [{ name = "study" }]\nruns = 8',
+        "next": "truths = { mu = [0.012] }\nruns = 8\ndraws = 10",
+    }
+    changes = {**studies.QUICK, "parameters": ONE, "[experiments]": TOP, "uncertainty": f"radius = {U}", **tables}
+    file = studies.write(tmp_path, **changes)
+    found = studies.run(tmp_path, **changes)["identification"]
+    for way in ("ladder", "next"):
+        done = studies.command(way, file)
+        assert done.returncode == 0, done.stderr
+    ladder, after = (json.loads((tmp_path / "results" / f"{n}.json").read_text("utf-8")) for n in ("ladder", "next"))
+    for rows in (ladder["levels"][0]["parameters"], after["fits"][-1]["parameters"]):
+        (low, high) = rows[0]["interval"]
+        assert 0.5 * np.log(high / low) == pytest.approx(half_width(found), rel=0.02)
