@@ -269,7 +269,7 @@ LAYERS = {
         "__init__",
     ),
     "rso.inference": (
-        "error_surface likelihood random_effects",
+        "error_surface likelihood random_effects rules",
         "autocorrelated_residuals error_model least_squares models posterior_grid tangents",
         "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",

@@ -54,9 +54,8 @@ from rso.inference import (
     with_model_errors,
 )
 from rso.inference.error_model import EMULATOR_ERROR
-from rso.inference.identifiability import REFUTED_FIT_CHANCE
 from rso.inference.intervals import CREDIBLE_LEVEL
-from rso.inference.verdict import REFUTED_ERROR_RATIO
+from rso.inference.rules import RULES
 from rso.study.resolve import resolve
 
 MAX_OPTIMUM_RUNS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
@@ -202,7 +201,7 @@ def _most_likely(
         ν = now.misfit.n - len(best.x)
         p, p_bare = (chi2_p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
         last = ConfirmedOptimum(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
-        hidden = covered(p, p_bare) and bare > REFUTED_ERROR_RATIO**2 * ν
+        hidden = covered(p, p_bare) and bare > RULES.refuted_error_ratio**2 * ν
         if (verified and not hidden) or k == MAX_OPTIMUM_RUNS - 1:
             break
         emulator = learn_more(bench, emulator, [outputs_sample(plan, values, outcomes)])
@@ -213,7 +212,7 @@ def _most_likely(
 
 def covered(p: float | None, p_bare: float | None) -> bool:
     """Whether a model agrees with the data only because of what the surrogates may be off by."""
-    return (p is None or p >= REFUTED_FIT_CHANCE) and p_bare is not None and p_bare < REFUTED_FIT_CHANCE
+    return (p is None or p >= RULES.refuted_fit_chance) and p_bare is not None and p_bare < RULES.refuted_fit_chance
 
 
 def _least(now: ConfirmedFit, best: Fit) -> float:

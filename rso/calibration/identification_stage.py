@@ -46,7 +46,8 @@ from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
 from rso.inference.input_effects import BudgetEntry, uncertainty_budget
 from rso.inference.intervals import INTERVAL_BOUND_TOLERANCE
-from rso.inference.verdict import REFUTED_ERROR_RATIO, Word, physical
+from rso.inference.rules import RULES
+from rso.inference.verdict import Word, physical
 from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
 MIN_MEASURED_SCATTER_SHARE = 1e-4  # of the largest value: readings that scatter less are computed ones
@@ -211,7 +212,9 @@ def _recomputed(plan: Plan, settled: ConfirmedOptimum) -> dict[str, Any]:
 
 def is_trusted(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether simulations confirm what the surrogates say, and the model does not miss the data widely."""
-    return settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= REFUTED_ERROR_RATIO
+    return (
+        settled.verified and not (settled.open or settled.poor or d.refuting) and d.scale <= RULES.refuted_error_ratio
+    )
 
 
 def derived_quantities(plan: Plan, d: Determination, sure: bool = True) -> list[dict[str, Any]]:
@@ -338,13 +341,13 @@ def _is_beyond(stated: Box, box: Box, k: int, known: Known) -> bool:
 
 def _hides_much(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether the model agrees with the data only by what the surrogates may be off by, and misses them widely."""
-    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED_ERROR_RATIO**2 * d.degrees
+    much = settled.chi2_bare is not None and settled.chi2_bare > RULES.refuted_error_ratio**2 * d.degrees
     return settled.verified and much and covered(d.p_value, settled.p_bare)
 
 
 def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
     """What is known, with no parameter called determined where simulations do not confirm what the surrogates say, or
-    where what these may be off by hides a misfit of more than `REFUTED_ERROR_RATIO` times the errors; no p-value where
+    where what these may be off by hides a misfit of more than `refuted_error_ratio` times the errors; no p-value where
     it hides any.
     """
     hidden = _hides_much(d, settled)

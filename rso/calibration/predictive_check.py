@@ -27,15 +27,15 @@ from rso.core.digits import significant
 from rso.doe import Box
 from rso.evaluation import Done, why
 from rso.inference import SURFACE_CHANNEL, Determination
-from rso.inference.identifiability import WIDE_ERROR_SHARE
 from rso.inference.least_squares import fit_at
 from rso.inference.output_derivatives import NoSlopes, jacobian
-from rso.inference.predictive_test import MISSED_PREDICTION_CHANCE, PredictiveTest, open_by, predictive_test
+from rso.inference.predictive_test import PredictiveTest, open_by, predictive_test
+from rso.inference.rules import RULES
 from rso.optimal_design.gains import Gain, gain
 
 SAME_CANDIDATE_DISTANCE = 1e-3  # of the unit cube: a candidate as near to the most likely point is run already
 LIKELIEST_VALUE_DIGITS = 6  # of the most likely values when they are run
-# among: it agrees because the fit leaves the prediction open, by more than `WIDE_ERROR_SHARE`
+# among: it agrees because the fit leaves the prediction open, by more than `RULES.wide_error_share`
 PREDICTION_WORDS = ("yes", "among", "no")
 Values = Mapping[str, float]
 Evaluate = Callable[[Sequence[Values]], Sequence[Response | str]]  # values of axes → a response, or why there is none
@@ -84,8 +84,9 @@ class PredictiveCheck:
             return None
         if self.test.missed:
             return "no"
-        wide = any(float(c.spread.max()) > WIDE_ERROR_SHARE * float(np.abs(c.predicted).max()) for c in self.channels)
-        return "among" if wide and self.test.alone < MISSED_PREDICTION_CHANCE else "yes"
+        much = RULES.wide_error_share
+        wide = any(float(c.spread.max()) > much * float(np.abs(c.predicted).max()) for c in self.channels)
+        return "among" if wide and self.test.alone < RULES.missed_prediction_chance else "yes"
 
 
 def predictive_check(

@@ -32,7 +32,7 @@ from rso.inference import (
     with_model_errors,
 )
 from rso.inference.error_model import shares
-from rso.inference.identifiability import UNDECIDED_FIT_CHANCE
+from rso.inference.rules import RULES
 from rso.inference.verdict import physical
 from rso.study.schema import Study
 
@@ -136,7 +136,7 @@ def base_model_sentence(found: Mapping[str, Any] | None, gap: bool = False) -> l
     if not found:
         return []
     stories: Sequence[str] = [v["story"] for v in found["parameters"].values()]
-    agrees = gap and found["p_value"] is not None and found["p_value"] > UNDECIDED_FIT_CHANCE
+    agrees = gap and found["p_value"] is not None and found["p_value"] > RULES.undecided_fit_chance
     within = (
         "This fit compares loading alone and counts all errors of a test in full; the gap above may be smaller, or in "
         "other readings. "

@@ -14,14 +14,12 @@ from rso.inference.identifiability import Determination
 from rso.inference.intervals import CREDIBLE_LEVEL
 from rso.inference.least_squares import fit_at
 from rso.inference.likelihood import Misfit
-from rso.inference.verdict import DETERMINED_FACTOR
+from rso.inference.rules import RULES
 
 Quantity = Callable[[np.ndarray], np.ndarray]  # of points (m, d) of the unit cube: (m,)
 N_STARTS_PER_END = 3  # points of each end from which it is sought
 QUANTITY_SLOPE_STEP = 1e-5  # of the unit cube, for the slopes of a quantity
 QUANTITY_BOUND_TOLERANCE = 1e-4  # of the unit cube
-# of its middle that the interval of a quantity without a scale may reach to either side to state a value
-MAX_HALF_WIDTH_SHARE = 0.25
 
 FIXED_VALUE_SHIFT_SHARE = 1e-3  # of a value, for how much a quantity moves with it
 EQUAL_INFLUENCE_SHARE = 0.9  # of the change with a fitted parameter: with the curvature over the shift, that is as much
@@ -42,14 +40,14 @@ def is_known(i: DerivedInterval, *, scale: bool) -> bool:
     """Whether the data show a value: no range makes an end, and the interval is narrow.
 
     A positive quantity with a `scale`, as a modulus, is judged as parameters are: its ends are within
-    `DETERMINED_FACTOR` of their geometric mean.  Any other, as a ratio between bounds, is within `MAX_HALF_WIDTH_SHARE`
+    `determined_factor` of their geometric mean.  Any other, as a ratio between bounds, is within `max_half_width_share`
     of its middle.
     """
     if i.low_by or i.high_by:
         return False
     if scale and i.low > 0.0:
-        return math.log(i.high / i.low) <= 2.0 * math.log(DETERMINED_FACTOR)
-    return 0.5 * (i.high - i.low) <= MAX_HALF_WIDTH_SHARE * abs(0.5 * (i.low + i.high))
+        return math.log(i.high / i.low) <= 2.0 * math.log(RULES.determined_factor)
+    return 0.5 * (i.high - i.low) <= RULES.max_half_width_share * abs(0.5 * (i.low + i.high))
 
 
 def rests_on(

@@ -26,28 +26,14 @@ from rso.inference.intervals import (
 from rso.inference.least_squares import SAME_MINIMUM_TOLERANCE, Fit, all_minima, fit_at
 from rso.inference.likelihood import WEIGHTINGS, Misfit
 from rso.inference.posterior_sampling import Draws, agree, sample_posterior
+from rso.inference.rules import RULES, IdentificationRules
 from rso.inference.sloppy_directions import Direction, per_log
-from rso.inference.verdict import (
-    REFUTED_ERROR_RATIO,
-    VERDICT_WORDS,
-    Verdict,
-    Word,
-    judge_parameter,
-    quieter,
-    size,
-    verdict_sentences,
-)
+from rso.inference.verdict import VERDICT_WORDS, Verdict, Word, judge_parameter, quieter, size, verdict_sentences
 
 N_OTHER_PROFILE_STARTS = 5  # points beside the best fit from which profiles start
 N_RUNS_TO_START_FROM = 8  # finished runs from which descents start
-# of the width of an interval: a run that far outside of it refutes it, a nearer one widens it
-REFUTING_DISTANCE_SHARE = 0.1
-WIDE_ERROR_SHARE = 0.1  # of the largest value: an agreement within such errors says little
 NEGLIGIBLE_MINIMUM_CHI2 = 20.0  # of χ²: a minimum that much higher holds no probability that counts
-TOO_GOOD_FIT_CHANCE = 0.001  # of true models leave less: the errors are stated larger than the curves show
 MIN_DEGREES_OF_FREEDOM = 0.5  # degrees of freedom that say whether a model fits
-UNDECIDED_FIT_CHANCE = 0.05  # between this chance and the next a misfit neither agrees with noise nor refutes the model
-REFUTED_FIT_CHANCE = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +80,7 @@ class Determination:
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
     widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may
     are autocorrelated (:func:`.autocorrelated_residuals.remembering`) these are at least as large as what is left;
-    there is no p-value where nobody stated them, unless that is beyond `REFUTED_ERROR_RATIO`.  `refuting` are the
+    there is no p-value where nobody stated them, unless that is beyond `refuted_error_ratio`.  `refuting` are the
     finished runs (their indices) that agree with the data where the model of the misfit left their values out.
     """
 
@@ -144,6 +130,7 @@ def determine(
     level: float = CREDIBLE_LEVEL,
     runs: Runs | None = None,
     stated: Box | None = None,
+    rules: IdentificationRules = RULES,
 ) -> Determination:
     """Identify the parameters and say how well they are determined.
 
@@ -165,7 +152,7 @@ def determine(
     minima = all_minima(misfit, seed=seed, near=near)
     first = minima[0]
     ν = misfit.n - box.d
-    p, scale, wider = _widening(misfit, first.chi2, ν, level, first.x)
+    p, scale, wider = _widening(misfit, first.chi2, ν, level, first.x, rules)
     used = replace(misfit, scale=misfit.scale * wider)
     fit = fit_at(used, first.x)
     profiles = [
@@ -183,7 +170,7 @@ def determine(
         out = runs_outside_interval(profiles[k], runs.X[:, k], rise, level)
         refuting |= set(out)
         seen = profiles[k].with_runs(runs.X, rise)
-        one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated)
+        one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated, rules)
         known.append(refuted(one, len(out)) if out else one)
     return Determination(
         misfit,
@@ -202,7 +189,7 @@ def determine(
 
 
 def _widening(
-    misfit: Misfit, chi2: float, ν: int, level: float, x: np.ndarray | None = None
+    misfit: Misfit, chi2: float, ν: int, level: float, x: np.ndarray | None = None, rules: IdentificationRules = RULES
 ) -> tuple[float | None, float, float]:
     """The p-value, the scale of the errors, and by how much intervals are wider: by the scale or Student's factor."""
     p, expected = chi2_p_value(misfit, chi2, ν, x), ν - taken_up(misfit, x)
@@ -210,7 +197,7 @@ def _widening(
     ρ, m = max(d.memory for d in misfit.data), misfit.freedom
     unsized = math.isfinite(m) or any(d.sized for d in misfit.data)
     left = student(max(ν * independent(ρ), 1.0), level) if ρ > 0.0 and unsized else 1.0
-    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < REFUTED_FIT_CHANCE)):
+    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < rules.refuted_fit_chance)):
         return p, math.sqrt(ratio), math.sqrt(ratio) * (left if misfit.weighting == "noise" else 1.0)
     if ρ == 0.0 or ν <= 0:
         return p, 1.0, student(m, level)
@@ -242,11 +229,11 @@ def chi2_p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = No
     """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing shows.
 
     That is where ν <= 0, where errors have no stated size, where their size was taken from what is left, and where
-    readings are autocorrelated by errors that nobody stated, unless χ² is beyond what `REFUTED_ERROR_RATIO` times these
+    readings are autocorrelated by errors that nobody stated, unless χ² is beyond what `refuted_error_ratio` times these
     would leave.  Usual errors (:func:`taken_up` at x (d,)) may be there or not: it is the chance without them.
     """
     ρ = max(d.memory for d in misfit.data)
-    unsized = ρ > 0 and math.isfinite(misfit.freedom) and 0 < chi2 <= REFUTED_ERROR_RATIO**2 * ν
+    unsized = ρ > 0 and math.isfinite(misfit.freedom) and 0 < chi2 <= RULES.refuted_error_ratio**2 * ν
     if misfit.weighting != "noise" or ν <= 0 or unsized or any(d.sized for d in misfit.data):
         return None
     left = ν - taken_up(misfit, x)
@@ -277,7 +264,7 @@ def _freedoms(misfit: Misfit, ν: float) -> tuple[float, float]:
 
 def lenient(misfit: Misfit, chi2: float, ν: int, p: float | None) -> str:
     """A remark where χ² is far less than the errors would leave, else nothing: it names those that are too large."""
-    if p is None or p <= 1.0 - TOO_GOOD_FIT_CHANCE:
+    if p is None or p <= 1.0 - RULES.too_good_fit_chance:
         return ""
     said = f"χ² = {significant(chi2, 3)} for {ν} degrees of freedom: the readings scatter far less than "
     worst = max((shares(d.as_stated) for d in misfit.data), key=lambda s: math.hypot(*s.values()))
@@ -316,11 +303,12 @@ def _known(
     level: float,
     scale: float,
     stated: Box | None,
+    rules: IdentificationRules,
 ) -> Known:
     box = misfit.model.box
     interval = p.interval(level)
     leaning = tuple(box.names[j] for j in p.leaning(level))
-    verdict = judge_parameter(box, k, interval, leaning, scale, stated)
+    verdict = judge_parameter(box, k, interval, leaning, scale, stated, rules)
     if verdict.word != "determined" and scale == 1.0:  # less noise does not help a model that is wrong
         verdict = replace(verdict, noise_factor=quieter(box, k, p, level, stated))
     places = [place for d in misfit.data for place in d.places]
@@ -353,9 +341,9 @@ def runs_outside_interval(
     p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = CREDIBLE_LEVEL
 ) -> list[int]:
     """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
-    of all pieces of its interval by more than `REFUTING_DISTANCE_SHARE` of its width."""
+    of all pieces of its interval by more than `refuting_distance_share` of its width."""
     found, limit = p.pieces(level), chi2_ppf(level, 1)
-    slack = REFUTING_DISTANCE_SHARE * max(found[-1].high - found[0].low, 1e-6)
+    slack = RULES.refuting_distance_share * max(found[-1].high - found[0].low, 1e-6)
     inside = np.any([(at >= i.low - slack) & (at <= i.high + slack) for i in found], axis=0)
     return [int(j) for j in np.flatnonzero(~inside & (rise <= limit))]
 
@@ -393,7 +381,7 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     if by_rest:
         return f"{by_rest} {_together(misfit, fit)}".strip()
     together = _together(misfit, fit)
-    if together and (p is None or p >= REFUTED_FIT_CHANCE):
+    if together and (p is None or p >= RULES.refuted_fit_chance):
         larger = f" Their errors count {scale:.2g} times as large." if scale > 1.05 else ""
         return f"{text}. {together}{larger}"
     if scale > 1:
@@ -402,17 +390,16 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
             f"{text}: the model misses the data by {scale:.2g} times their errors, more than noise explains; "
             f"all intervals are widened by this factor.{after}"
         )
-    if p is not None and p < UNDECIDED_FIT_CHANCE:
+    if p is not None and p < RULES.undecided_fit_chance:
         return (
-            f"{text}, p = {p:.2g}: whether the model fits is undecided; below {REFUTED_FIT_CHANCE:g} it misses "
-            f"the data, from {UNDECIDED_FIT_CHANCE:g} on it agrees with them."
+            f"{text}, p = {p:.2g}: whether the model fits is undecided; below {RULES.refuted_fit_chance:g} it misses "
+            f"the data, from {RULES.undecided_fit_chance:g} on it agrees with them."
         )
     text += ": the model agrees with the data within their errors"
     share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)
-    wide = (
-        f", which are up to {100 * share:.2g} % of the largest value and say little" if share > WIDE_ERROR_SHARE else ""
-    )
-    return f"{text}{wide}."
+    if share > RULES.wide_error_share:
+        text += f", which are up to {100 * share:.2g} % of the largest value and say little"
+    return f"{text}."
 
 
 def _by_what_is_left(misfit: Misfit) -> str:

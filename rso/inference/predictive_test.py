@@ -24,9 +24,8 @@ from scipy.linalg import cholesky, solve_triangular
 from rso.core.distributions import chi2_ppf, f_ppf
 from rso.inference.identifiability import exceeded
 from rso.inference.likelihood import MIN_ERROR_SHARE
+from rso.inference.rules import RULES
 from rso.inference.sloppy_directions import UNIFORM_PRECISION
-
-MISSED_PREDICTION_CHANCE = 0.05  # a perfect model is said to miss in this share of data sets
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class PredictiveTest:
     @property
     def missed(self) -> bool:
         """Whether noise, the simulation's error and what the fit leaves open do not explain the difference."""
-        return self.p_value < MISSED_PREDICTION_CHANCE
+        return self.p_value < RULES.missed_prediction_chance
 
 
 def predictive_test(

@@ -14,19 +14,12 @@ from rso.core.symbols import unit_text
 from rso.core.units import people
 from rso.doe import Box
 from rso.inference.intervals import Interval, ProfileInterval
+from rso.inference.rules import RULES, IdentificationRules
 
 Word = Literal["determined", "weakly", "not"]
 VERDICT_WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
-# a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
-DETERMINED_FACTOR = 1.75
-# the same where the range of another parameter makes an end: that is not the merit of the data
-LEANING_DETERMINED_FACTOR = 1.25
-UNINFORMATIVE_RANGE_SHARE = 0.5  # of the range stated or searched: an interval that leaves more than this says nothing
 ROUND_OFF_SHARE = 1e-6  # of the uncertainty: a change that is round-off
 LOWER_NOISE_RATIOS = np.geomspace(1.0, 1e-3, 61)  # times what it is
-# between the noise at which the profile is narrow enough and that at which a new one would be too
-NOISE_SAFETY_RATIO = 0.7
-REFUTED_ERROR_RATIO = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
 
 
 @dataclass(frozen=True)
@@ -39,7 +32,13 @@ class Verdict:
 
 
 def judge_parameter(
-    box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0, stated: Box | None = None
+    box: Box,
+    k: int,
+    interval: Interval,
+    leaning: tuple[str, ...] = (),
+    scale: float = 1.0,
+    stated: Box | None = None,
+    rules: IdentificationRules = RULES,
 ) -> Verdict:
     """'not': the interval covers half of the box or of the `stated` range, or ends at both bounds, or at one of a model
     that is refuted; else 'determined': it lies inside the box, its ends are within a factor 1.75 of its middle, and the
@@ -48,20 +47,20 @@ def judge_parameter(
     Parameters that may be zero or negative are measured against their stated range: within ± 10 % of it is determined.
     A range that was widened since makes no interval narrower.
     `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `scale` is what
-    the errors were multiplied with as the model does not fit: beyond `REFUTED_ERROR_RATIO` nothing is determined.
+    the errors were multiplied with as the model does not fit: beyond `refuted_error_ratio` nothing is determined.
     """
     low, high = physical(box, k, interval)
     width, covered = _shares(box, k, interval, box if stated is None else stated)
     if low > 0:
-        most = math.log(LEANING_DETERMINED_FACTOR if leaning else DETERMINED_FACTOR)
+        most = math.log(rules.leaning_factor if leaning else rules.determined_factor)
         close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
     else:
         close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
-    pressed = interval.open and scale > REFUTED_ERROR_RATIO  # it wants to go on, and fits nowhere
+    pressed = interval.open and scale > rules.refuted_error_ratio  # it wants to go on, and fits nowhere
     word: Word = (
-        "not" if covered >= UNINFORMATIVE_RANGE_SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
+        "not" if covered >= rules.uninformative_share or (interval.at_low and interval.at_high) or pressed else "weakly"
     )
-    if word == "weakly" and close and not interval.open and scale <= REFUTED_ERROR_RATIO:
+    if word == "weakly" and close and not interval.open and scale <= rules.refuted_error_ratio:
         return Verdict("determined", digits, None)
     return Verdict(word, digits if word == "weakly" and not interval.open else 0, None)
 
@@ -78,13 +77,13 @@ def quieter(box: Box, k: int, profile: ProfileInterval, level: float = 0.9, stat
     """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
 
     With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
-    hence `NOISE_SAFETY_RATIO`.
+    hence `noise_safety_ratio`.
     """
     for f in LOWER_NOISE_RATIOS:
         louder = replace(profile, rise=profile.rise / f**2)
         leaning = tuple(box.names[j] for j in louder.leaning(level))
         if judge_parameter(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
-            return NOISE_SAFETY_RATIO * float(f)
+            return RULES.noise_safety_ratio * float(f)
     return None
 
 
@@ -135,7 +134,11 @@ def verdict_sentences(
         given = f"under {missed}, " if missed else ""
         sure = f"{given}with {100 * level:.0f} % confidence {span}{_either_way(low, high)}"
         return f"{name} is determined: {sure}{other}.", ""
-    if scale > REFUTED_ERROR_RATIO and not interval.open and interval.high - interval.low < UNINFORMATIVE_RANGE_SHARE:
+    if (
+        scale > RULES.refuted_error_ratio
+        and not interval.open
+        and interval.high - interval.low < RULES.uninformative_share
+    ):
         text = f"{name} {VERDICT_WORDS[verdict.word]}: {missed}, fits best from {span}{other}."
         return text, "What the model lacks has to be found first."
     ends = [w for w, at in (("lower", interval.at_low), ("upper", interval.at_high)) if at]

@@ -42,7 +42,8 @@ from rso.inference import (
     with_autocorrelation,
     with_model_errors,
 )
-from rso.inference.verdict import REFUTED_ERROR_RATIO, physical
+from rso.inference.rules import RULES
+from rso.inference.verdict import physical
 from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
 from rso.model_selection.candidate_models import Axes, axes_of, cases_of_levels, levels_of
 from rso.model_selection.held_out import validate_level
@@ -356,7 +357,7 @@ def if_autocorrelated(plan: Plan, found: FittedLevel, elsewhere: Sequence[Left])
     fit = all_minima(misfit, seed=plan.seed, near=near[None])[0]
     if math.isfinite(misfit.freedom):
         larger = max(fit.chi2 / max(misfit.n - misfit.model.box.d, 1), 1.0)
-        if larger > REFUTED_ERROR_RATIO**2:
+        if larger > RULES.refuted_error_ratio**2:
             return None
         misfit = replace(misfit, data=tuple(v.plus((larger - 1.0) * v.covariance) for v in misfit.data))
     simulated = model_selection.bootstrap_refits(misfit, fit, plan.seed, plan.study.ladder.draws)

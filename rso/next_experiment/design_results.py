@@ -16,13 +16,14 @@ from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.core.distributions import chi2_ppf
 from rso.inference.error_model import shares
-from rso.inference.verdict import DETERMINED_FACTOR, REFUTED_ERROR_RATIO, physical
+from rso.inference.rules import RULES
+from rso.inference.verdict import physical
 from rso.next_experiment.study_design import REPEAT_SUFFIX, DesignResult, Joint, Learnt
 from rso.optimal_design import SAME_INFORMATION_NATS, ExpectedInformation, Worth, about_parameter, ranked
 from rso.study.cases import sketches
 
 NEXT_FILE, NEXT_SCHEMA = "next.json", 1  # raised when keys of the file change their meaning
-DETERMINED_SD_LN = math.log(DETERMINED_FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
+DETERMINED_SD_LN = math.log(RULES.determined_factor) / 1.645  # sd of ln θ with which a 90 % interval is a value
 EXCLUDED_TRUTH_CONFIDENCE = 0.99  # confidence with which the data exclude a truth that is worth a word
 LIKELIEST_BOUND_TOLERANCE = 1e-6  # of the unit cube
 MENTIONED_WIDTH_DISAGREEMENT = 1.5  # factor between Fisher information and made-up data that is worth a word
@@ -155,7 +156,7 @@ def design_warnings(found: DesignResult) -> list[str]:
         )
         cure = (
             "; what it lacks has to be found before a further experiment is chosen"
-            if found.scale > REFUTED_ERROR_RATIO
+            if found.scale > RULES.refuted_error_ratio
             else ""
         )
         said.append(f"{text}{cure}.")

@@ -17,6 +17,7 @@ from rso.contract import SimulationFailed
 from rso.doe import Box
 from rso.evaluation.store import RunStore
 from rso.inference import Data, Misfit, Model, emulated, fit_at
+from rso.inference.rules import RULES
 from rso.model_selection import Added, Goodness, GoodnessOfFit, Judged, Left, ModelLevel, goodness_of_fit, study_ladder
 from rso.model_selection.ladder_results import ladder_data, write_ladder
 from rso.model_selection.simulations import level_design
@@ -641,7 +642,7 @@ def test_a_level_that_memory_of_the_noise_may_have_given_up_is_named(tmp_path):
 
 def test_what_is_far_more_than_noise_is_not_excused(tmp_path, monkeypatch):
     """The same records where hardly anything counts as noise."""
-    monkeypatch.setattr(study_ladder, "REFUTED_ERROR_RATIO", 0.0)
+    monkeypatch.setattr(study_ladder, "RULES", replace(RULES, refuted_error_ratio=0.0))
     for seed in range(3):
         _, said = remembering_record(tmp_path / str(seed), "neo", 0.25, seed)
         assert not any("If the noise itself" in w for w in said)

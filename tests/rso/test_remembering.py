@@ -14,7 +14,7 @@ from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
 from rso.inference import Data, Misfit, Model, all_minima, determine, with_autocorrelation
 from rso.inference.identifiability import _widening
-from rso.inference.verdict import REFUTED_ERROR_RATIO
+from rso.inference.rules import RULES
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.005, 5.0), (0.02, 100.0), (True, True))
 TRUTH = np.array([0.01, 25.0])
@@ -99,7 +99,7 @@ def test_memory_that_is_known_is_not_looked_for():
 def test_a_wrong_model_is_not_explained_away(stated):
     """A wave of 10 % leaves residuals that go together, and more of them than three times the errors."""
     d = found([F * (1 + 0.1 * np.sin(2 * U)) + noise_of(0.0, np.random.default_rng(6))], stated)
-    assert d.scale > REFUTED_ERROR_RATIO and d.p_value < 0.01 and "misses the data by" in d.warning
+    assert d.scale > RULES.refuted_error_ratio and d.p_value < 0.01 and "misses the data by" in d.warning
     assert all(k.verdict.word != "determined" for k in d.known)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from rso.core.digits import estimate, known
 from rso.core.plain_results import RUN_STAGES
-from rso.inference.verdict import REFUTED_ERROR_RATIO
+from rso.inference.rules import RULES
 from rso.report.calibration.deformed import deformed_blocks, moved_sentence
 from rso.report.calibration.derived import (
     derived_facts,
@@ -204,7 +204,7 @@ def _material(results: Results) -> list[str]:
 def _refuted(results: Results) -> float | None:
     """By how many times their errors the model misses the data, where it does so widely."""
     scale = number((results.get("identification") or {}).get("scale"))
-    return scale if scale is not None and scale > REFUTED_ERROR_RATIO else None
+    return scale if scale is not None and scale > RULES.refuted_error_ratio else None
 
 
 def _agrees(results: Results) -> str:
