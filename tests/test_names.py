@@ -170,14 +170,15 @@ def definitions(source: str) -> tuple[tuple[type, str], ...]:
     return tuple((type(n), n.name) for n in ast.parse(source).body if isinstance(n, kinds))
 
 
+@functools.cache  # a source is parsed once for both rules
 def constants(source: str) -> list[tuple[str, ast.Assign | ast.AnnAssign]]:
     """Names in capital letters that a module assigns, each with its statement."""
     found = []
     for node in ast.parse(source).body:
         if isinstance(node, ast.Assign | ast.AnnAssign):
             places = node.targets if isinstance(node, ast.Assign) else [node.target]
-            parts = [part for place in places for part in (place.elts if isinstance(place, ast.Tuple) else [place])]
-            found += [(p.id, node) for p in parts if isinstance(p, ast.Name) and CONSTANT.fullmatch(p.id)]
+            names = [n for p in places for n in ast.walk(p) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+            found += [(n.id, node) for n in names if CONSTANT.fullmatch(n.id)]
     return found
 
 
@@ -198,11 +199,9 @@ def is_number(value: ast.expr | None) -> bool:
     plain = all(isinstance(n, others) for n in nodes if isinstance(n, ast.expr))
     tables = [n for n in nodes if isinstance(n, ast.Dict)]
     keys = [k for n in tables for k in n.keys]
-    plain = plain and not any(
-        isinstance(v, ast.Name) for n in tables for v in n.values
-    )  # a look of a line with its colour
+    look = any(isinstance(v, ast.Name) for n in tables for v in n.values)  # of a line, with its colour
     numbers = [type(n.value) in (int, float) for n in literals if n not in keys]
-    return plain and bool(numbers) and all(numbers)
+    return plain and not look and bool(numbers) and all(numbers)
 
 
 def unexplained(source: str) -> list[str]:
@@ -297,9 +296,9 @@ def test_a_second_function_of_a_name_is_seen():
 def test_a_second_constant_of_a_name_is_seen():
     assert constants_twice({"a.py": "MOST = 3", "b.py": "MOST: int = 5"}) == {"MOST"}
     assert constants_twice({"a.py": "_REST, LONG = 1, 2", "b.py": "LONG = 'text'"}) == {"LONG"}
-    assert (
-        constants_twice({"a.py": "MOST = 3\nMOST = 4", "b.py": "from a import MOST\ndef f():\n    MOST = 5"}) == set()
-    )
+    assert constants_twice({"a.py": "REST, (FEW, LONG) = 1, (2, 3)", "b.py": "LONG = 4"}) == {"LONG"}
+    assert constants_twice({"a.py": "MOST = 3\nMOST = 4", "b.py": "from a import MOST"}) == set()
+    assert constants_twice({"a.py": "MOST = 3", "b.py": "def f():\n    MOST = 5"}) == set()
     assert constants_twice({"a.py": "rows = 3\nRow = int", "b.py": "rows = 4\nRow = str"}) == set()
 
 
