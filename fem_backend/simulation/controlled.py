@@ -16,7 +16,7 @@ from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.solver import controlled_steps
-from fem_backend.solver.controlled_steps import OUT_OF_REACH, Bench, Drive, Followed
+from fem_backend.solver.controlled_steps import UNREACHED_FORCE_CAUSE, Bench, Drive, Followed
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import Counters
 
@@ -39,7 +39,7 @@ def simulate_programme(
     try:
         return _attempt(settings, knobs, placement, model, drive, started)
     except Stopped as stopped:
-        if stopped.cause in (*FINAL, OUT_OF_REACH):
+        if stopped.cause in (*FINAL, UNREACHED_FORCE_CAUSE):
             raise
         first = stopped
     patient = indentation.again(settings, first.reached)

@@ -292,7 +292,7 @@ def _carried_to(size: float, leg: MeshLeg, here: Reached, counters: Counters) ->
         here, u=u, rate=np.zeros_like(u), history=history,
         before=tuple(b for b, _ in rubbed), pressures=[p for _, p in rubbed],
     )  # fmt: skip
-    control, patient = at.settings.control, load_steps.PATIENT
+    control, patient = at.settings.control, load_steps.MAX_ITERATIONS_AS_LAST_RESORT
     found, load, _ = history_steps.attempt(new.system, new.start, begun, goal, u, control, counters, patient)
     reached = history_steps.arrived(new.system, load, found, goal)
     way = at.placement.direction

@@ -227,6 +227,6 @@ def test_a_nearly_incompressible_body_hardly_touched_has_an_answer(monkeypatch):
     hertz = 4.0 / 3.0 * 4.0 * 0.01 * np.sqrt(3.0) * 0.03**1.5  # E* = 4 μ where ν = 1/2 (Johnson 1985, eq. 4.23)
     assert 0.5 * hertz < F < 2.0 * hertz  # one element under the ball: no more is to be had of that mesh
     monkeypatch.setattr(newton, "at_round_off", lambda *told: False)
-    monkeypatch.setattr(modified_newton, "FLAT", 0.0)
+    monkeypatch.setattr(modified_newton, "KEPT_TANGENT_ROUND_OFF_RESIDUAL", 0.0)
     with pytest.raises(SimulationFailed, match="no equilibrium"):
         BACKEND(values, case)

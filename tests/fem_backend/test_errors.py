@@ -582,8 +582,8 @@ def test_what_round_off_leaves_out_of_balance_is_stated(more, left, monkeypatch)
             return tight(system, starts, load, target, replace(control, tight=left, medium=left), *rest, **named)
 
         monkeypatch.setattr(load_steps, "equilibrate", stuck)
-        monkeypatch.setattr(mixed_newton, "TIGHT", left)
-        monkeypatch.setattr(mixed_newton, "BEFORE", left)
+        monkeypatch.setattr(mixed_newton, "ASKED_RESIDUAL_TOLERANCE", left)
+        monkeypatch.setattr(mixed_newton, "RESIDUAL_TOLERANCE_BEFORE_MULTIPLIERS", left)
         return indentation.simulate_indentation(at, values, place, model, [Instant(s, s, True) for s in asked])
 
     exact, rough = run(1e-9), run(left)
