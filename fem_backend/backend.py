@@ -25,13 +25,13 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import contact_elements, controlled, derivatives, experiment, indentation, outputs
-from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
+from fem_backend.simulation.assembly import MISALIGNMENT_KNOBS, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import knobs_class as every
-from fem_backend.simulation.outputs import UNITS
+from fem_backend.simulation.outputs import CHANNEL_UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
 from fem_backend.solver.newton import System
@@ -102,7 +102,7 @@ class FiniteElements:
     @property
     def channels(self) -> Mapping[str, str]:
         """Name → unit of every channel."""
-        return UNITS
+        return CHANNEL_UNITS
 
     @property
     def lean(self) -> Mapping[str, Any]:
@@ -256,7 +256,7 @@ class FiniteElements:
         programme, by_force = case.programme, programmes.controlled(case.programme)
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
-        if any(kept.get(name) for name in MISALIGNED):
+        if any(kept.get(name) for name in MISALIGNMENT_KNOBS):
             plain["mesh"]["follows"] = experiment.MARKS["follows"]
         if _read(case).large_strain and not _placed(settings, kept, lambda at: at.meridian):
             plain["mesh"]["large_strain"] = experiment.MARKS["large_strain"]
@@ -411,7 +411,7 @@ class FiniteElements:
             return {}  # a grid of the meridian is made in no time
         out = {"mesh": settings.recipe}
         # an anchor's state lies beside a ball that is off its nominal place: it would cost more than it saves
-        moved = any(getattr(knobs, name) for name in MISALIGNED)
+        moved = any(getattr(knobs, name) for name in MISALIGNMENT_KNOBS)
         by_force = programmes.controlled(case.programme)
         if not moved and not by_force and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:

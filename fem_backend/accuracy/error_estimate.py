@@ -357,7 +357,7 @@ def friction_creep(settings: Settings, knobs: Knobs, result: Result) -> dict[str
     Measured at (20, 0), friction 0.4, with ten times ε_T: 2.1, 2.2, 1.8 and 1.1 times that at 0.5, 1, 2 and 4 mm.
     """
     a = np.maximum(result.channels["contact_radius"], 0.5 * settings.h0)
-    share = CREEPS * 16.0 / (3.0 * np.pi * TANGENTIAL * modelling.PENALTY) * settings.indenter.length / a
+    share = CREEPS * 16.0 / (3.0 * np.pi * TANGENTIAL * modelling.BODY_PENALTY_RATIO) * settings.indenter.length / a
     stuck = 1.0 - result.channels["slipping"]
     return {n: share * stuck * held for n, held in taken(settings, knobs, result).items()}
 

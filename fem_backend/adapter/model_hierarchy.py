@@ -13,7 +13,7 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS, Law
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
-from fem_backend.simulation.outputs import UNITS
+from fem_backend.simulation.outputs import CHANNEL_UNITS
 from rso.contract import Programme, Response
 
 NU = 0.49  # of the simple levels: ν cannot be told from them
@@ -67,7 +67,7 @@ def closed_form(settings: Settings, knobs: Knobs, programme: Programme) -> Respo
     F = _closed(actual.indenter.force(s * tilt, H, E, nu), settings)
     time = np.interp(s, *_loading(programme))
     channels = {"time": time, "travel": s} | {f"F{axis}": F * n for axis, n in zip("xyz", normal, strict=True)}
-    return Response(channels, {k: UNITS[k] for k in channels})
+    return Response(channels, {k: CHANNEL_UNITS[k] for k in channels})
 
 
 def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, tuple[float, float, float]]:

@@ -14,7 +14,7 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly
-from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, Placement
+from fem_backend.simulation.assembly import MISALIGNMENT_KNOBS, AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.knobs import knobs_class as every
@@ -112,7 +112,7 @@ def _only_written(knobs: Knobs, settings: Settings) -> None:
     """NotWritten for an effect that no deck holds: every knob off neutral that is not of geometry, place or law."""
     members = (*SPECIMENS.members.values(), *INDENTERS.members.values(), *LAWS.members.values())
     own = {p.name for m in members if getattr(m, "Knobs", None) is not None for p in parameters_of(m.Knobs)}
-    written = {"mu", "D1", "friction", "skin_thickness", *MISALIGNED, *own}
+    written = {"mu", "D1", "friction", "skin_thickness", *MISALIGNMENT_KNOBS, *own}
     for p in parameters_of(every()):
         if p.neutral is not None and p.name not in written and getattr(knobs, p.name) != p.neutral:
             value = getattr(knobs, p.name)

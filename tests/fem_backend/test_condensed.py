@@ -116,8 +116,9 @@ def anchored(case: Case, folder) -> Case:
 def test_a_kept_tangent_leads_to_the_same_equilibria(tmp_path, monkeypatch):
     """All channels and derivatives as by Newton, for a fraction of its factorisations; the control has none to keep."""
     case = anchored(Case("kept", Programme.ramp((0.5, 1.0, 2.0)), {"mesh": {"level": "coarse"}}), tmp_path)
-    monkeypatch.setattr(slopes_of, "REFINED", 1e-8)  # as they are left otherwise, at 1e-5, they differ by 1e-4
-    monkeypatch.setattr(slopes_of, "REFINEMENTS", 40)
+    # as they are left otherwise, at 1e-5, they differ by 1e-4
+    monkeypatch.setattr(slopes_of, "DERIVATIVE_RESIDUAL_TOLERANCE", 1e-8)
+    monkeypatch.setattr(slopes_of, "MAX_DERIVATIVE_REFINEMENTS", 40)
     quick = BACKEND(VALUES, case)
     monkeypatch.setattr(modelling, "condensing", lambda system, model, start, end: system)
     plain = BACKEND(VALUES, case)
