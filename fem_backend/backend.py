@@ -464,7 +464,11 @@ class FiniteElements:
             if guess is None and elastic and not placement.meridian and two_grid.worthwhile(settings, knobs):
                 guess = two_grid.coarse_guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            how = two_grid.extrapolated_result if settings.level == meshing.LIMIT else indentation.simulate_indentation
+            how = (
+                two_grid.extrapolated_result
+                if settings.level == meshing.LIMIT_LEVEL
+                else indentation.simulate_indentation
+            )
             how = two_grid.checked_on_coarse_mesh if placement.meridian or settings.large_strain else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)

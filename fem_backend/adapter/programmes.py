@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from fem_backend.meshing import LIMIT
+from fem_backend.meshing import LIMIT_LEVEL
 from fem_backend.simulation.experiment import Settings
 from fem_backend.solver.controlled_steps import Drive, Leg
 from rso.contract import Programme, Segment
@@ -26,8 +26,8 @@ def controlled(programme: Programme) -> bool:
 
 def check_programme(programme: Programme, settings: Settings, deepest: float) -> None:
     """Raise ValueError for segments and asked forces that are not modelled, naming key, value, unit and bounds."""
-    if settings.level == LIMIT:
-        raise ValueError(f'mesh.level = "{LIMIT}": its forces are extrapolated at a travel; take "reference"')
+    if settings.level == LIMIT_LEVEL:
+        raise ValueError(f'mesh.level = "{LIMIT_LEVEL}": its forces are extrapolated at a travel; take "reference"')
     for k, s in enumerate(programme.segments):
         name = f"programme: segments[{k}]"
         if s.to_mm is not None and not 0.0 <= s.to_mm <= deepest:

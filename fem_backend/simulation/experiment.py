@@ -23,7 +23,7 @@ from fem_backend.laws import LAWS
 from fem_backend.laws.law import canonical_law as law_table
 from fem_backend.materials.permeability import HolmesMow
 from fem_backend.members import OpenSet, refused
-from fem_backend.meshing import LIMIT
+from fem_backend.meshing import LIMIT_LEVEL
 from fem_backend.solver.load_steps import Control
 from fem_backend.specimens import SPECIMENS, OfOnePlace, Specimen
 from fem_backend.supports import SUPPORTS, Support
@@ -141,7 +141,7 @@ class MeshTable(members.MemberTable):
 
     mesher: Annotated[str, BeforeValidator(members.one_of(("tetwild", "mapped")))] = "tetwild"
     """tetwild: graded at the contact; mapped: the same to the bit everywhere."""
-    level: Annotated[str, BeforeValidator(members.one_of((*meshing.LEVELS, LIMIT)))] = "standard"
+    level: Annotated[str, BeforeValidator(members.one_of((*meshing.TEMPLATE_SIZINGS, LIMIT_LEVEL)))] = "standard"
     """coarse | standard | fine | reference | limit, of tetwild."""
     n: Annotated[int, BeforeValidator(_subdivisions)] = 12
     """Subdivisions of the mapped mesh."""
@@ -339,7 +339,7 @@ def for_travel(settings: Settings, deepest: float) -> Settings:
         LARGE_STRAIN_TRAVEL_RATIO * settings.indenter.length,
         LARGE_STRAIN_THICKNESS_SHARE * settings.specimen.thickness_along(way),
     )
-    return replace(settings, large_strain=deepest > least and settings.level != LIMIT)
+    return replace(settings, large_strain=deepest > least and settings.level != LIMIT_LEVEL)
 
 
 def with_multipliers(settings: Settings) -> Settings:

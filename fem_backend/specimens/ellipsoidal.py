@@ -92,9 +92,10 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
                 f"least {least:.3g} mm is needed (1/{self.largest / least:.3g} of its largest semi-axis); a smaller "
                 "specimen is the same half-space"
             )
-        if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.FARTHEST:
+        if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.MAX_SHARE_FROM_TOP:
             out.append(
-                f"point = {list(point)} mm: off the top by at most {meshing.FARTHEST:g} of the semi-axes is modelled"
+                f"point = {list(point)} mm: "
+                f"off the top by at most {meshing.MAX_SHARE_FROM_TOP:g} of the semi-axes is modelled"
             )
         return out
 
@@ -122,18 +123,18 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
             own = (("mesher", mesher), ("n", n), ("slip", slip))
             return Meshing(meshing.mapped_recipe(self, n, slip), own, float(h0), "")
         made = (
-            "reference" if level == meshing.LIMIT else level
+            "reference" if level == meshing.LIMIT_LEVEL else level
         )  # its forces are extrapolated from that and a coarse one
-        h0 = meshing.SIZINGS[made].h0 * (length / meshing.RADIUS)
+        h0 = meshing.ALL_TEMPLATE_SIZINGS[made].h0 * (length / meshing.TEMPLATE_RADIUS_MM)
         used = (("mesher", mesher), ("level", level))
         if meshing.template_fits(self, length):
             return Meshing(meshing.template_recipe(made, self), used, h0, level)
-        if level == meshing.LIMIT:
+        if level == meshing.LIMIT_LEVEL:
             raise ValueError(f"mesh.level = {level!r}: only for specimens and indenters that the shipped meshes fit")
         # similar specimens share one mesh, made for the size that levels are tuned for: the mesher knows millimetres
-        axes = self.semi_axes * (meshing.RADIUS / length)
+        axes = self.semi_axes * (meshing.TEMPLATE_RADIUS_MM / length)
         similar = geometry.EllipsoidShape(*(float(f"{v:.12g}") for v in axes))
-        sizing = replace(meshing.SIZINGS[made], hmax=1.15 * similar.smallest)
+        sizing = replace(meshing.ALL_TEMPLATE_SIZINGS[made], hmax=1.15 * similar.smallest)
         return Meshing(meshing.tetwild_recipe(similar, sizing), used, h0, level)
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:

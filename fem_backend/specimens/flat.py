@@ -11,7 +11,7 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import CRUDE, MeridianMesh, Mesh, Size, graded_coordinates, grids, triangulated
+from fem_backend.meshing import CRUDE_LEVEL, MeridianMesh, Mesh, Size, graded_coordinates, grids, triangulated
 from fem_backend.specimens import own_laws
 from fem_backend.specimens.own_laws import OwnLaw
 from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
@@ -37,7 +37,7 @@ class FlatTopped:
 
     name: ClassVar[str]
     gauges: ClassVar[Mapping[str, float]] = {}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made_grid}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.GRID_MESHER: grids.made_grid}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
     rests: ClassVar[str] = "bonded"
@@ -242,7 +242,7 @@ class FlatTopped:
         """A level of the meridian and of the grid in three dimensions; other meshers and levels are refused."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
-        if level not in (*LEVELS, CRUDE):
+        if level not in (*LEVELS, CRUDE_LEVEL):
             raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
         recipe = grids.grid_recipe(*self.grid_planes(), length, level, self.grid_edges)
         return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS.get(level, 1.0))

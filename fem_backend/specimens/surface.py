@@ -149,7 +149,7 @@ class Surface(InSpace):
         ),
     )
     gauges: ClassVar[Mapping[str, float]] = {"delta_scan": 0.002}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.MESHER: scans.make_scan_mesh}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.SCAN_MESHER: scans.make_scan_mesh}
     smallest_words: ClassVar[str] = "half the smallest extent"
 
     @property
@@ -290,7 +290,7 @@ class Surface(InSpace):
 
     @property
     def _rim(self) -> float:
-        return 10.0 * scans.ON * float(np.abs(self.scan.vertices).max())
+        return 10.0 * scans.ON_RIM_TOLERANCE * float(np.abs(self.scan.vertices).max())
 
     def distance(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Distance (mm) of a point x (3,) outside and the unit normal N (3,) that is its gradient."""
@@ -426,10 +426,12 @@ class Surface(InSpace):
         """A mesh of its own for each place and size of the indenter, by fTetWild."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a scanned surface is meshed by tetwild alone")
-        if level not in meshing.SIZINGS:
-            known = ", ".join(meshing.LEVELS)
+        if level not in meshing.ALL_TEMPLATE_SIZINGS:
+            known = ", ".join(meshing.TEMPLATE_SIZINGS)
             raise ValueError(f"mesh.level = {level!r}: not for a scanned surface; choose from {known}")
-        sizing = replace(meshing.SIZINGS[level].scaled(length / meshing.RADIUS), hmax=1.15 * self.smallest)
+        sizing = replace(
+            meshing.ALL_TEMPLATE_SIZINGS[level].scaled(length / meshing.TEMPLATE_RADIUS_MM), hmax=1.15 * self.smallest
+        )
         on, _ = self.above(*self.place)
         recipe = scans.scan_recipe(self.file, UNITS[self.unit], self.sha256, self.region, on, sizing)
         return Meshing(recipe, (("mesher", mesher), ("level", level)), sizing.h0, level)

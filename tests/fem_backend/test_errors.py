@@ -13,7 +13,7 @@ from fem_backend.accuracy import error_estimate
 from fem_backend.accuracy.calibration import UNKNOWN, calibrated_pairs, calibration, uncalibrated
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
-from fem_backend.meshing import LEVELS
+from fem_backend.meshing import TEMPLATE_SIZINGS
 from fem_backend.simulation import assembly, experiment, indentation
 from fem_backend.simulation.experiment import profile_name
 from fem_backend.simulation.indentation import Result
@@ -214,7 +214,7 @@ def test_facets_misplace_the_wall_by_a_share_of_the_clearance_and_the_force_with
     off = {c: (in_bowl(bowl(clearance=c))["Fz"] - stated()["Fz"]) * d / (1.5 * F) for c in (1.0, 3.0)}
     np.testing.assert_allclose(off[1.0], off[1.0][0], rtol=1e-9)
     np.testing.assert_allclose(off[3.0], 3 * off[1.0], rtol=1e-9)
-    of_level = {lv: in_bowl(bowl(mesh={"level": lv}))["Fz"] - stated(at=settings(lv))["Fz"] for lv in LEVELS}
+    of_level = {lv: in_bowl(bowl(mesh={"level": lv}))["Fz"] - stated(at=settings(lv))["Fz"] for lv in TEMPLATE_SIZINGS}
     assert (of_level["fine"] > of_level["coarse"]).all() and (of_level["reference"] < of_level["coarse"]).all()
     assert (in_bowl(weight=1e-5)["Fz"] - stated(weight=1e-5)["Fz"] < 0.6 * off[1.0] * 1.5 * F / d).all()
 
@@ -251,7 +251,9 @@ def test_a_heavy_body_sinks_less_under_the_ball():
 
 
 def test_the_level_fine_has_the_largest_facets_on_the_bowl():
-    added = {lv: in_bowl(bowl(mesh={"level": lv}))["bulge"] - stated(at=settings(lv))["bulge"] for lv in LEVELS}
+    added = {
+        lv: in_bowl(bowl(mesh={"level": lv}))["bulge"] - stated(at=settings(lv))["bulge"] for lv in TEMPLATE_SIZINGS
+    }
     assert (added["fine"] > added["coarse"]).all() and (added["reference"] < added["coarse"]).all()
 
 
@@ -276,7 +278,7 @@ def test_longer_steps_are_rougher_for_friction():
 
 
 def test_finer_levels_state_less():
-    found = [stated(at=settings(level), friction=0.3) for level in LEVELS]
+    found = [stated(at=settings(level), friction=0.3) for level in TEMPLATE_SIZINGS]
     for coarse, fine in pairwise(found):
         for name in set(coarse) - {"time", "travel", "Fx", "Fy", "slipping"}:
             assert (fine[name] < coarse[name]).all(), name

@@ -570,7 +570,7 @@ def test_a_mesh_of_another_body_is_refused(kidney):
 def same_mesh(monkeypatch, tmp_path):
     """fTetWild's place taken by the mapped mesh, so that a scan and the exact body differ by their surfaces alone."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setitem(meshing.MAKERS, scans.MESHER, lambda data: ball_mesh())
+    monkeypatch.setitem(meshing.MAKERS, scans.SCAN_MESHER, lambda data: ball_mesh())
 
 
 def run(table: dict, asked=(1.0, 2.0), **values):
