@@ -10,7 +10,7 @@ import pytest
 
 from fem_backend import closed_forms
 from fem_backend.accuracy import error_estimate
-from fem_backend.accuracy.calibration import UNKNOWN, calibrated_pairs, calibration, uncalibrated
+from fem_backend.accuracy.calibration import UNFITTED_ERROR_FACTOR, calibrated_pairs, calibration, uncalibrated
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
 from fem_backend.meshing import TEMPLATE_SIZINGS
@@ -146,8 +146,8 @@ def test_where_a_surface_sticks_creep_and_steps_take_from_each_other(monkeypatch
         monkeypatch.setattr(error_estimate, "friction_creep", lambda *_, on=creep: much if on else nothing)
         monkeypatch.setattr(error_estimate, "sticking", lambda *_, on=stick: much if on else nothing)
         left[creep, stick] = stated(aside, slope, friction=0.4)["Fx"]
-    np.testing.assert_allclose(left[1, 1], 2 * error_estimate.CANCELS * 0.1, rtol=1e-3)
-    np.testing.assert_allclose(left[1, 0], np.hypot(1, error_estimate.CANCELS) * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(left[1, 1], 2 * error_estimate.UNCANCELLED_SHARE * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(left[1, 0], np.hypot(1, error_estimate.UNCANCELLED_SHARE) * 0.1, rtol=1e-3)
     np.testing.assert_allclose(left[0, 1], left[1, 0], rtol=1e-9)
 
 
@@ -682,11 +682,11 @@ def test_what_a_mesh_misses_is_foretold_from_the_contact_radius():
 
 
 def test_a_pair_that_nobody_fitted_states_more_and_says_so(monkeypatch):
-    """The same run as if its indenter had another name: every stated error is UNKNOWN times as large."""
+    """The same run as if its indenter had another name: every stated error is UNFITTED_ERROR_FACTOR times as large."""
     at, other = settings(), replace(settings())
     own = error_estimate.stated_errors(at, knobs(), result())
     assert uncalibrated(at) is None and ("ellipsoid", "sphere") in calibrated_pairs()
     monkeypatch.setattr(type(other.indenter), "name", "cone")
     more = error_estimate.stated_errors(other, knobs(), result())
-    assert all(np.array_equal(more[name], UNKNOWN * v) for name, v in own.items())
-    assert "'cone'" in uncalibrated(other) and f"{UNKNOWN:g} times" in uncalibrated(other)
+    assert all(np.array_equal(more[name], UNFITTED_ERROR_FACTOR * v) for name, v in own.items())
+    assert "'cone'" in uncalibrated(other) and f"{UNFITTED_ERROR_FACTOR:g} times" in uncalibrated(other)
