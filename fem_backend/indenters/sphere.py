@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from fem_backend import closed_forms, members
 from fem_backend.contact.tractions import ContactSurface
-from fem_backend.geometry import STILL, kernel_arrays
+from fem_backend.geometry import NO_MOTION, kernel_arrays
 from fem_backend.indenters.indenter import INDENTERS
 from fem_backend.indenters.revolution import USUAL_LENGTH_MM, Axial
 from fem_backend.indenters.spherical_patch import Patch, contact_patch
@@ -136,7 +136,7 @@ class Sphere(Axial):
         return CONTACT_REACH_RATIO * self.R
 
     def gap(
-        self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL
+        self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = NO_MOTION
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap g (…), normal n = ∇g (…, 3) and Hessian ∇∇g = (I − n⊗n)/|x − c| (…, 3, 3) at points x (…, 3).
 

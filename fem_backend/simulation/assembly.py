@@ -168,7 +168,7 @@ def of_layers(settings: Settings, knobs: Knobs) -> tuple[Material, ...]:
     Raises NotModelled where the rest is linear elastic.
     """
     rest, specimen, out = material(settings, knobs), settings.specimen, []
-    for prefix, own, ratio in zip(own_laws.PREFIXES, specimen.laws, specimen.ratios, strict=False):
+    for prefix, own, ratio in zip(own_laws.LAYER_PREFIXES, specimen.laws, specimen.ratios, strict=False):
         if own is None:
             out.append(rest)
             continue

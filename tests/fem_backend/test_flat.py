@@ -16,7 +16,7 @@ from fem_backend.meshing.placing import scaled_jacobian
 from fem_backend.simulation import assembly, experiment
 from fem_backend.specimens.block import Cuboid
 from fem_backend.specimens.cylinder import Cylinder
-from fem_backend.specimens.half_space import FAR, FAR_SOLID, HalfSpace
+from fem_backend.specimens.half_space import MODELLED_LENGTHS, MODELLED_LENGTHS_IN_SPACE, HalfSpace
 from fem_backend.specimens.slab import Slab
 from rso.contract import Case, Programme, SimulationFailed
 
@@ -167,7 +167,7 @@ def test_a_half_space_is_held_below_and_nowhere_else():
     X = mesh.doflocs.T
     base = specimen.part("base", X)
     assert np.ptp(X[base, 2]) == 0.0
-    assert X[base, 2].max() == pytest.approx(3000.0 * (1.0 - FAR_SOLID / FAR))
+    assert X[base, 2].max() == pytest.approx(3000.0 * (1.0 - MODELLED_LENGTHS_IN_SPACE / MODELLED_LENGTHS))
     assert specimen.part("upper", X)[X[:, 2] == 3000.0].all()
 
 
