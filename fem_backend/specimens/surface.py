@@ -371,8 +371,9 @@ class Surface(InSpace):
             )
         if size < self.largest / MAX_SIZE_TO_INDENTER:
             out.append(
-                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen. At "
-                f"least {self.largest / MAX_SIZE_TO_INDENTER:.3g} mm is needed (1/{MAX_SIZE_TO_INDENTER} of half its length). "
+                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen. "
+                f"At least {self.largest / MAX_SIZE_TO_INDENTER:.3g} mm is needed "
+                f"(1/{MAX_SIZE_TO_INDENTER} of half its length). "
                 f"The surface measures {self._extents} with specimen.unit = {self.unit!r}: is that its unit?"
             )
         try:
