@@ -355,7 +355,7 @@ class FiniteElements:
 
     def exports(self) -> Mapping[str, str]:
         """Input files of other programs and material cards."""
-        return export_files.FORMATS
+        return export_files.EXPORT_FORMATS
 
     def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
         """File → text; ValueError for what a format cannot say."""

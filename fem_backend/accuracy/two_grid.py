@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from skfem import ElementTetP2
 
 from fem_backend import meshing
+from fem_backend.remeshing.tetrahedra import N_CANDIDATE_CELLS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
 from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
@@ -37,7 +38,6 @@ ROUGHER_LEVEL = {
     "fine": "coarse",
     "reference": "coarse",
 }
-N_CANDIDATE_CELLS = 60  # cells whose centres are nearest
 # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
 HALVED_MESH_ERROR_SHARE = 0.21
 
