@@ -10,7 +10,7 @@ import numpy as np
 
 from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
-from fem_backend.contact.pointwise import TANGENTIAL
+from fem_backend.contact.pointwise import TANGENTIAL_PENALTY_RATIO
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import SEALED, Settings, element_size, on_axis, profile_name
@@ -383,7 +383,7 @@ def friction_creep(settings: Settings, knobs: Knobs, result: Result) -> dict[str
     share = (
         FRICTION_CREEP_FACTOR
         * 16.0
-        / (3.0 * np.pi * TANGENTIAL * modelling.BODY_PENALTY_RATIO)
+        / (3.0 * np.pi * TANGENTIAL_PENALTY_RATIO * modelling.BODY_PENALTY_RATIO)
         * settings.indenter.length
         / a
     )

@@ -10,7 +10,7 @@ from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.contact.tractions import ORDER, ContactSurface
+from fem_backend.contact.tractions import FACET_QUADRATURE_ORDER, ContactSurface
 
 N_PROFILE_RADII = 41  # radii of the smoothed profile
 EDGE_GAP_RATIO = 0.06  # gap, in radii of the ball, whose surroundings the edge is found from
@@ -109,7 +109,7 @@ def patch_on(
 
     Where it is not rounded, area and radius are those counted, and the peak is the largest pressure at a point.
     """
-    X, w = get_quadrature(RefTri, ORDER)
+    X, w = get_quadrature(RefTri, FACET_QUADRATURE_ORDER)
     dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
     d = np.einsum("qa,fai->fqi", surface.N, x[surface.facets]) - centre
     beside = ((cap.seen(d)[0] < MAX_EDGE_GAPS * cap.near) | (pressure > 0.0)).any(1)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import field_validator
 
 from fem_backend import members
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from fem_backend.laws import law
 from fem_backend.laws.law import LAWS, Isotropic, pairs
 from rso.contract import knob
@@ -228,8 +228,8 @@ def _dyads(v, N, P):  # type: ignore[no-untyped-def]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         for l in range(6):
-            N[i, l] = v[ROW[l], i] * v[COL[l], i]
-            P[i, l] = v[ROW[l], j] * v[COL[l], k] + v[ROW[l], k] * v[COL[l], j]
+            N[i, l] = v[VOIGT_ROW[l], i] * v[VOIGT_COLUMN[l], i]
+            P[i, l] = v[VOIGT_ROW[l], j] * v[VOIGT_COLUMN[l], k] + v[VOIGT_ROW[l], k] * v[VOIGT_COLUMN[l], j]
 
 
 @numba.njit(cache=True)
@@ -250,8 +250,8 @@ def _tangent(d, g, N, P, C):  # type: ignore[no-untyped-def]
 def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
     """S = Σ Sₐ Nₐ⊗Nₐ and ℂ (Holzapfel 2000, eq. 6.180), with x = λ², e = ln λ̄ and
 
-    Sₐ = βₐ/xₐ, βₐ = fₐ − f̄, f(λ̄) = Σᵢ (2μᵢ/αᵢ)(λ̄^αᵢ − 1), f̄ the mean over a, W = Σₐ Σᵢ (2μᵢ/αᵢ²)(λ̄ₐ^αᵢ − 1 − αᵢ eₐ),
-    ∂βₐ/∂ln λ_b = δₐ_b kₐ − (kₐ + k_b)/3 + k̄/3, k = Σᵢ 2μᵢ λ̄^αᵢ.
+    Sₐ = βₐ/xₐ, βₐ = fₐ − f̄, f(λ̄) = Σᵢ (2μᵢ/αᵢ)(λ̄^αᵢ − 1), f̄ the mean over a, W = Σₐ Σᵢ (2μᵢ/αᵢ²)(λ̄ₐ^αᵢ − 1 − αᵢ
+    eₐ), ∂βₐ/∂ln λ_b = δₐ_b kₐ − (kₐ + k_b)/3 + k̄/3, k = Σᵢ 2μᵢ λ̄^αᵢ.
 
     The coefficient of the shears is rewritten without the difference of two stresses,
     (S_b − Sₐ)/(x_b − xₐ) = [(f_b − fₐ)/(x_b − xₐ) − Sₐ]/x_b, and the quotient of f through expm1 and log1p, so that it

@@ -515,7 +515,7 @@ def test_plausible_errors_go_with_the_size_and_angles_do_not():
 def glue(seed: int = 0):
     """A pair with glued and free points on two triangles, positions, and a load."""
     rng = np.random.default_rng(seed)
-    X, _ = tractions.get_quadrature(tractions.RefTri, tractions.ORDER)
+    X, _ = tractions.get_quadrature(tractions.RefTri, tractions.FACET_QUADRATURE_ORDER)
     N = np.stack([tractions.ElementTriP2().lbasis(X, a)[0] for a in range(6)]).T.copy()
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
     facets = np.array([[0, 1, 2, 4, 5, 6], [0, 2, 3, 6, 7, 8]])
