@@ -93,9 +93,9 @@ def nominal_compressible(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Uniaxial P (MPa) and J of a law W̄ + (J − 1)²/D₁ at stretches λ, from its incompressible `nominal` P̄(λ̄).
 
-    P = J^(-1/3) P̄(λ̄) with λ̄ = J^(-1/3) λ and the J of free sides, 2(J − 1)/D₁ = (λ̄/3J) P̄(λ̄).  It is what a
-    cylinder between frictionless plates bears, exactly.  Raises ValueError where no J in (0, 10) fits.  Source:
-    Holzapfel 2000, eq. 6.85–6.91, with the energy split into isochoric and volumetric parts.
+    P = J^(-1/3) P̄(λ̄) with λ̄ = J^(-1/3) λ and the J of free sides, 2(J − 1)/D₁ = (λ̄/3J) P̄(λ̄).  It is what a cylinder
+    between frictionless plates bears, exactly.  Raises ValueError where no J in (0, 10) fits.
+    Source: Holzapfel 2000, eq. 6.85–6.91, with the energy split into isochoric and volumetric parts.
     """
     x = np.asarray(stretch, dtype=float)
     low, high = np.full_like(x, 1e-3), np.full_like(x, 10.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from skfem import ElementLineP2
 
-N_PIECES_PER_EDGE = 4  # straight pieces of a curved edge
+N_PIECES_PER_EDGE = 4  # straight pieces that a curved edge counts as
 
 
 def met_itself(x: np.ndarray, edges: np.ndarray) -> bool:

@@ -17,7 +17,7 @@ from fem_backend.indenters.revolution import MAX_CONTACT_ELEMENT_RATIO, OfRevolu
 
 ON_PLATE_TOLERANCE = 1e-6  # of its length: points that near to the plate lie on it
 PLATE_LENGTH_RATIO = 1.0 / 3.0  # length over the smallest length of the specimen
-ENDLESS_PLANE = meridian_outline([(0.0, math.inf)])
+ENDLESS_PLANE = meridian_outline([(0.0, math.inf)])  # a plate has no edge
 
 
 @INDENTERS.register

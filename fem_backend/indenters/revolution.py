@@ -25,7 +25,9 @@ ELEMENT_GROWTH_BESIDE_BEND = 0.25  # element size over the distance from where t
 MIN_TIP_ELEMENT_RATIO = 0.2
 # of a tip in the length of an indenter that is not narrower: a cone has no other size
 LENGTH_IN_TIP_RADII = 10.0
-SEARCH_GRID = np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
+SEARCH_GRID = (
+    np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
+)  # lines beside the axis, in half widths of what is searched
 
 
 class Axial:

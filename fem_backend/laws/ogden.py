@@ -250,8 +250,8 @@ def _tangent(d, g, N, P, C):  # type: ignore[no-untyped-def]
 def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
     """S = Σ Sₐ Nₐ⊗Nₐ and ℂ (Holzapfel 2000, eq. 6.180), with x = λ², e = ln λ̄ and
 
-    Sₐ = βₐ/xₐ, βₐ = fₐ − f̄, f(λ̄) = Σᵢ (2μᵢ/αᵢ)(λ̄^αᵢ − 1), f̄ the mean over a, W = Σₐ Σᵢ (2μᵢ/αᵢ²)(λ̄ₐ^αᵢ − 1 − αᵢ
-    eₐ), ∂βₐ/∂ln λ_b = δₐ_b kₐ − (kₐ + k_b)/3 + k̄/3, k = Σᵢ 2μᵢ λ̄^αᵢ.
+    Sₐ = βₐ/xₐ, βₐ = fₐ − f̄, f(λ̄) = Σᵢ (2μᵢ/αᵢ)(λ̄^αᵢ − 1), f̄ the mean over a, W = Σₐ Σᵢ (2μᵢ/αᵢ²)(λ̄ₐ^αᵢ − 1 − αᵢ eₐ),
+    ∂βₐ/∂ln λ_b = δₐ_b kₐ − (kₐ + k_b)/3 + k̄/3, k = Σᵢ 2μᵢ λ̄^αᵢ.
 
     The coefficient of the shears is rewritten without the difference of two stresses,
     (S_b − Sₐ)/(x_b − xₐ) = [(f_b − fₐ)/(x_b − xₐ) − Sₐ]/x_b, and the quotient of f through expm1 and log1p, so that it

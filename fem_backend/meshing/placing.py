@@ -19,6 +19,7 @@ from fem_backend.meshing.mesh import BadMesh, Mesh, with_mid_edge_nodes
 
 MAX_SHARE_FROM_TOP = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
 MIN_PROJECTIVE_SHARE = -1.0  # share of the projective map: a tower's elements fold with less
+# edges of unit length from one corner, by columns
 REGULAR_TETRAHEDRON = np.array(
     [[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]]
 )

@@ -9,7 +9,7 @@ from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mapped import kuhn_simplex
 from fem_backend.meshing.mesh import BadMesh, Mesh, volumes, with_mid_edge_nodes
 
-EDGES_OF_TETRAHEDRON = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+EDGES_OF_TETRAHEDRON = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))  # by their corners
 
 
 def subdivided(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:

@@ -24,6 +24,7 @@ N_JETS_AT_A_TIME = 20_000  # vertices fitted at a time
 MAX_STEPS_TO_SURFACE = 12  # Newton steps to the surface: two or three do
 MAX_STEPS_ALONG_SURFACE = 60  # Newton steps along it: four do but where a ball would nearly fit into a hollow
 MIN_CURVATURE_FACTOR = 0.3  # least 1 + d κ of a step: beyond a centre of curvature it would turn
+# i, j of the terms u^i v^j of a cubic, but for the constant
 JET_POWERS = np.array([(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)])
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import Mesh, Sizing
 
-TEMPLATE_BODY = EllipsoidShape(60.0, 35.0, 35.0)
+TEMPLATE_BODY = EllipsoidShape(60.0, 35.0, 35.0)  # semi-axes (mm)
 TEMPLATE_RADIUS_MM = 3.0  # of the indenter that the templates are graded for
 # for other specimens: a similar one under a ball of `TEMPLATE_RADIUS_MM`, with hmax = 1.15 times the smallest semi-axis
 TEMPLATE_SIZINGS = {
@@ -26,6 +26,7 @@ TEMPLATE_SIZINGS = {
     "reference": Sizing(0.38, 3.0, 0.33, 40.25, 1.0),  # shipped: coarse with every tetrahedron cut into eight
 }
 CRUDE_LEVEL = "crude"  # no level to choose: what deep runs on coarse and standard are compared with, for their errors
+# with that of the level that nobody chooses
 ALL_TEMPLATE_SIZINGS = {**TEMPLATE_SIZINGS, CRUDE_LEVEL: Sizing(1.07, 3.0, 0.85, 40.25, 1.0)}
 
 
