@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
 _WORDLESS = re.compile(r"[^A-Za-z]*$")
 _PART = r"(?:[kMGµmn]?(?:N|Pa|m|s|g|J|V|Hz)(?:[²³⁴]|⁻¹)?|min|h|d|deg|%|°)"
 _UNIT = rf"(?:1?/?{_PART}(?:[/·]{_PART})*)"
-_SIZE = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+_SIZE = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+−-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
 _QUANTITY = re.compile(rf"(?:{_SIZE}(?:\s{_UNIT})?|{_UNIT}|{_SIZE}\s(?:h|min)\s{_SIZE}\s(?:min|s))$")
 # What a study, a file or a machine calls its own: paths, keys, hashes, versions, settings as a study file has them.
 _OWN = re.compile(
@@ -29,7 +29,7 @@ _OWN = re.compile(
     r"\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
 )
 _START = 4  # letters by which templates are looked up
-_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
+_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+−-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
 
 
 @dataclass(frozen=True)
