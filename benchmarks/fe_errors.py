@@ -262,7 +262,8 @@ def run(seed: int, k: int, level: str, kind: str = "") -> dict[str, Any]:
     try:
         built = modelling.model_for(settings, knobs, placement, None)
         instants = passages(one.programme)
-        with mock.patch.object(modelling, "PENALTY", modelling.PENALTY * (STIFFER if kind == "stiff" else 1.0)):
+        stiffer = STIFFER if kind == "stiff" else 1.0
+        with mock.patch.object(modelling, "BODY_PENALTY_RATIO", modelling.BODY_PENALTY_RATIO * stiffer):
             result = indentation.simulate_indentation(settings, knobs, placement, built, instants)
         out["channels"] = {n: v.tolist() for n, v in result.channels.items()}
         out["contact_error"], out["residual"] = result.contact_error.tolist(), result.residual.tolist()

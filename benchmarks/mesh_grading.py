@@ -78,7 +78,7 @@ def tries(sizing: Sizing, count: int) -> list[Row]:
     for k in range(count):
         jittered = replace(sizing, h0=sizing.h0 * (1.0 + JITTER * k))
         try:
-            rows.append(measure(meshing.make_mesh(meshing.tetwild_recipe(templates.NOMINAL, jittered)), jittered))
+            rows.append(measure(meshing.make_mesh(meshing.tetwild_recipe(templates.TEMPLATE_BODY, jittered)), jittered))
         except (meshing.BadMesh, ArithmeticError, ValueError) as error:
             print(f"  a mesh of {asdict(jittered)} is left out: {error}")
     return rows
@@ -91,7 +91,7 @@ def limit(crude: Row, good: Row) -> np.ndarray:
     depth it scatters.  The error of the limit is about 0.15 %, seen from other pairs and from k between 1/8 and 1/4.
     """
     first, second = (
-        (row.force, measure(meshing.subdivided(templates.NOMINAL, row.mesh, 2)).force) for row in (crude, good)
+        (row.force, measure(meshing.subdivided(templates.TEMPLATE_BODY, row.mesh, 2)).force) for row in (crude, good)
     )
     k = float(np.median((first[1] - second[1]) / (first[0] - second[0])))
     print(f"rate of convergence h^{-np.log2(k):.1f}; limit for K/μ = 34 and 200, N")
@@ -123,9 +123,9 @@ def best(rows: list[Row], force: np.ndarray) -> Row:
 def write_templates(force: np.ndarray) -> dict[str, list[Row]]:
     """Make every level several times, keep the best in the package."""
     folder = Path(templates.__file__).parent
-    rows = {level: tries(templates.LEVELS[level], count) for level, count in TRIES.items()}
+    rows = {level: tries(templates.TEMPLATE_SIZINGS[level], count) for level, count in TRIES.items()}
     chosen = {level: best(found, force) for level, found in rows.items()}
-    chosen["reference"] = measure(meshing.subdivided(templates.NOMINAL, chosen["coarse"].mesh, 2))
+    chosen["reference"] = measure(meshing.subdivided(templates.TEMPLATE_BODY, chosen["coarse"].mesh, 2))
     for level, row in chosen.items():
         words = json.dumps(asdict(row.sizing)) if row.sizing else "coarse, every tetrahedron cut into eight"
         (folder / f"{level}.npz").write_bytes(templates.template_bytes(row.mesh, words))
@@ -139,4 +139,4 @@ if __name__ == "__main__":
     FORCE = limit(tries(BASE, 1)[0], measure(meshing.template_mesh("coarse")))
     table(write_templates(FORCE) if again else {n: tries(s, 2) for n, s in GRADINGS.items()}, FORCE)
     if not again:
-        table({level: [measure(meshing.template_mesh(level))] for level in templates.LEVELS}, FORCE)
+        table({level: [measure(meshing.template_mesh(level))] for level in templates.TEMPLATE_SIZINGS}, FORCE)

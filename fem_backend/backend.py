@@ -25,13 +25,13 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import contact_elements, controlled, derivatives, experiment, indentation, outputs
-from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
+from fem_backend.simulation.assembly import MISALIGNMENT_KNOBS, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings, on_axis
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import SWITCHES, Knobs
 from fem_backend.simulation.knobs import knobs_class as every
-from fem_backend.simulation.outputs import UNITS
+from fem_backend.simulation.outputs import CHANNEL_UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, LoadPoint, Stopped
 from fem_backend.solver.newton import System
@@ -55,15 +55,15 @@ from rso.contract import (
 )
 
 NUMERICS = 5  # raised when, and only when, answers change
-ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
-ULPS = 8  # of a moment: what interpolating it may lose
-RESOLVING = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
-ROUNDED = 1e-12  # of the thickness: sums of layers and sizes are a little off
-DOWN = np.array([0.0, 0.0, -1.0])
+SAME_TRAVEL_TOLERANCE = 1e-12  # of the deepest travel: an asked one this near a corner's is that
+MOMENT_ULPS = 8  # of a moment: what interpolating it may lose
+LEVELS_BY_COST = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
+THICKNESS_ROUND_OFF = 1e-12  # of the thickness: sums of layers and sizes are a little off
+DOWN = np.array([0.0, 0.0, -1.0])  # way of an indenter that is not along the normal
 
-DEEP = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
-MODULI = ("mu", "D1")
-GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
+RESTATED_TRAVEL_RATIO = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
+MODULI = ("mu", "D1")  # knobs that move neither a body nor what touches it
+GRAM_PER_CM3 = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +102,7 @@ class FiniteElements:
     @property
     def channels(self) -> Mapping[str, str]:
         """Name → unit of every channel."""
-        return UNITS
+        return CHANNEL_UNITS
 
     @property
     def lean(self) -> Mapping[str, Any]:
@@ -141,11 +141,11 @@ class FiniteElements:
 
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
-        return priors.PREVENTED
+        return priors.PREVENTED_EFFECTS
 
     def deep(self, settings: Mapping[str, Any]) -> float:
         """Travel (mm) by which elements under the indenter are so distorted that programs part company."""
-        return priors.DEEP * experiment.read_settings(settings).indenter.length
+        return priors.DISTORTED_TRAVEL_RATIO * experiment.read_settings(settings).indenter.length
 
     def uncalibrated(self, settings: Mapping[str, Any]) -> str | None:
         """What to know of the errors that runs with these settings state; None where they are calibrated."""
@@ -203,7 +203,7 @@ class FiniteElements:
         if case.programme.segments:
             return
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
-            if far >= through * (1.0 - ROUNDED):
+            if far >= through * (1.0 - THICKNESS_ROUND_OFF):
                 raise ValueError(
                     f"{name}: travel {far:g} mm: less than {through:g} mm is expected, as far as "
                     f"{settings.specimen.described} reaches; are the units of depth and specimen right?"
@@ -256,7 +256,7 @@ class FiniteElements:
         programme, by_force = case.programme, programmes.controlled(case.programme)
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
-        if any(kept.get(name) for name in MISALIGNED):
+        if any(kept.get(name) for name in MISALIGNMENT_KNOBS):
             plain["mesh"]["follows"] = experiment.MARKS["follows"]
         if _read(case).large_strain and not _placed(settings, kept, lambda at: at.meridian):
             plain["mesh"]["large_strain"] = experiment.MARKS["large_strain"]
@@ -301,7 +301,7 @@ class FiniteElements:
 
     def physical(self) -> Mapping[str, tuple[float, float]]:
         """Knob → bounds that no ordinary material leaves, whatever its modulus: densities from 0.5 to 8 g/cm³."""
-        return {"weight": (0.5 * GRAM, 8.0 * GRAM)}
+        return {"weight": (0.5 * GRAM_PER_CM3, 8.0 * GRAM_PER_CM3)}
 
     def jkr(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm that pulls."""
@@ -317,7 +317,7 @@ class FiniteElements:
             return {}
         if not own.level:
             return {"mapped": at_depth(own, depth)}
-        names = [own.level, *(name for name in RESOLVING if name != own.level)]
+        names = [own.level, *(name for name in LEVELS_BY_COST if name != own.level)]
         each = {n: experiment.read_settings({**settings, "mesh": {"level": n}}) for n in names}
         return {name: at_depth(one, depth) for name, one in each.items()}
 
@@ -355,7 +355,7 @@ class FiniteElements:
 
     def exports(self) -> Mapping[str, str]:
         """Input files of other programs and material cards."""
-        return export_files.FORMATS
+        return export_files.EXPORT_FORMATS
 
     def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
         """File → text; ValueError for what a format cannot say."""
@@ -389,7 +389,7 @@ class FiniteElements:
             )
         first = literature.shear_modulus(own, depth, force) if len(depth) else None
         plate = literature.of_uniform_compression(own, depth, force) if len(depth) else None
-        name = first[0] if first else new_study.HERTZ if plate is None else new_study.UNIFORM
+        name = first[0] if first else new_study.HERTZ_LIMIT if plate is None else new_study.UNIFORM_LIMIT
 
         def layer(u: np.ndarray, F: np.ndarray) -> Mapping[str, float]:
             found, uniform = literature.shear_modulus(own, u, F), literature.of_uniform_compression(own, u, F)
@@ -411,7 +411,7 @@ class FiniteElements:
             return {}  # a grid of the meridian is made in no time
         out = {"mesh": settings.recipe}
         # an anchor's state lies beside a ball that is off its nominal place: it would cost more than it saves
-        moved = any(getattr(knobs, name) for name in MISALIGNED)
+        moved = any(getattr(knobs, name) for name in MISALIGNMENT_KNOBS)
         by_force = programmes.controlled(case.programme)
         if not moved and not by_force and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
@@ -464,7 +464,11 @@ class FiniteElements:
             if guess is None and elastic and not placement.meridian and two_grid.worthwhile(settings, knobs):
                 guess = two_grid.coarse_guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            how = two_grid.extrapolated_result if settings.level == meshing.LIMIT else indentation.simulate_indentation
+            how = (
+                two_grid.extrapolated_result
+                if settings.level == meshing.LIMIT_LEVEL
+                else indentation.simulate_indentation
+            )
             how = two_grid.checked_on_coarse_mesh if placement.meridian or settings.large_strain else how
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
@@ -494,7 +498,7 @@ class FiniteElements:
         settings = experiment.with_multipliers(settings)
         try:
             placement = modelling.placement_of(settings, knobs)
-            deepest = _through(settings) * (1.0 - ROUNDED)
+            deepest = _through(settings) * (1.0 - THICKNESS_ROUND_OFF)
             why = f"{settings.specimen.described} reaches no farther along the way of the indenter"
             end = admissible_depth.inadmissible(settings, knobs, deepest)
             limit = (deepest, why) if end is None else min((deepest, why), (end.depth, end.why))
@@ -623,7 +627,10 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme, 
         return 3
     if on_axis(settings) and max(programme.travel_mm, default=0.0) > experiment.watched_from(settings):
         return 6
-    if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
+    if (
+        max(programme.travel_mm) > RESTATED_TRAVEL_RATIO * settings.indenter.length
+        or LAWS.members[settings.law].small_strain
+    ):
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
 
@@ -708,12 +715,12 @@ def passages(programme: Programme) -> list[Instant]:
     t, s = np.array(programme.time_s) - programme.time_s[0], np.array(programme.travel_mm)
     found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
     asked: dict[float, float] = {}
-    near_by = ADMITTED * float(np.abs(s).max())
+    near_by = SAME_TRAVEL_TOLERANCE * float(np.abs(s).max())
 
     def add(moment: float, travel: float, rest: bool) -> None:
         """Two instants in one place would be none; on a steep ramp what is near in time is not near in travel."""
         corner = float(t[1:][np.argmin(np.abs(t[1:] - moment))])
-        near = abs(corner - moment) <= ULPS * np.spacing(abs(programme.time_s[0]) + moment)
+        near = abs(corner - moment) <= MOMENT_ULPS * np.spacing(abs(programme.time_s[0]) + moment)
         near = near and abs(found[corner] - travel) <= near_by and (rest or found[corner] != 0.0)
         asked[corner if near else moment] = found[corner] if near else travel
 

@@ -11,8 +11,8 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-STILL = (0.0, 0.0, 0.0)
-RIM = 1e-9  # mm from z = 0 that count as on it
+NO_MOTION = (0.0, 0.0, 0.0)  # centre (mm) and direction of a rigid surface that does not move
+RIM_TOLERANCE_MM = 1e-9  # distance from z = 0 that counts as on it
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class EllipsoidShape:
 
     def part(self, name: str, X: np.ndarray) -> np.ndarray:
         """Whether points X (n, 3) of the surface are of its part `upper` (z ≥ 0) or `lower` (z ≤ 0), with the rim."""
-        return X[:, 2] >= -RIM if name == "upper" else X[:, 2] <= RIM
+        return X[:, 2] >= -RIM_TOLERANCE_MM if name == "upper" else X[:, 2] <= RIM_TOLERANCE_MM
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """Move points (n, 3) radially in the scaled frame onto the surface; exact planes stay exact planes."""

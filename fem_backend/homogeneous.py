@@ -24,16 +24,16 @@ from fem_backend.simulation.knobs import composed
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 # Stretches of the faces beside the first, as powers of λ where the law is incompressible; None is held at 1.
-SIDES: Mapping[str, tuple[float | None, float | None]] = {
+FACE_EXPONENTS: Mapping[str, tuple[float | None, float | None]] = {
     "uniaxial": (-0.5, -0.5),
     "planar": (None, -1.0),
     "equibiaxial": (1.0, -2.0),
     "confined": (None, None),
 }
-FREE = {"uniaxial": (1, 2), "planar": (2,), "equibiaxial": (2,), "confined": ()}
-STEPS = 60  # of the bisection: each halves an interval of 4 in the logarithm of a stretch
-WIDE = 2.0  # of that logarithm, about the incompressible one
-UNITS = {"time": "s", "travel": "mm", "Fz": "N"}
+FREE_FACES = {"uniaxial": (1, 2), "planar": (2,), "equibiaxial": (2,), "confined": ()}  # by their directions
+N_BISECTIONS = 60  # steps: each halves an interval of 4 in the logarithm of a stretch
+SIDE_SEARCH_WIDTH = 2.0  # of that logarithm, about the incompressible one
+TEST_CHANNEL_UNITS = {"time": "s", "travel": "mm", "Fz": "N"}
 
 
 def _positive(value: float) -> float:
@@ -48,7 +48,7 @@ Length = Annotated[float, BeforeValidator(members.finite_number), AfterValidator
 class HomogeneousTable(members.MemberTable):
     """The settings of a homogeneous test beside its material."""
 
-    test: Annotated[str, BeforeValidator(members.one_of(SIDES))]
+    test: Annotated[str, BeforeValidator(members.one_of(FACE_EXPONENTS))]
     """uniaxial, planar (pure shear), equibiaxial, or confined (the sides held)."""
     sense: Literal["tension", "compression"] = "tension"
     """Whether travel lengthens or shortens."""
@@ -102,23 +102,23 @@ def nominal_stress(law: Any, test: str, stretch: np.ndarray) -> np.ndarray:
     stretch of a free face within e^±2 of the incompressible one is without load.
     """
     x, material = np.asarray(stretch, float), Material(law)
-    first, second = SIDES[test]
+    first, second = FACE_EXPONENTS[test]
 
     def pulled(side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """λ₁ S₁₁ and S of the free face, at logarithmic departures (n,) from the incompressible side."""
         lateral = [np.ones_like(x) if p is None else x**p for p in (first, second)]
-        free = FREE[test]
+        free = FREE_FACES[test]
         lateral = [v * np.exp(side) if k + 1 in free else v for k, v in enumerate(lateral)]
         H = np.stack([x, *lateral], -1)[None, :, :, None] * np.eye(3) - np.eye(3)
         S = stress.evaluate_stress(material, H, tangent=False).S[0]
         return S[:, 0] * x, S[:, 2]
 
-    if not FREE[test]:
+    if not FREE_FACES[test]:
         return pulled(np.zeros_like(x))[0]
-    low, high = np.full_like(x, -WIDE), np.full_like(x, WIDE)
+    low, high = np.full_like(x, -SIDE_SEARCH_WIDTH), np.full_like(x, SIDE_SEARCH_WIDTH)
     if np.any(pulled(low)[1] > 0.0) or np.any(pulled(high)[1] < 0.0):
         raise ValueError(f"{test}: no width of the free faces is without load")
-    for _ in range(STEPS):
+    for _ in range(N_BISECTIONS):
         middle = 0.5 * (low + high)
         above = pulled(middle)[1] > 0.0
         low, high = np.where(above, low, middle), np.where(above, middle, high)
@@ -140,7 +140,7 @@ class HomogeneousTests:
     @property
     def channels(self) -> Mapping[str, str]:
         """Force Fz (N) over travel (mm)."""
-        return UNITS
+        return TEST_CHANNEL_UNITS
 
     def check(self, case: Case) -> None:
         """ValueError for settings that are none, and for travels that compress to nothing."""
@@ -180,7 +180,7 @@ class HomogeneousTests:
             P = nominal_stress(law, settings.test, stretch)
         except (ValueError, stress.Inverted) as error:
             raise SimulationFailed("inadmissible", str(error)) from error
-        return Response({"time": time, "travel": travel, "Fz": sign * P * settings.area}, UNITS)
+        return Response({"time": time, "travel": travel, "Fz": sign * P * settings.area}, TEST_CHANNEL_UNITS)
 
 
 BACKEND = HomogeneousTests()

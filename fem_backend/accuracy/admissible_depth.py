@@ -12,8 +12,9 @@ from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
-SMALL = 1.2  # lengths of the indenter: small strains have ended there for every ν (at 0.7 to 0.9, with friction 1.1)
-COUNT = 60  # depths looked at
+# lengths of the indenter: small strains have ended there for every ν (at 0.7 to 0.9, with friction 1.1)
+MAX_SMALL_STRAIN_TRAVEL_RATIO = 1.2
+N_DEPTHS = 60  # depths looked at
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | N
         return None
     indenter, share = modelling.placement_of(settings, knobs).indenter, 1.0
     share -= error_estimate.sinking(settings, knobs)
-    depths = np.linspace(0.0, deepest, COUNT)[1:]
+    depths = np.linspace(0.0, deepest, N_DEPTHS)[1:]
     strain = indenter.strain(share * depths)
     if strain is None:
         return None
@@ -52,7 +53,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | N
 def small_strains(settings: Settings, knobs: Knobs, deepest: float) -> str | None:
     """Why a run of the linear law to the `deepest` travel (mm) will end early; None where it may not."""
     R = modelling.placement_of(settings, knobs).indenter.length
-    if not LAWS.members[settings.law].small_strain or deepest <= SMALL * R:
+    if not LAWS.members[settings.law].small_strain or deepest <= MAX_SMALL_STRAIN_TRAVEL_RATIO * R:
         return None
     return (
         f'law = "{settings.law}" to {deepest:.3g} mm: small-strain kinematics hold to about {0.7 * R:.2g} mm '

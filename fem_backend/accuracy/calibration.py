@@ -10,8 +10,8 @@ from pathlib import Path
 
 from fem_backend.simulation.experiment import Settings, on_axis
 
-TABLE = Path(__file__).with_suffix(".toml")
-UNKNOWN = 3.0  # times as much for a pair that nobody has fitted: a wide guess, no calibration
+CALIBRATION_TABLE = Path(__file__).with_suffix(".toml")  # beside this file
+UNFITTED_ERROR_FACTOR = 3.0  # times as much for a pair that nobody has fitted: a wide guess, no calibration
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Calibration:
 def calibrated_pairs() -> Mapping[tuple[str, str], Calibration]:
     """(specimen, indenter) → its calibration, for all pairs of the table."""
     found = {}
-    for pair in tomllib.loads(TABLE.read_text(encoding="utf-8"))["pair"]:
+    for pair in tomllib.loads(CALIBRATION_TABLE.read_text(encoding="utf-8"))["pair"]:
         shares = {name: tuple(values) for name, values in pair.pop("shares").items()}
         levels = {name: Level(**values) for name, values in pair.pop("level").items()}
         c = Calibration(**pair, shares=shares, level=levels)
@@ -67,10 +67,13 @@ def calibrated_pairs() -> Mapping[tuple[str, str], Calibration]:
 
 
 def calibration(settings: Settings) -> Calibration:
-    """The calibration of this pair; for one that nobody has fitted the first of the table, inflated by UNKNOWN."""
+    """The calibration of this pair; for one that nobody has fitted the first of the table.
+
+    Its errors are inflated by UNFITTED_ERROR_FACTOR.
+    """
     table = calibrated_pairs()
     pair = settings.specimen.name, settings.indenter.name
-    return table[pair] if pair in table else replace(next(iter(table.values())), inflated=UNKNOWN)
+    return table[pair] if pair in table else replace(next(iter(table.values())), inflated=UNFITTED_ERROR_FACTOR)
 
 
 def uncalibrated(settings: Settings) -> str | None:

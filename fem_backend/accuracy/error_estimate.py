@@ -10,7 +10,7 @@ import numpy as np
 
 from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
-from fem_backend.contact.pointwise import TANGENTIAL
+from fem_backend.contact.pointwise import TANGENTIAL_PENALTY_RATIO
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import SEALED, Settings, element_size, on_axis, profile_name
@@ -18,29 +18,34 @@ from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
 
-CANCELS = 0.3  # of the sum of steps and creep where what sticks is left beside their difference: they cancel in part
-AUGMENTED = 0.1  # of what the last augmentation changed in the force
-WIDE = 0.9  # of h₀: mean edge below the ball of the shipped meshes, 0.78 to 0.89, and of most that are made
-BELOW_INDENTER = 0.7  # of R: what counts as below it
-STEPS = 0.025  # of the force, at friction 1 in the first step
-STICKING = 0.05  # of what friction takes of a lateral force in the first step
-CREEPS = 2.5  # times what an even traction would let what sticks creep: it is largest at the edge
-RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
-ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
-CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
-LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
-COMPARED = 0.35  # of the difference to elements of twice the size, see `coarse_mesh_errors`
-WIDTH = 4.0  # elements: of a contact that is so wide twice that is missed
-AT_EDGES = 0.3  # elements: of a contact that reaches so far onto a rounded edge twice that is missed
-BARELY = 3.0  # times the difference at most where contact barely reaches onto such an edge: both meshes miss it alike
-AT_TIPS = 0.3, 3.0  # both below a rounded tip, where elements grow with the distance from it
-AHEAD = 1.1  # times the travel: deeper differences say nothing of a deep one
-LASTED = 2.0  # times as long: two moments of a rest that are neighbours
-IN_SPACE = 1.1  # order of what is missed in space by the number of nodes: h^3.3
-LEAST_SHARE = 0.2  # of a calibrated error is stated where two meshes agree by accident
-UNKNOWN = 6.0  # power of the travel by which the difference grows beyond the end of the coarser run
-BESIDE = 1.25  # times the travel: as far a new mesh says something of the error
-SLIP = 0.7  # of the contact in the first step, and of the share that slips
+# of the sum of steps and creep where what sticks is left beside their difference: they cancel in part
+UNCANCELLED_SHARE = 0.3
+AUGMENTATION_ERROR_SHARE = 0.1  # of what the last augmentation changed in the force
+MEAN_EDGE_RATIO = 0.9  # of h₀: mean edge below the ball of the shipped meshes, 0.78 to 0.89, and of most that are made
+BELOW_INDENTER_RADIUS_RATIO = 0.7  # of R: what counts as below it
+FRICTION_STEP_ERROR_SHARE = 0.025  # of the force, at friction 1 in the first step
+STICKING_STEP_ERROR_SHARE = 0.05  # of what friction takes of a lateral force in the first step
+FRICTION_CREEP_FACTOR = 2.5  # times what an even traction would let what sticks creep: it is largest at the edge
+# of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
+RELAXATION_STEP_ERROR_SHARE = 0.075
+# of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
+ADHESION_MESH_ERROR_SHARE = 4e-4
+WEIGHT_CREEP_FACTOR = 2.0  # times that is the share of what a body creeps by under its weight
+# of the largest of these so far is still there on the way back, where the force vanishes
+LINGERING_STEP_ERROR_SHARE = 0.3
+COARSER_DIFFERENCE_SHARE = 0.35  # of the difference to elements of twice the size, see `coarse_mesh_errors`
+DOUBLE_ERROR_CONTACT_ELEMENTS = 4.0  # elements: of a contact that is so wide twice that is missed
+DOUBLE_ERROR_EDGE_ELEMENTS = 0.3  # elements: of a contact that reaches so far onto a rounded edge twice that is missed
+# times the difference at most where contact barely reaches onto such an edge: both meshes miss it alike
+MAX_EDGE_ERROR_FACTOR = 3.0
+BELOW_TIP_SHARE_AND_ELEMENTS = 0.3, 3.0  # both below a rounded tip, where elements grow with the distance from it
+MAX_DEEPER_TRAVEL_RATIO = 1.1  # times the travel: deeper differences say nothing of a deep one
+NEIGHBOURING_REST_RATIO = 2.0  # times as long: two moments of a rest that are neighbours
+SPACE_CONVERGENCE_ORDER = 1.1  # order of what is missed in space by the number of nodes: h^3.3
+MIN_CALIBRATED_SHARE = 0.2  # of a calibrated error is stated where two meshes agree by accident
+BEYOND_COARSE_EXPONENT = 6.0  # power of the travel by which the difference grows beyond the end of the coarser run
+NEW_MESH_TRAVEL_RATIO = 1.25  # times the travel: as far a new mesh says something of the error
+SLIPPING_ERROR_SHARE = 0.7  # of the contact in the first step, and of the share that slips
 
 
 def stated_errors(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
@@ -67,7 +72,7 @@ def stated_errors(settings: Settings, knobs: Knobs, result: Result) -> dict[str,
     found = coarse_mesh_errors(settings, knobs, result)
     if settings.large_strain:
         least = calibrated(settings, knobs, result)
-        found = {name: np.maximum(error, LEAST_SHARE * least[name]) for name, error in found.items()}
+        found = {name: np.maximum(error, MIN_CALIBRATED_SHARE * least[name]) for name, error in found.items()}
     return _sideways(settings, result, found)
 
 
@@ -94,7 +99,7 @@ def calibrated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     turned = {n: parts @ np.array(shares["lateral"]) for n, parts in aslant(settings, knobs, result).items()}
     stuck, crept = sticking(settings, knobs, result), friction_creep(settings, knobs, result)
     for n, part in turned.items():
-        out[n] = np.linalg.norm([out[n], part, crept[n] - stuck[n], CANCELS * (crept[n] + stuck[n])], axis=0)
+        out[n] = np.linalg.norm([out[n], part, crept[n] - stuck[n], UNCANCELLED_SHARE * (crept[n] + stuck[n])], axis=0)
     return {n: c.inflated * v for n, v in out.items()} if c.inflated != 1.0 else out
 
 
@@ -126,22 +131,30 @@ def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict
     travel, c = np.maximum(np.abs(result.travel), 1e-300), calibration(settings)
     left, size = run_terms(settings, knobs, result), whole_force(result)
     near = (travel[:, None] <= 2.0 * travel) & (travel <= 2.0 * travel[:, None]) & (result.travel > 0.0)
-    near &= travel <= np.maximum(AHEAD * travel[:, None], c.deep * settings.indenter.length)
+    near &= travel <= np.maximum(MAX_DEEPER_TRAVEL_RATIO * travel[:, None], c.deep * settings.indenter.length)
     h0 = element_size(settings, True)
     a = np.maximum(result.channels["contact_radius"], 1e-9 * h0)  # 0 where contact is lost on the way back
     tip = np.isfinite(settings.indenter.finest[1]) and contact_elements.gathers(settings.indenter)
-    compared, width = AT_TIPS if tip else (COMPARED, WIDTH)
+    compared, width = BELOW_TIP_SHARE_AND_ELEMENTS if tip else (COARSER_DIFFERENCE_SHARE, DOUBLE_ERROR_CONTACT_ELEMENTS)
     share = np.minimum(compared * (1.0 + (width * h0 / a) ** 2), 1.0)
     onto = settings.indenter.on_edge(a) / settings.fineness
     edged = np.isfinite(onto)
     share = np.maximum(
-        share, np.where(edged, np.minimum(COMPARED * (1.0 + (AT_EDGES / np.maximum(onto, 1e-9)) ** 2), BARELY), 0.0)
+        share,
+        np.where(
+            edged,
+            np.minimum(
+                COARSER_DIFFERENCE_SHARE * (1.0 + (DOUBLE_ERROR_EDGE_ELEMENTS / np.maximum(onto, 1e-9)) ** 2),
+                MAX_EDGE_ERROR_FACTOR,
+            ),
+            0.0,
+        ),
     )
     if knobs.permeability:
         near &= _as_long(result) | edged.any()
         share = np.maximum(share, 1.0) if settings.drainage[0] == SEALED or edged.any() else share
     if settings.large_strain:
-        share = np.full_like(a, min(1.0 / max(result.finer**IN_SPACE - 1.0, 1e-9), 3.0))
+        share = np.full_like(a, min(1.0 / max(result.finer**SPACE_CONVERGENCE_ORDER - 1.0, 1e-9), 3.0))
     out = {}
     for name, fine in result.channels.items():
         if name in ("time", "travel"):
@@ -154,15 +167,15 @@ def coarse_mesh_errors(settings: Settings, knobs: Knobs, result: Result) -> dict
         mean = np.sqrt((both * rough**2).sum(1) / np.maximum(both.sum(1), 1))
         if not known.all():
             last = int(known.sum()) - 1
-            mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** UNKNOWN
+            mean[last:] = mean[last] * np.maximum(travel[last:] / travel[last], 1.0) ** BEYOND_COARSE_EXPONENT
         mean = np.maximum(mean, np.abs(rough)) if settings.large_strain else mean
         if result.outworn is not None:
-            mean = mean * np.maximum(travel / result.outworn, 1.0) ** UNKNOWN
+            mean = mean * np.maximum(travel / result.outworn, 1.0) ** BEYOND_COARSE_EXPONENT
         out[name] = share * largest * mean
     if knobs.adhesion:
         out |= attracted(result)
     for began, jump in result.legs:
-        beside = (travel > began / BESIDE) & (travel < began * BESIDE)
+        beside = (travel > began / NEW_MESH_TRAVEL_RATIO) & (travel < began * NEW_MESH_TRAVEL_RATIO)
         out["Fz"] = np.where(beside, np.maximum(out["Fz"], 0.5 * jump * np.abs(result.channels["Fz"])), out["Fz"])
     deeper = distorted(settings, knobs, result)  # is of elements in space
     for name, more in left.items():
@@ -193,13 +206,15 @@ def attracted(result: Result) -> dict[str, np.ndarray]:
 
 
 def _as_long(result: Result) -> np.ndarray:
-    """Whether two instants (k, k) both move, or have rested for times within a factor of `LASTED`."""
+    """Whether two instants (k, k) both move, or have rested for times within a factor of `NEIGHBOURING_REST_RATIO`."""
     time, travel = result.channels["time"], result.travel
     moves = np.concatenate([[True], np.abs(np.diff(travel)) > 1e-9 * np.abs(travel).max()])
     began = np.maximum.accumulate(np.where(moves, np.arange(len(time)), 0))
     since = np.where(moves, 0.0, time - time[began])
     both = moves[:, None] == moves
-    return both & (since[:, None] <= LASTED * since) & (since <= LASTED * since[:, None])
+    return (
+        both & (since[:, None] <= NEIGHBOURING_REST_RATIO * since) & (since <= NEIGHBOURING_REST_RATIO * since[:, None])
+    )
 
 
 def mesh_factor(settings: Settings, knobs: Knobs) -> float:
@@ -224,9 +239,9 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     corners = result.system.body.nodes[result.system.pressing.surface.facets[:, :3]]
     x, y = indenter_place(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
-    near = corners[away <= max(BELOW_INDENTER * settings.indenter.length, float(away.min()))]
+    near = corners[away <= max(BELOW_INDENTER_RADIUS_RATIO * settings.indenter.length, float(away.min()))]
     h = float(np.linalg.norm(near - np.roll(near, 1, axis=1), axis=2).mean())
-    return max(1.0, (h / (WIDE * settings.h0)) ** 2)
+    return max(1.0, (h / (MEAN_EDGE_RATIO * settings.h0)) ** 2)
 
 
 def stretched(settings: Settings, knobs: Knobs) -> float:
@@ -249,14 +264,21 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     """
     size = whole_force(result)
     step = newly(settings, result)
-    left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
+    left = (
+        AUGMENTATION_ERROR_SHARE * result.contact_error / np.maximum(size, 1e-300)
+        + FRICTION_STEP_ERROR_SHARE * knobs.friction * step
+    )
     left = left + result.residual + distorted(settings, knobs, result)
     c = calibration(settings)
     deep = c.penetration * settings.indenter.length * (1.0 + log_bulk_ratio(knobs))
     points = {profile_name(place): deep * surface_share(result, profile_name(place)) for place in settings.profile}
     left = left + relaxation_step_error(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
-    pull *= 0.0 if result.coarser is not None else min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
+    pull *= (
+        0.0
+        if result.coarser is not None
+        else min(ADHESION_MESH_ERROR_SHARE * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
+    )
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
     back = recovering(settings, knobs, result)
     points = {n: v + back[n] for n, v in points.items()}
@@ -267,7 +289,8 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
             "uz_max": deep + back["uz_max"] + c.uneven * settings.indenter.length * contrast(knobs),
             "contact_area": back["contact_area"],
             "contact_radius": back["contact_radius"],
-            "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
+            "slipping": np.minimum(SLIPPING_ERROR_SHARE * (step + result.channels["slipping"]), 1.0)
+            * (knobs.friction > 0.0),
         }
     )
 
@@ -300,8 +323,8 @@ def relaxation_step_error(settings: Settings, knobs: Knobs, result: Result) -> n
     By the first power of ds, see `newly`, as F ~ s^(3/2): at travel 1 and 2 mm in steps of 0.33 mm with g = 0.3 to 0.6,
     tau = 0.03 to 5 s.
     """
-    now = RELAXING * relaxed(settings, knobs) * newly(settings, result) * whole_force(result)
-    return np.maximum(now, LINGERS * np.maximum.accumulate(now))
+    now = RELAXATION_STEP_ERROR_SHARE * relaxed(settings, knobs) * newly(settings, result) * whole_force(result)
+    return np.maximum(now, LINGERING_STEP_ERROR_SHARE * np.maximum.accumulate(now))
 
 
 def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
@@ -316,14 +339,14 @@ def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     """
     deepest = np.maximum.accumulate(result.travel)
     share = (
-        RELAXING
+        RELAXATION_STEP_ERROR_SHARE
         * relaxed(settings, knobs)
         * longest_step_so_far(settings, result)
         / np.maximum(np.abs(deepest), 1e-300)
     )
     back, touched = result.travel < deepest, whole_force(result) > 0.0
     left = np.where(back & ~touched, share, 0.0)
-    creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, CREEPING * share)
+    creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, WEIGHT_CREEP_FACTOR * share)
     largest = {n: np.maximum.accumulate(np.abs(v)) for n, v in result.channels.items()}
     out = {n: np.where(back & touched, share, 0.0) * largest[n] for n in ("contact_area", "contact_radius")}
     out["uz_max"] = left * largest["uz_max"]
@@ -345,7 +368,7 @@ def sticking(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     whole force at 0.2 mm and 0.1 % at 4 mm, friction 0.1 to 1, which takes a tenth to a fifth of it there.  Nothing of
     what slips: at most 0.05 % in three random experiments that slip, 0.2 to 0.9 % in three of four that stick.
     """
-    step = STICKING * np.sqrt(newly(settings, result)) * (1.0 - result.channels["slipping"])
+    step = STICKING_STEP_ERROR_SHARE * np.sqrt(newly(settings, result)) * (1.0 - result.channels["slipping"])
     return {n: step * held for n, held in taken(settings, knobs, result).items()}
 
 
@@ -357,7 +380,13 @@ def friction_creep(settings: Settings, knobs: Knobs, result: Result) -> dict[str
     Measured at (20, 0), friction 0.4, with ten times ε_T: 2.1, 2.2, 1.8 and 1.1 times that at 0.5, 1, 2 and 4 mm.
     """
     a = np.maximum(result.channels["contact_radius"], 0.5 * settings.h0)
-    share = CREEPS * 16.0 / (3.0 * np.pi * TANGENTIAL * modelling.PENALTY) * settings.indenter.length / a
+    share = (
+        FRICTION_CREEP_FACTOR
+        * 16.0
+        / (3.0 * np.pi * TANGENTIAL_PENALTY_RATIO * modelling.BODY_PENALTY_RATIO)
+        * settings.indenter.length
+        / a
+    )
     stuck = 1.0 - result.channels["slipping"]
     return {n: share * stuck * held for n, held in taken(settings, knobs, result).items()}
 
@@ -432,7 +461,7 @@ def at_depth(settings: Settings, depth: float) -> float:
     H = settings.specimen.mean_curvature(*settings.point)
     a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))
     if on_axis(settings):
-        return float(min(1.3e-3 * settings.fineness**2 + COMPARED * (h0 / a) ** 2, 1.0))
+        return float(min(1.3e-3 * settings.fineness**2 + COARSER_DIFFERENCE_SHARE * (h0 / a) ** 2, 1.0))
     c, level = calibration(settings), _of_level(settings)
     own, _, stiff, _ = c.shares["force"]
     if a < 0.5 * h0:

@@ -15,30 +15,37 @@ from scipy.spatial import cKDTree
 from skfem import ElementTetP2
 
 from fem_backend import meshing
+from fem_backend.remeshing.tetrahedra import N_CANDIDATE_CELLS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
 from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
+from fem_backend.simulation.controlled import COARSER_MERIDIAN_RATIO
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
-WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
-CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
-COARSE = "the run on a coarser mesh, which gives the errors,"
-AS_OTHERS = "they are several times those of a specimen whose meshes are calibrated"
-BEYOND = "a power of the travel"
-ROUGHER = {"coarse": meshing.CRUDE, "standard": meshing.CRUDE, "fine": "coarse", "reference": "coarse"}
-COARSER = 2.0  # times the size of the elements of a meridian, for its error
-CANDIDATES = 60  # cells whose centres are nearest
-KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
+COARSE_START_LEVELS = ("fine", "reference")  # levels whose way is dearer than a coarse run
+# relative residual of the coarse run: it is a start, without multipliers as the fine run begins
+COARSE_START_TOLERANCE = 1e-3
+COARSE_RUN_WORDS = "the run on a coarser mesh, which gives the errors,"
+UNCALIBRATED_ERRORS_WORDS = "they are several times those of a specimen whose meshes are calibrated"
+GROWTH_BEYOND_WORDS = "a power of the travel"
+ROUGHER_LEVEL = {
+    "coarse": meshing.CRUDE_LEVEL,
+    "standard": meshing.CRUDE_LEVEL,
+    "fine": "coarse",
+    "reference": "coarse",
+}
+# of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
+HALVED_MESH_ERROR_SHARE = 0.21
 
 
 def worthwhile(settings: Settings, knobs: Knobs) -> bool:
     """Whether a coarse run before pays: an elastic body on a fine mesh, held and without weight, specimen shipped."""
     shipped = "template" in settings.recipe
-    return settings.level in WORTH and shipped and not settings.support.loose and knobs.weight == 0.0
+    return settings.level in COARSE_START_LEVELS and shipped and not settings.support.loose and knobs.weight == 0.0
 
 
 def coarse(
@@ -68,7 +75,9 @@ def coarse_guess(
 ) -> Guess:
     """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
     try:
-        crude, result = coarse(settings, knobs, placement, instants, control={"tight": CRUDE, "augmentations": 0})
+        crude, result = coarse(
+            settings, knobs, placement, instants, control={"tight": COARSE_START_TOLERANCE, "augmentations": 0}
+        )
         points: Sequence[LoadPoint] = result.points
     except NotModelled:
         return lambda s: None
@@ -107,9 +116,9 @@ def extrapolated_result(
 
         F = (F_h/2 − k F_h) / (1 − k)
 
-    of the coarse mesh (h) and the same with every tetrahedron cut into eight (h/2); k = `KEPT` (Richardson 1911).
-    `start` may offer states.  Everything else is that of the reference mesh.  Raises NotModelled and Stopped, the
-    latter without a curve so far.
+    of the coarse mesh (h) and the same with every tetrahedron cut into eight (h/2); k = `HALVED_MESH_ERROR_SHARE`
+    (Richardson 1911).  `start` may offer states.  Everything else is that of the reference mesh.  Raises NotModelled
+    and Stopped, the latter without a curve so far.
     """
     try:
         crude, first = coarse(settings, knobs, placement, instants, slopes)
@@ -121,7 +130,7 @@ def extrapolated_result(
         raise
 
     def at_limit(name: str, fine: np.ndarray, rough: np.ndarray) -> np.ndarray:
-        return (fine - KEPT * rough) / (1.0 - KEPT) if name in FORCES else fine
+        return (fine - HALVED_MESH_ERROR_SHARE * rough) / (1.0 - HALVED_MESH_ERROR_SHARE) if name in FORCES else fine
 
     return replace(
         second,
@@ -157,12 +166,15 @@ def checked_on_coarse_mesh(
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.simulate_indentation(crude, knobs, placement, other, instants)
     except NotModelled as error:
-        return replace(result, unchecked=f"{COARSE} has no mesh ({error}): {AS_OTHERS}")
+        return replace(result, unchecked=f"{COARSE_RUN_WORDS} has no mesh ({error}): {UNCALIBRATED_ERRORS_WORDS}")
     except Stopped as stopped:
         if stopped.reached is None or not stopped.points:
-            return replace(result, unchecked=f"{COARSE} has no answer ({stopped}): {AS_OTHERS}")
+            return replace(
+                result, unchecked=f"{COARSE_RUN_WORDS} has no answer ({stopped}): {UNCALIBRATED_ERRORS_WORDS}"
+            )
         first = stopped.reached
-        result = replace(result, unchecked=f"{COARSE} ended early ({stopped}): errors beyond grow with {BEYOND}")
+        words = f"{COARSE_RUN_WORDS} ended early ({stopped}): errors beyond grow with {GROWTH_BEYOND_WORDS}"
+        result = replace(result, unchecked=words)
     lost = len(result.travel) - len(first.travel)
     coarser = {n: np.concatenate([v, np.full(lost, np.nan)]) for n, v in first.channels.items()}
     finer = len(model.body.nodes) / len(other.body.nodes)
@@ -170,17 +182,19 @@ def checked_on_coarse_mesh(
 
 
 def _twice(settings: Settings) -> Settings:
-    return replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
+    return replace(
+        settings, fineness=COARSER_MERIDIAN_RATIO * settings.fineness, h0=COARSER_MERIDIAN_RATIO * settings.h0
+    )
 
 
 def rougher_mesh(settings: Settings) -> Settings:
     """The settings with a third to two thirds of the nodes in space: a level below, or a mapped mesh of ⅔ n."""
     mesh, length = dict(settings.mesh), settings.indenter.length
-    if settings.level not in ROUGHER:
+    if settings.level not in ROUGHER_LEVEL:
         n = max(4, 2 * mesh["n"] // 3)
         made = settings.specimen.meshing(length, mesh["mesher"], "", n, mesh["slip"])
     else:
-        made = settings.specimen.meshing(length, mesh.get("mesher", "tetwild"), ROUGHER[settings.level], 0, 0.0)
+        made = settings.specimen.meshing(length, mesh.get("mesher", "tetwild"), ROUGHER_LEVEL[settings.level], 0, 0.0)
     return replace(settings, recipe=made.recipe, mesh=made.used, h0=made.h0, level=made.level, fineness=made.fineness)
 
 
@@ -191,7 +205,7 @@ def located_in_coarse(coarse: AssembledModel, points: np.ndarray) -> tuple[np.nd
     """
     corner = coarse.body.nodes[coarse.body.cells[:, :4]]
     inverse = np.linalg.inv(np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2))
-    _, near = cKDTree(corner.mean(1)).query(points, min(CANDIDATES, len(corner)))
+    _, near = cKDTree(corner.mean(1)).query(points, min(N_CANDIDATE_CELLS, len(corner)))
     x = np.einsum("pkij,pkj->pki", inverse[near], points[:, None] - corner[near, 0])
     b = np.concatenate([1.0 - x.sum(-1, keepdims=True), x], axis=-1)
     best = b.min(-1).argmax(1)

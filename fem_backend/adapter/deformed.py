@@ -19,11 +19,11 @@ from fem_backend.simulation.initial_state import InitialState
 from fem_backend.solver.load_steps import LoadPoint
 from rso.contract import DeformedBody, DeformedFrame, DeformedSurface
 
-MOST = 10  # frames
-UNITS = {"von Mises stress": "MPa", "pressure": "MPa"}
-AROUND = np.linspace(0.0, np.pi, 19)  # where a meridian stands in the surface of its body, one half of it
-MANY = 40  # edges of a meridian that are drawn as one straight piece each
-STRAIGHT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # pieces of a quadratic triangle
+MAX_FRAMES = 10  # of the loading
+FIELD_UNITS = {"von Mises stress": "MPa", "pressure": "MPa"}  # of what is drawn in colour
+HALF_TURN_ANGLES_RAD = np.linspace(0.0, np.pi, 19)  # where a meridian stands in the surface of its body, one half of it
+MIN_STRAIGHT_EDGES = 40  # so many edges of a meridian and more are drawn as one straight piece each
+TRIANGLE_PIECES = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # pieces of a quadratic triangle
 
 
 def state_fields(on: InitialState, point: LoadPoint) -> post.Fields:
@@ -58,21 +58,21 @@ def deformed(
             )
         )
     surface = _surface(placement, points[k], on[k]) if frames else None
-    return DeformedBody(f"{'xy'[across]} to the right", UNITS, tuple(frames), surface)
+    return DeformedBody(f"{'xy'[across]} to the right", FIELD_UNITS, tuple(frames), surface)
 
 
 def _loading(travels: Sequence[float]) -> list[int]:
-    """At most `MOST` points on the way to the deepest one, that one the last, about evenly spaced."""
+    """At most `MAX_FRAMES` points on the way to the deepest one, that one the last, about evenly spaced."""
     way = [k for k in range(len(travels)) if travels[k] > max([0.0, *travels[:k]])]
-    if len(way) <= MOST:
+    if len(way) <= MAX_FRAMES:
         return way
     s = np.array(travels)[way]
-    wanted = np.linspace(0.0, s[-1], MOST + 1)[1:]
+    wanted = np.linspace(0.0, s[-1], MAX_FRAMES + 1)[1:]
     return [way[k] for k in sorted({int(np.argmin(np.abs(s - w))) for w in wanted})]
 
 
 def _nodal(on: InitialState, point: LoadPoint) -> dict[str, np.ndarray]:
-    """The fields of `UNITS` at the nodes (n,)."""
+    """The fields of `FIELD_UNITS` at the nodes (n,)."""
     nodal = post.nodal(on.system.body, state_fields(on, point))
     return {"von Mises stress": nodal.von_mises, "pressure": -np.trace(nodal.cauchy, axis1=-2, axis2=-1) / 3.0}
 
@@ -95,10 +95,10 @@ def _nodes(chosen: np.ndarray) -> _Rows:
 def _section(body: Body, placement: Placement, across: int) -> tuple[_Rows, np.ndarray]:
     """Points of the section by nodes, and triangles of them."""
     if isinstance(body, MeridianBody):
-        return _kept(body.cells[:, STRAIGHT].reshape(-1, 3))
+        return _kept(body.cells[:, TRIANGLE_PIECES].reshape(-1, 3))
     other = 1 - across
     if placement.planes[other]:
-        return _kept(_border(body, other)[:, STRAIGHT].reshape(-1, 3))
+        return _kept(_border(body, other)[:, TRIANGLE_PIECES].reshape(-1, 3))
     return _cut(body, body.nodes[:, other] - placement.contact[other])
 
 
@@ -149,14 +149,17 @@ def _surface(placement: Placement, point: LoadPoint, on: InitialState) -> Deform
     x, nodal = body.nodes + u, _nodal(on, point)
     facets = on.model.facets
     if not isinstance(body, MeridianBody):
-        rows, triangles = _kept(facets[:, STRAIGHT].reshape(-1, 3))
+        rows, triangles = _kept(facets[:, TRIANGLE_PIECES].reshape(-1, 3))
         return DeformedSurface(rows @ x, triangles, {k: rows @ v for k, v in nodal.items()}, placement.planes)
     halves = np.vstack([facets[:, [0, 2]], facets[:, [2, 1]]])  # the middle of an edge is its third node
-    pairs = halves if len(facets) < MANY else facets[:, :2]
+    pairs = halves if len(facets) < MIN_STRAIGHT_EDGES else facets[:, :2]
     used, inverse = np.unique(pairs, return_inverse=True)
-    pairs, many, n = inverse.reshape(-1, 2), len(AROUND), len(used)
+    pairs, many, n = inverse.reshape(-1, 2), len(HALF_TURN_ANGLES_RAD), len(used)
     r, z = x[used, 0], x[used, 2]
-    ring = np.stack([np.outer(np.cos(AROUND), r), np.outer(np.sin(AROUND), r), np.tile(z, (many, 1))], axis=-1)
+    ring = np.stack(
+        [np.outer(np.cos(HALF_TURN_ANGLES_RAD), r), np.outer(np.sin(HALF_TURN_ANGLES_RAD), r), np.tile(z, (many, 1))],
+        axis=-1,
+    )
     a, b = pairs.T
     turns = n * np.arange(many - 1)[:, None]
     quads = [

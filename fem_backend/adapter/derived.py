@@ -9,8 +9,8 @@ import numpy as np
 from fem_backend.laws.prony import Prony
 from rso.contract import DerivedQuantity
 
-SHARES = tuple(by_knob for knobs in Prony.switches.values() for by_knob in knobs)  # prony_g, prony_g2, …
-SOFT = (0.3, 0.5)  # ν of gels, elastomers and soft tissues
+PRONY_SHARES = tuple(by_knob for knobs in Prony.switches.values() for by_knob in knobs)  # prony_g, prony_g2, …
+SOFT_POISSON_RANGE = (0.3, 0.5)  # ν of gels, elastomers and soft tissues
 Values = Mapping[str, np.ndarray]
 
 
@@ -25,7 +25,7 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
     """
     if not {"mu", "D1"} <= set(given):
         return ()
-    shares = [name for name in SHARES if name in given]
+    shares = [name for name in PRONY_SHARES if name in given]
     drained = "permeability" in given
     when = "instantaneous " if shares else "drained " if drained else ""
 
@@ -40,7 +40,7 @@ def derived(given: Collection[str]) -> tuple[DerivedQuantity, ...]:
             f"{when}Poisson's ratio",
             "1",
             lambda v: (3.0 - v["mu"] * v["D1"]) / (6.0 + v["mu"] * v["D1"]),
-            (0.0, 0.5) if drained else SOFT,
+            (0.0, 0.5) if drained else SOFT_POISSON_RANGE,
             "a Poisson's ratio below 0.3 is unlikely for a gel, an elastomer or soft tissue. Check the contact "
             "point, the radius and the thickness first",
         ),

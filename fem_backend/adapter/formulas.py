@@ -10,19 +10,19 @@ import numpy as np
 from fem_backend import closed_forms, members
 from fem_backend.adapter.model_hierarchy import as_it_is, touch
 from fem_backend.closed_forms import Formula
+from fem_backend.closed_forms.formulas import MAX_BASE_FORCE_SHARE, MAX_SMALL_STRAIN_DEPTH_RATIO
 from fem_backend.indenters.plate import Plate
 from fem_backend.laws import LAWS
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 from rso.contract import FormulaCurve
 
-SIZES = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter's table that formulas know
-THICK = 0.01  # of the force: what a specimen of finite height may add to that of a half-space
-WIDE = 5.0  # heights that a specimen must be wide to count as a layer without end
-WALL_AWAY = 4.0  # heights beside the indenter from which on a wall counts for less than 0.1 % of the force
-SMALL = 0.1  # of the radius: depth up to which strains count as small
-STICKS, REACHES = 3.0, 0.1  # Tabor's parameter above which JKR, and below which DMT holds to some per cent
-INCOMPRESSIBLE = 0.5
+INDENTER_SIZE_KEYS = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter's table that formulas know
+MIN_LAYER_WIDTH_RATIO = 5.0  # heights that a specimen must be wide to count as a layer without end
+# heights beside the indenter from which on a wall counts for less than 0.1 % of the force
+MIN_WALL_DISTANCE_RATIO = 4.0
+MIN_JKR_TABOR, MAX_DMT_TABOR = 3.0, 0.1  # Tabor's parameter above which JKR, and below which DMT holds to some per cent
+INCOMPRESSIBLE_POISSON = 0.5  # ν of a body that keeps its volume
 
 
 def formula_forces(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tuple[FormulaCurve, ...]:
@@ -57,11 +57,13 @@ def adhesive(settings: Settings, knobs: Knobs, h: np.ndarray, up: float, relaxes
     number = closed_forms.tabor(R, w, stiff, knobs.adhesion_range)
     general, found = _general(settings, h, nu), []
     for name, source, force, wrong in (
-        ("JKR", "Johnson, Kendall & Roberts 1971", closed_forms.jkr_force, number < STICKS),
-        ("DMT", "Derjaguin, Muller & Toporov 1975", closed_forms.dmt_force, number > REACHES),
+        ("JKR", "Johnson, Kendall & Roberts 1971", closed_forms.jkr_force, number < MIN_JKR_TABOR),
+        ("DMT", "Derjaguin, Muller & Toporov 1975", closed_forms.dmt_force, number > MAX_DMT_TABOR),
     ):
         far = f"Tabor's parameter is {number:.2g}" if wrong else ""
-        small = ["the depth is more than a tenth of the radius" if d > SMALL * R else "" for d in h]
+        small = [
+            "the depth is more than a tenth of the radius" if d > MAX_SMALL_STRAIN_DEPTH_RATIO * R else "" for d in h
+        ]
         why = tuple(relaxes or far or g or s for g, s in zip(general, small, strict=True))
         found.append(FormulaCurve(name, source, np.asarray(force(h, R, w, stiff), float) * up, why))
     return tuple(found)
@@ -70,7 +72,7 @@ def adhesive(settings: Settings, knobs: Knobs, h: np.ndarray, up: float, relaxes
 def of_pair(settings: Settings, E: float, nu: float) -> tuple[Formula, ...]:
     """The closed forms of specimen, indenter and support; E in MPa."""
     indenter, specimen = settings.indenter, settings.specimen
-    sizes: dict[str, Any] = {k: float(v) for k, v in indenter.plain().items() if k in SIZES}
+    sizes: dict[str, Any] = {k: float(v) for k, v in indenter.plain().items() if k in INDENTER_SIZE_KEYS}
     curvature = specimen.mean_curvature(*settings.point)
     if curvature and "radius" in sizes:
         sizes["radius"] = indenter.effective_radius(curvature)
@@ -106,7 +108,7 @@ def wall_nearby(settings: Settings) -> float | None:
     if thickness(settings) is None or not getattr(specimen, "walled", False):
         return None
     height, half = float(specimen.top[2] - specimen.lowest[2]), float(specimen.half_width)
-    return half if half < settings.indenter.length + WALL_AWAY * height else None
+    return half if half < settings.indenter.length + MIN_WALL_DISTANCE_RATIO * height else None
 
 
 def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> tuple[str, float] | None:
@@ -115,7 +117,7 @@ def shear_modulus(settings: Settings, travel: np.ndarray, force: np.ndarray) -> 
     None where the pair has none.
     """
     normal, _, tilt = touch(settings)
-    found = of_pair(settings, 3.0, INCOMPRESSIBLE)
+    found = of_pair(settings, 3.0, INCOMPRESSIBLE_POISSON)
     if not found:
         return None
     with np.errstate(all="ignore"):
@@ -157,7 +159,10 @@ def _general(settings: Settings, depth: np.ndarray, nu: float) -> list[str]:
     length = settings.indenter.length
     more = closed_forms.thickness_factor(np.asarray(depth, float) / length, height / length, nu) - 1.0
     words = "the specimen is no half-space: a slab as high as it adds {:.0f} %"
-    return [words.format(100.0 * v) if d != 0.0 and v > THICK else "" for d, v in zip(depth, more, strict=True)]
+    return [
+        words.format(100.0 * v) if d != 0.0 and v > MAX_BASE_FORCE_SHARE else ""
+        for d, v in zip(depth, more, strict=True)
+    ]
 
 
 def _anywhere(settings: Settings) -> str | None:
@@ -170,6 +175,6 @@ def _anywhere(settings: Settings) -> str | None:
         return f"the wall of the well, {members.length_words(near)} from the axis, stiffens it: no formula has a wall"
     height = float(specimen.top[2] - specimen.lowest[2])
     if thickness(settings) is not None:
-        narrow = not specimen.alike and specimen.volume() < math.pi / 4.0 * WIDE**2 * height**3
-        return f"the specimen is less than {WIDE:g} times as wide as it is high" if narrow else ""
+        narrow = not specimen.alike and specimen.volume() < math.pi / 4.0 * MIN_LAYER_WIDTH_RATIO**2 * height**3
+        return f"the specimen is less than {MIN_LAYER_WIDTH_RATIO:g} times as wide as it is high" if narrow else ""
     return "" if specimen.alike else None

@@ -13,13 +13,13 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS, Law
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
-from fem_backend.simulation.outputs import UNITS
+from fem_backend.simulation.outputs import CHANNEL_UNITS
 from rso.contract import Programme, Response
 
-NU = 0.49  # of the simple levels: ν cannot be told from them
-HELD = 3.0 * (1.0 - 2.0 * NU) / (1.0 + NU)  # D₁μ = 2μ/K at this ν
-WIDER = 1.5  # what the moduli of Hertz are multiplied and divided with for a range
-LOOSEST, TIGHTEST = 0.2, 0.4999  # ν of the ends of a range of D₁
+SIMPLE_MODEL_POISSON = 0.49  # of the simple levels: ν cannot be told from them
+HELD_D1_MU = 3.0 * (1.0 - 2.0 * SIMPLE_MODEL_POISSON) / (1.0 + SIMPLE_MODEL_POISSON)  # D₁μ = 2μ/K at this ν
+HERTZ_RANGE_FACTOR = 1.5  # what the moduli of Hertz are multiplied and divided with for a range
+MIN_RANGE_POISSON, MAX_RANGE_POISSON = 0.2, 0.4999  # ν of the ends of a range of D₁
 
 
 def model_levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...], ...]:
@@ -35,7 +35,7 @@ def model_levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...
 
     def of_law(law: type[Law]) -> dict[str, Any]:
         level = {**law.level, "settings": {"material": {**kept, "law": law.name}}}
-        return level | ({"hold": {"D1": HELD}} if "hold" in level else {})
+        return level | ({"hold": {"D1": HELD_D1_MU}} if "hold" in level else {})
 
     indenter = INDENTERS.read(settings.get("indenter", {}))
     rungs: dict[int, list[dict[str, Any]]] = {}
@@ -46,9 +46,9 @@ def model_levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...
         "title": indenter.theory,
         "description": "closed form, half-space, small strain",
         "closed_form": True,
-        "hold": {"D1": HELD},
+        "hold": {"D1": HELD_D1_MU},
     }
-    first = () if indenter.force(np.ones(1), 0.0, 1.0, NU) is None else ((hertz,),)
+    first = () if indenter.force(np.ones(1), 0.0, 1.0, SIMPLE_MODEL_POISSON) is None else ((hertz,),)
     return (*first, *(tuple(rungs[k]) for k in sorted(rungs)))
 
 
@@ -67,7 +67,7 @@ def closed_form(settings: Settings, knobs: Knobs, programme: Programme) -> Respo
     F = _closed(actual.indenter.force(s * tilt, H, E, nu), settings)
     time = np.interp(s, *_loading(programme))
     channels = {"time": time, "travel": s} | {f"F{axis}": F * n for axis, n in zip("xyz", normal, strict=True)}
-    return Response(channels, {k: UNITS[k] for k in channels})
+    return Response(channels, {k: CHANNEL_UNITS[k] for k in channels})
 
 
 def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, tuple[float, float, float]]:
@@ -86,14 +86,23 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
         raise ValueError(f"no reading beyond a tenth of the depth pushes: there is no start by {theory}")
     normal, H, tilt = touch(settings)
     h, F = u[keep] * tilt, F[keep] / normal[2]
-    shape = _closed(settings.indenter.force(h, H, 1.0, NU), settings)
-    E, single = float(shape @ F / (shape @ shape)), _closed(settings.indenter.modulus(F, h, H, NU), settings)
-    value, low, high = (e / (2.0 * (1.0 + NU)) for e in (E, float(single.min()) / WIDER, float(single.max()) * WIDER))
+    shape = _closed(settings.indenter.force(h, H, 1.0, SIMPLE_MODEL_POISSON), settings)
+    E, single = (
+        float(shape @ F / (shape @ shape)),
+        _closed(settings.indenter.modulus(F, h, H, SIMPLE_MODEL_POISSON), settings),
+    )
+    value, low, high = (
+        e / (2.0 * (1.0 + SIMPLE_MODEL_POISSON))
+        for e in (E, float(single.min()) / HERTZ_RANGE_FACTOR, float(single.max()) * HERTZ_RANGE_FACTOR)
+    )
 
     def D1(mu: float, nu: float) -> float:
         return 3.0 * (1.0 - 2.0 * nu) / (1.0 + nu) / mu
 
-    return {"mu": (low, value, high), "D1": (D1(high, TIGHTEST), D1(value, NU), D1(low, LOOSEST))}
+    return {
+        "mu": (low, value, high),
+        "D1": (D1(high, MAX_RANGE_POISSON), D1(value, SIMPLE_MODEL_POISSON), D1(low, MIN_RANGE_POISSON)),
+    }
 
 
 def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float | None:

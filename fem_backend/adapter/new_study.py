@@ -14,14 +14,14 @@ from fem_backend.simulation.experiment import SETS
 from fem_backend.supports import SUPPORTS
 from rso.contract import Given, Line, Option
 
-RESOLVED = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
-AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
-PULLS = 0.1  # of its range: a force that is negative by more pulls
-WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
-PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
-STIFFENED = 3.0  # a well as wide as the indenter makes 1.6 to 4.5 times the force of a slab without a wall
-HERTZ = "Hertz's limit"
-UNIFORM = "uniform compression"
+MAX_MESH_ERROR_SHARE = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
+MODULUS_RANGE_FACTOR = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
+MIN_PULL_SHARE = 0.1  # of its range: a force that is negative by more pulls
+UNTOLD_MODULUS_RANGE_MPA = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
+MU_D1_AT_MIDDLE_AND_END = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
+WALLED_FORCE_RATIO = 3.0  # a well as wide as the indenter makes 1.6 to 4.5 times the force of a slab without a wall
+HERTZ_LIMIT = "Hertz's limit"
+UNIFORM_LIMIT = "uniform compression"
 Limit = Callable[[np.ndarray, np.ndarray], Mapping[str, float]]  # of depths (n,) mm and Fz (n,) N, by knob
 
 
@@ -113,14 +113,16 @@ def mesh(depths: Sequence[float], errors_at: Callable[[float], Mapping[str, floa
     if d <= 0.0:
         return Line({"level": "coarse"}, "standard, fine and reference cost more")
     errors = errors_at(d)
-    level = next((name for name, error in errors.items() if error <= RESOLVED), min(errors, key=errors.__getitem__))
+    level = next(
+        (name for name, error in errors.items() if error <= MAX_MESH_ERROR_SHARE), min(errors, key=errors.__getitem__)
+    )
     others = ", ".join(f"{n} {100 * v:.2g} %" for n, v in errors.items() if n != level)
     said = f"about {100 * errors[level]:.2g} % in force at {_two(d)} mm, more where it is shallower; {others}"
     return Line({"level": level}, said)
 
 
 def suggested_ranges(
-    depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit, name: str = HERTZ, walled: bool = False
+    depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit, name: str = HERTZ_LIMIT, walled: bool = False
 ) -> dict[str, Line]:
     """Ranges about the modulus that a loading Fz (n,) N at depths (n,) mm has in a limit; wide ones if n = 0.
 
@@ -143,7 +145,11 @@ def suggested_ranges(
                 f"the modulus by {name} would be {mu:.2g} MPa, which is not possible. Fz falls while the indenter "
                 "goes deeper: is this a tensile record, or is a sign or a zero wrong?"
             )
-    low, high = (mu / (STIFFENED if walled else 1.0) / AROUND, mu * AROUND) if mu > 0 else WIDE
+    low, high = (
+        (mu / (WALLED_FORCE_RATIO if walled else 1.0) / MODULUS_RANGE_FACTOR, mu * MODULUS_RANGE_FACTOR)
+        if mu > 0
+        else UNTOLD_MODULUS_RANGE_MPA
+    )
     limit = f"{name} of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     limit += "; the wall of the well makes that too much, no formula has one" if walled else ""
@@ -151,7 +157,9 @@ def suggested_ranges(
     bulk = "bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"
     return {
         "mu": _range(1e3 * low, 1e3 * high, "kPa", why),
-        "D1": _range(PRODUCT[0] / math.sqrt(low * high), PRODUCT[1] / high, "1/MPa", bulk),
+        "D1": _range(
+            MU_D1_AT_MIDDLE_AND_END[0] / math.sqrt(low * high), MU_D1_AT_MIDDLE_AND_END[1] / high, "1/MPa", bulk
+        ),
         **_adhesion(pull),
     }
 
@@ -162,7 +170,7 @@ def _adhesion(pull: Mapping[str, float]) -> dict[str, Line]:
         return {}
     w = float(pull["adhesion"])
     said = f"Fz pulls: adhesion; JKR says about {_two(w)} N/mm, contact at {pull['contact']:.3g} mm in the file"
-    found = {"adhesion": _range(w / AROUND, w * AROUND, "N/mm", said)}
+    found = {"adhesion": _range(w / MODULUS_RANGE_FACTOR, w * MODULUS_RANGE_FACTOR, "N/mm", said)}
     if "adhesion_range" not in pull:
         return found
     reach = f"{_two(pull['adhesion_range'])} mm"
@@ -173,7 +181,7 @@ def _adhesion(pull: Mapping[str, float]) -> dict[str, Line]:
 def _adheres(force: np.ndarray) -> bool:
     """Whether a loading curve (n,) is pulled by more than a tare or its scatter may be."""
     noise = 1.5 * float(np.median(np.abs(np.diff(force, 2)))) / 6**0.5
-    return float(force.min()) < -max(PULLS * float(np.ptp(force)), 10.0 * noise) and int(np.argmin(force)) > 0
+    return float(force.min()) < -max(MIN_PULL_SHARE * float(np.ptp(force)), 10.0 * noise) and int(np.argmin(force)) > 0
 
 
 def _range(low: float, high: float, unit: str, said: str) -> Line:

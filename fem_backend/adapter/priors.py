@@ -16,17 +16,19 @@ from fem_backend.simulation.knobs import knobs_class
 from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
 
-OF_THE_SPECIMEN = ("offset_x", "offset_y", "inclusion_radius", "inclusion_depth", "inclusion_x")  # lengths like it
-OF_THE_INDENTER = ("skin_thickness", "adhesion", "adhesion_range")
+# lengths like it
+SPECIMEN_LENGTH_KNOBS = ("offset_x", "offset_y", "inclusion_radius", "inclusion_depth", "inclusion_x")
+INDENTER_LENGTH_KNOBS = ("skin_thickness", "adhesion", "adhesion_range")  # knobs that go with its length
 
-POSE = {"offset_x": 0.1, "offset_y": 0.1, "tilt_x": 0.1, "tilt_y": 0.1}  # uncertainties, mm and degrees
-BALANCE = {"weight": 2e-7}  # N/mm³
-PREVENTED = {
+POSE_UNCERTAINTY = {"offset_x": 0.1, "offset_y": 0.1, "tilt_x": 0.1, "tilt_y": 0.1}  # uncertainties, mm and degrees
+BALANCE_UNCERTAINTY = {"weight": 2e-7}  # of a body that is weighed, N/mm³
+PREVENTED_EFFECTS = {
     "all points again with a lubricated indenter": ("friction",),
     "all points again under water, which takes the adhesion away": ("adhesion",),
 }
-THICKEST = 0.9  # of the thickest skin that a specimen can have: one that is plausible
-DEEP = 2.0  # lengths of the indenter: travel by which elements below are so distorted that programs part company
+PLAUSIBLE_SKIN_SHARE = 0.9  # of the thickest skin that a specimen can have: one that is plausible
+# lengths of the indenter: travel by which elements below are so distorted that programs part company
+DISTORTED_TRAVEL_RATIO = 2.0
 Range = tuple[float, float] | None
 
 
@@ -66,7 +68,9 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
     bench = f"specimen and {noun} on the bench: callipers, a micrometer, a balance"
     aligned = f"ink on the {noun} and a level on the holder"
     fine = {k: (bench, v) for k, v in {**own.specimen.gauges, **own.indenter.gauges}.items()}
-    fine |= {k: (aligned, v) for k, v in POSE.items()} | {k: (bench, v) for k, v in BALANCE.items()}
+    fine |= {k: (aligned, v) for k, v in POSE_UNCERTAINTY.items()} | {
+        k: (bench, v) for k, v in BALANCE_UNCERTAINTY.items()
+    }
     return {name: (words, by.get(name, 1.0) * value) for name, (words, value) in fine.items()}
 
 
@@ -83,10 +87,10 @@ def _usual(own: Settings, knobs: type) -> dict[str, float]:
 
 def _factors(own: Settings) -> dict[str, float]:
     """What knobs that hold a length belong to, over its usual size, where that is another."""
-    of_it = (*(k for support in SUPPORTS.members.values() for k in support.lengths), *OF_THE_SPECIMEN)
+    of_it = (*(k for support in SUPPORTS.members.values() for k in support.lengths), *SPECIMEN_LENGTH_KNOBS)
     factors = {**own.specimen.factors(), **dict.fromkeys(of_it, own.specimen.ratio)}
     lengths = {f.name for f in fields(knobs_class()) if f.metadata["parameter"].unit == "mm"}  # not angles or shares
-    factors |= dict.fromkeys((*lengths.intersection(own.indenter.gauges), *OF_THE_INDENTER), own.indenter.ratio)
+    factors |= dict.fromkeys((*lengths.intersection(own.indenter.gauges), *INDENTER_LENGTH_KNOBS), own.indenter.ratio)
     return {name: k for name, k in factors.items() if abs(k - 1.0) > 1e-9}
 
 
@@ -99,7 +103,7 @@ def _lengths(own: Settings, declared: Mapping[str, Any]) -> dict[str, Range]:
 def _skin(own: Settings, declared: Mapping[str, Any]) -> dict[str, Range]:
     """A skin no thicker than the specimen can have, where the indenter's share would be: a thin layer under a ball."""
     low, high = (_factors(own).get("skin_thickness", 1.0) * v for v in declared["skin_thickness"].plausible)
-    most = THICKEST * own.specimen.skin_limit
+    most = PLAUSIBLE_SKIN_SHARE * own.specimen.skin_limit
     return {"skin_thickness": (low * most / high, most)} if high > most else {}
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 
-from fem_backend.meshing import LIMIT
+from fem_backend.meshing import LIMIT_LEVEL
 from fem_backend.simulation.experiment import Settings
 from fem_backend.solver.controlled_steps import Drive, Leg
 from rso.contract import Programme, Segment
 
-PULL_OFF = "; a pull-off has no segments: time_s and travel_mm, which may end below 0, above the specimen"
+PULL_OFF_WORDS = "; a pull-off has no segments: time_s and travel_mm, which may end below 0, above the specimen"
 
 
 def goals(programme: Programme) -> tuple[float, float]:
@@ -26,16 +26,16 @@ def controlled(programme: Programme) -> bool:
 
 def check_programme(programme: Programme, settings: Settings, deepest: float) -> None:
     """Raise ValueError for segments and asked forces that are not modelled, naming key, value, unit and bounds."""
-    if settings.level == LIMIT:
-        raise ValueError(f'mesh.level = "{LIMIT}": its forces are extrapolated at a travel; take "reference"')
+    if settings.level == LIMIT_LEVEL:
+        raise ValueError(f'mesh.level = "{LIMIT_LEVEL}": its forces are extrapolated at a travel; take "reference"')
     for k, s in enumerate(programme.segments):
         name = f"programme: segments[{k}]"
         if s.to_mm is not None and not 0.0 <= s.to_mm <= deepest:
-            raise ValueError(f"{name}.to_mm = {s.to_mm:g} mm: from 0 (first contact) to {deepest:g} mm{PULL_OFF}")
+            raise ValueError(f"{name}.to_mm = {s.to_mm:g} mm: from 0 (first contact) to {deepest:g} mm{PULL_OFF_WORDS}")
         if s.to_N is not None and s.to_N <= 0.0:
             raise ValueError(
                 f"{name}.to_N = {s.to_N:g} N: a positive force; where the indenter hardly touches, its travel is "
-                f'controlled (control = "travel", to_mm){PULL_OFF}'
+                f'controlled (control = "travel", to_mm){PULL_OFF_WORDS}'
             )
     if any(f <= 0.0 for f in programme.asked_N):
         raise ValueError(f"programme: asked_N = {list(programme.asked_N)} N: positive forces")

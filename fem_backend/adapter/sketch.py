@@ -11,11 +11,11 @@ from fem_backend.members import length_words
 from fem_backend.simulation.experiment import Settings
 from rso.contract import Drawn, Sketch
 
-WIDE = 3.5  # lengths of the indenter to either side of the axis of a specimen without end
-LOW = 1.6  # heights of it
-HIGH = 2.4  # lengths of the indenter above the contact
-BAR = 0.1  # half widths: what a plate is drawn thick
-FINE = 400  # points of an outline
+SKETCH_WIDTH_LENGTHS = 3.5  # lengths of the indenter to either side of the axis of a specimen without end
+SKETCH_WIDTH_HEIGHTS = 1.6  # the same in heights of the specimen
+SKETCH_HEIGHT_LENGTHS = 2.4  # lengths of the indenter above the contact
+DRAWN_PLATE_SHARE = 0.1  # half widths: what a plate is drawn thick
+N_OUTLINE_POINTS = 400  # points of an outline
 
 
 def sketch(settings: Settings, depth: float) -> Sketch:
@@ -33,7 +33,7 @@ def sketch(settings: Settings, depth: float) -> Sketch:
     parts = _specimen(settings, way, wide)
     walls = _support(settings, way, wide, parts[0].points)
     contact = across @ indenter.contact(specimen, touch, direction)
-    high = max(HIGH * indenter.length, 0.12 * wide)
+    high = max(SKETCH_HEIGHT_LENGTHS * indenter.length, 0.12 * wide)
     box = np.array([[-wide, -np.inf], [wide, contact[1] + high]])
     first = _polygon(indenter.outline(touch, direction, across), box)
     deepest = []
@@ -89,7 +89,10 @@ def _half_width(settings: Settings, way: np.ndarray) -> float:
     """How far (mm) the sketch goes to either side of the axis."""
     specimen, length = settings.specimen, settings.indenter.length
     if specimen.alike:
-        return max(WIDE * length, LOW * specimen.smallest if math.isinf(_cut(settings)) else 0.0)
+        return max(
+            SKETCH_WIDTH_LENGTHS * length,
+            SKETCH_WIDTH_HEIGHTS * specimen.smallest if math.isinf(_cut(settings)) else 0.0,
+        )
     points = np.array(_drawn(settings, way, np.inf)[0].points)
     return 1.05 * float(np.abs(points[:, 0]).max())
 
@@ -101,7 +104,7 @@ def _drawn(settings: Settings, way: np.ndarray, wide: float) -> list[Drawn]:
     if own is not None:
         return own(way, wide)
     reach, points = min(wide, 2.0 * specimen.largest), []
-    for s in np.linspace(reach, -reach, FINE):
+    for s in np.linspace(reach, -reach, N_OUTLINE_POINTS):
         try:
             points.append((float(s), float(specimen.above(*(s * way))[0][2])))
         except ValueError:  # beside it
@@ -142,7 +145,7 @@ def _dense(points: np.ndarray) -> np.ndarray:
     """A closed line (k, 2) with many points, its own among them."""
     closed = np.vstack([points, points[:1]])
     at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    want = np.unique(np.concatenate([at, np.linspace(0.0, at[-1], FINE)]))
+    want = np.unique(np.concatenate([at, np.linspace(0.0, at[-1], N_OUTLINE_POINTS)]))
     return np.column_stack([np.interp(want, at, closed[:, k]) for k in (0, 1)])
 
 
@@ -167,7 +170,7 @@ def _polygon(points: np.ndarray, box: np.ndarray) -> tuple[tuple[float, float], 
     """A closed outline cut off at a box of two corners (2, 2); of a plane without thickness, a plate above it."""
     if np.ptp(points[:, 1]) <= 1e-9 * np.ptp(points[:, 0]):
         low, wide = float(points[0, 1]), float(box[1, 0])
-        high = low + BAR * wide
+        high = low + DRAWN_PLATE_SHARE * wide
         points = np.array([(-wide, low), (wide, low), (wide, high), (-wide, high)])
     return tuple(_pair(p) for p in np.clip(_dense(points), *box))
 

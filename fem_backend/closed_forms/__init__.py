@@ -33,7 +33,7 @@ from fem_backend.closed_forms.half_space import (
     youngs_modulus,
 )
 from fem_backend.closed_forms.homogeneous import (
-    SIDE,
+    SIDE_EXPONENT,
     first_invariants,
     nominal_compressible,
     nominal_fibre,
@@ -58,7 +58,7 @@ from fem_backend.closed_forms.layer import (
 )
 
 __all__ = [
-    "SIDE",
+    "SIDE_EXPONENT",
     "Formula",
     "Profile",
     "ball",

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
-JKR_FOLD = (-5.0 / 6.0, -3.0 / 4.0)
+JKR_FOLD_FACTORS = (-5.0 / 6.0, -3.0 / 4.0)
 """F/(π w R) and δ/(π² w² R/E*²)^(1/3) where a controlled travel ends: dδ/da = 0 at a³ = π w R²/(8 E*)."""
 
 
@@ -56,7 +56,7 @@ def jkr_pull_off(R: float, w: float) -> float:
 
 def jkr_jump_off(R: float, w: float, stiff: float) -> tuple[float, float]:
     """Depth −(3/4) (π² w² R/E*²)^(1/3) (mm) and force −(5/6) π w R (N) where a controlled travel lets go."""
-    return JKR_FOLD[1] * (np.pi**2 * w**2 * R / stiff**2) ** (1.0 / 3.0), JKR_FOLD[0] * np.pi * w * R
+    return JKR_FOLD_FACTORS[1] * (np.pi**2 * w**2 * R / stiff**2) ** (1.0 / 3.0), JKR_FOLD_FACTORS[0] * np.pi * w * R
 
 
 def jkr_force(depth: np.ndarray, R: float, w: float, stiff: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from scipy.special import ive
 
 from fem_backend.closed_forms.half_space import hertz_force, sneddon_cone, sneddon_flat
 
-GARCIA = {
+GARCIA_COEFFICIENTS = {
     "ball": (1.0, 1.133, 1.497, 1.469, 0.755),
     "flat": (1.0, 1.133, 1.283, 0.598, -0.291),
     "cone": (1.0, 0.721, 0.650, 0.491, 0.225),
@@ -57,7 +57,7 @@ def garcia(shape: str, depth: np.ndarray, size: float, thickness: float, E: floa
         x, half_space = h * math.tan(math.radians(size)) / thickness, sneddon_cone(h, size, E, 0.5)
     else:
         x, half_space = np.sqrt(size * h) / thickness, hertz_force(h, size, E, 0.5)
-    return half_space * np.polynomial.polynomial.polyval(x, GARCIA[shape])
+    return half_space * np.polynomial.polynomial.polyval(x, GARCIA_COEFFICIENTS[shape])
 
 
 def long_ball(depth: np.ndarray, radius: float, thickness: float, E: float) -> np.ndarray:

@@ -10,9 +10,9 @@ import numpy as np
 
 from fem_backend.closed_forms import approximations, half_space, layer
 
-THICK = 1e-2
+MAX_BASE_FORCE_SHARE = 1e-2
 """A half-space formula counts as valid while the integral equation says the layer adds less than this."""
-SMALL = 0.1
+MAX_SMALL_STRAIN_DEPTH_RATIO = 0.1
 """Depth over the radius of a ball, or over a thickness, up to which strains count as small."""
 
 
@@ -192,7 +192,11 @@ def thickness_factor(
 
 
 def _small(h: float, size: float) -> str | None:
-    return None if h <= SMALL * size else f"strains are not small: depth {h:.3g} mm is above {SMALL:g} of {size:.3g} mm"
+    return (
+        None
+        if h <= MAX_SMALL_STRAIN_DEPTH_RATIO * size
+        else f"strains are not small: depth {h:.3g} mm is above {MAX_SMALL_STRAIN_DEPTH_RATIO:g} of {size:.3g} mm"
+    )
 
 
 def _below(x: float, most: float, what: str) -> str | None:
@@ -213,7 +217,11 @@ def _thick(h: float, profile: layer.Profile, t: float | None, nu: float, base: s
         return None
     forces = [float(layer.layer_force(np.array([h]), profile, s, 1.0, nu, base)[0]) for s in (t, None)]
     more = forces[0] / forces[1] - 1.0
-    return None if abs(more) <= THICK else f"the specimen is thin: its base adds {100 * more:.0f} % to the force"
+    return (
+        None
+        if abs(more) <= MAX_BASE_FORCE_SHARE
+        else f"the specimen is thin: its base adds {100 * more:.0f} % to the force"
+    )
 
 
 def _thin(h: float, radius: float, t: float, nu: float, base: str) -> str | None:

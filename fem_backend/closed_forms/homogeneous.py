@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-SIDE = {"uniaxial": -0.5, "planar": -1.0, "equibiaxial": -2.0}
+SIDE_EXPONENT = {"uniaxial": -0.5, "planar": -1.0, "equibiaxial": -2.0}  # of λ, the stretch of the free faces
 
 
 def first_invariants(test: str, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -32,7 +32,7 @@ def first_invariants(test: str, stretch: np.ndarray) -> tuple[np.ndarray, np.nda
 def nominal_neo_hooke(test: str, stretch: np.ndarray, mu: float) -> np.ndarray:
     """P = μ(λ − λ^(2 side − 1)) (MPa).  Source: thesis eq. 1.14–1.33 with C₀₁ = 0; Holzapfel 2000, §6.5."""
     x = np.asarray(stretch, dtype=float)
-    return mu * (x - x ** (2 * SIDE[test] - 1))
+    return mu * (x - x ** (2 * SIDE_EXPONENT[test] - 1))
 
 
 def nominal_mooney_rivlin(test: str, stretch: np.ndarray, mu: float, C01: float) -> np.ndarray:
@@ -42,20 +42,22 @@ def nominal_mooney_rivlin(test: str, stretch: np.ndarray, mu: float, C01: float)
     """
     x = np.asarray(stretch, dtype=float)
     y = {"uniaxial": 1 / x, "planar": np.ones_like(x), "equibiaxial": x**2}[test]
-    return 2 * (x - x ** (2 * SIDE[test] - 1)) * (mu / 2 - C01 + C01 * y)
+    return 2 * (x - x ** (2 * SIDE_EXPONENT[test] - 1)) * (mu / 2 - C01 + C01 * y)
 
 
 def nominal_yeoh(test: str, stretch: np.ndarray, mu: float, C20: float, C30: float) -> np.ndarray:
     """P = 2(λ − λ^(2 side − 1))(μ/2 + 2C₂₀ (I₁ − 3) + 3C₃₀ (I₁ − 3)²) (MPa).  Source: Yeoh 1993."""
     x = np.asarray(stretch, dtype=float)
     growth = first_invariants(test, x)[0] - 3
-    return 2 * (x - x ** (2 * SIDE[test] - 1)) * (mu / 2 + 2 * C20 * growth + 3 * C30 * growth**2)
+    return 2 * (x - x ** (2 * SIDE_EXPONENT[test] - 1)) * (mu / 2 + 2 * C20 * growth + 3 * C30 * growth**2)
 
 
 def nominal_ogden(test: str, stretch: np.ndarray, mu: float, alpha: tuple, share: tuple) -> np.ndarray:
     """P = Σᵢ (2μᵢ/αᵢ)(λ^(αᵢ − 1) − λ^(side αᵢ − 1)), μᵢ = shareᵢ μ (MPa).  Source: Ogden 1972; thesis eq. 1.14–1.33."""
     x = np.asarray(stretch, dtype=float)
-    return sum(2 * s * mu / a * (x ** (a - 1) - x ** (SIDE[test] * a - 1)) for a, s in zip(alpha, share, strict=True))
+    return sum(
+        2 * s * mu / a * (x ** (a - 1) - x ** (SIDE_EXPONENT[test] * a - 1)) for a, s in zip(alpha, share, strict=True)
+    )
 
 
 def nominal_fibre(stretch: np.ndarray, k1: float, k2: float) -> np.ndarray:

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.polynomial.chebyshev import Chebyshev
 
-NODES = 40
+N_CHEBYSHEV_NODES = 40
 """Chebyshev nodes of depth and force over the contact radius; δ and F are smooth in it."""
-FAR = 24.0
+MAX_WAVENUMBER = 24.0
 """1 − L falls as k² exp(−2k): nothing is left beyond."""
 
 
@@ -151,7 +151,7 @@ def _solved(a: float, profile: Profile, t: float | None, nu: float, base: str) -
     end = np.array([1.0, profile.transform(np.array([a]))[0]])
     if t is None:
         return a * (g @ right), end
-    k, v = (FAR * x for x in _gauss(160 + 12 * math.ceil(ratio)))
+    k, v = (MAX_WAVENUMBER * x for x in _gauss(160 + 12 * math.ceil(ratio)))
     D = 2.0 / np.pi * (1.0 - layer_compliance(k, nu, base)) * v
     C = np.cos(np.outer(s * ratio, k))
     phi = np.linalg.solve(np.eye(len(s)) - (C * D) @ C.T * (g * ratio), right)
@@ -181,14 +181,14 @@ def layer_force(
         low, high = (low, middle) if deep else (middle, high)
     # depth and force are smooth in the root of w₂, which is the depth in a half-space
     end = np.sqrt(profile.transform(np.array([high]))[0])
-    nodes = 0.5 * end * (1.0 - np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
-    inner, outer = np.full(NODES, profile.start), np.full(NODES, high)
+    nodes = 0.5 * end * (1.0 - np.cos(np.pi * (np.arange(N_CHEBYSHEV_NODES) + 0.5) / N_CHEBYSHEV_NODES))
+    inner, outer = np.full(N_CHEBYSHEV_NODES, profile.start), np.full(N_CHEBYSHEV_NODES, high)
     for _ in range(52):
         middle = 0.5 * (inner + outer)
         far = np.sqrt(profile.transform(middle)) > nodes
         inner, outer = np.where(far, inner, middle), np.where(far, middle, outer)
     both = layer_contact(0.5 * (inner + outer), profile, thickness, nu, base)
-    at, force = (Chebyshev.fit(nodes, y, NODES - 1, domain=[0.0, end]) for y in both)
+    at, force = (Chebyshev.fit(nodes, y, N_CHEBYSHEV_NODES - 1, domain=[0.0, end]) for y in both)
     left, right = np.zeros_like(h), np.full_like(h, end)
     for _ in range(52):
         y = 0.5 * (left + right)

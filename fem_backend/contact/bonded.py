@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-BOND = 30.0  # ε_b/ε: some 1e-5 of a travel go into the glue; with much more, its round-off is larger than small forces
+# ε_b/ε: some 1e-5 of a travel go into the glue; with much more, its round-off is larger than small forces
+BOND_PENALTY_FACTOR = 30.0
 
 
 def glued(held: np.ndarray) -> np.ndarray:
@@ -20,13 +21,13 @@ def glued(held: np.ndarray) -> np.ndarray:
 
 def traction(held: np.ndarray, points: np.ndarray, centre: np.ndarray, epsilon: np.ndarray) -> np.ndarray:
     """t (f, q, 3) MPa on the body at points (f, q, 3) mm, 0 where they are free; ε (f, q) MPa/mm is that of contact."""
-    t = -BOND * epsilon[..., None] * (points - centre - held)
+    t = -BOND_PENALTY_FACTOR * epsilon[..., None] * (points - centre - held)
     return np.where(np.isfinite(t), t, 0.0)
 
 
 def energy(t: np.ndarray, epsilon: np.ndarray, weights: np.ndarray) -> float:
     """Π_b (N mm) of tractions t (f, q, 3) MPa."""
-    return float((0.5 * weights * (t**2).sum(-1) / (BOND * epsilon)).sum())
+    return float((0.5 * weights * (t**2).sum(-1) / (BOND_PENALTY_FACTOR * epsilon)).sum())
 
 
 def loads(facets: np.ndarray, N: np.ndarray, weights: np.ndarray, t: np.ndarray, count: int) -> np.ndarray:
@@ -40,7 +41,7 @@ def bond_stiffness(
     held: np.ndarray, N: np.ndarray, weights: np.ndarray, place: np.ndarray, epsilon: np.ndarray, data: np.ndarray
 ) -> None:
     """Add ∫ ε_b N_a N_b dA₀ I of the glued points to `data` at the places (f, 3a, 3a), −1 for none."""
-    w = np.where(glued(held), BOND * epsilon * weights, 0.0)
+    w = np.where(glued(held), BOND_PENALTY_FACTOR * epsilon * weights, 0.0)
     some = np.nonzero(w.any(1))[0]
     block = np.einsum("fq,qa,qb,ij->faibj", w[some], N, N, np.eye(3)).reshape(place[some].shape)
     free = place[some] >= 0

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-TANGENTIAL = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
-LAG = 0.3  # of the ball's way until it touches a point, by which that lags behind: least error of one to three steps
-OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
+TANGENTIAL_PENALTY_RATIO = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
+# of the ball's way until it touches a point, by which that lags behind: least error of one to three steps
+LAG_SHARE = 0.3
+MAX_ADHESION_RANGES = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 
 @numba.njit(cache=True)
@@ -42,7 +43,7 @@ def _share(gap, before, met):  # type: ignore[no-untyped-def]
     if before <= 0.0:
         return 1.0, 0.0, 1.0
     if met >= 0.0:
-        return met, 0.0, 1.0 - LAG * (1.0 - met)
+        return met, 0.0, 1.0 - LAG_SHARE * (1.0 - met)
     if gap >= 0.0:
         return 0.0, 0.0, 1.0
     return -gap / (before - gap), -before / (before - gap) ** 2, 1.0
@@ -105,7 +106,7 @@ def evaluate_points(  # type: ignore[no-untyped-def]
             if p < 0.0 and not bilateral:
                 p = 0.0
             energy += 0.5 * w * (p * p - multiplier[f, q] ** 2) / epsilon[f, q]
-            near = work > 0.0 and g < OUT_OF_REACH * length
+            near = work > 0.0 and g < MAX_ADHESION_RANGES * length
             if not (p > 0.0 or near or bilateral):
                 continue
             pressure[f, q] = p
@@ -113,7 +114,7 @@ def evaluate_points(  # type: ignore[no-untyped-def]
                 load[i] = p * n[i]
             if _rubs(friction, p, bilateral, bound, f, q):
                 share, _, counts = _share(g, opened[f, q], met[f, q])
-                stiff = share * TANGENTIAL * epsilon[f, q]
+                stiff = share * TANGENTIAL_PENALTY_RATIO * epsilon[f, q]
                 _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stiff, v, t)
                 limit = bound[f, q] if bound[f, q] >= 0.0 else friction * p
                 slipping[f, q] = size > limit
@@ -171,7 +172,7 @@ def tangent_at_points(  # type: ignore[no-untyped-def]
         block[:, :] = 0.0
         for q in range(nq):
             w, g, p, n, h, e = weights[f, q], gap[f, q], pressure[f, q], normal[f, q], hessian[f, q], epsilon[f, q]
-            near = work > 0.0 and g < OUT_OF_REACH * length
+            near = work > 0.0 and g < MAX_ADHESION_RANGES * length
             if not (p > 0.0 or near or bilateral):
                 continue
             stiff, turn = (e if p > 0.0 or bilateral else 0.0), -p
@@ -184,11 +185,11 @@ def tangent_at_points(  # type: ignore[no-untyped-def]
             counts = 1.0
             if _rubs(friction, p, bilateral, bound, f, q):
                 share, growth, counts = _share(g, opened[f, q], met[f, q])
-                stick = share * TANGENTIAL * e
+                stick = share * TANGENTIAL_PENALTY_RATIO * e
                 square, along, long = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)
                 for i in range(3):
                     way = points[f, q, i] - start[f, q, i] - motion[i]
-                    went[i] = growth * TANGENTIAL * e * way if geometric else 0.0
+                    went[i] = growth * TANGENTIAL_PENALTY_RATIO * e * way if geometric else 0.0
                 if counts < 1.0:  # of the rigid body's way less counts than of the point's
                     along_way[:, :] = k
                     part, own = counts * stick, bound[f, q]
@@ -215,7 +216,7 @@ def attract(facets, N, weights, count, gap, normal, work, length):  # type: igno
     energy = 0.0
     for f in range(m):
         for q in range(nq):
-            if gap[f, q] >= OUT_OF_REACH * length:
+            if gap[f, q] >= MAX_ADHESION_RANGES * length:
                 continue
             potential, pull, _ = _attract(gap[f, q], work, length)
             attraction[f, q] = pull
@@ -242,7 +243,7 @@ def tangent_of_attraction(  # type: ignore[no-untyped-def]
         block[:, :] = 0.0
         touched = False
         for q in range(nq):
-            if gap[f, q] >= OUT_OF_REACH * length:
+            if gap[f, q] >= MAX_ADHESION_RANGES * length:
                 continue
             touched = True
             _, pull, fall = _attract(gap[f, q], work, length)

@@ -9,9 +9,9 @@ from skfem import ElementLineP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine
 
-from fem_backend.contact.tractions import ALONG, ContactSurface
+from fem_backend.contact.tractions import EDGE_QUADRATURE_ORDER, ContactSurface
 
-EDGE = 0.3  # of the contact's radius beside its edge, whose pressures tell where that is
+EDGE_ZONE_SHARE = 0.3  # of the contact's radius beside its edge, whose pressures tell where that is
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def ring_patch(
     of the outer points vanishes, between the last point that is touched and the next one.  The peak is that of the mean
     of p − σ, σ the `attraction`, over an edge of the mesh and its current area.
     """
-    X, w = get_quadrature(RefLine, ALONG)
+    X, w = get_quadrature(RefLine, EDGE_QUADRATURE_ORDER)
     dN = np.stack([ElementLineP2().lbasis(X, a)[1][0] for a in range(3)])
     now = x[surface.facets]
     points = np.einsum("qa,fai->fqi", surface.N, now)
@@ -51,7 +51,7 @@ def ring_patch(
     r, p, ring = r[order], p[order], ring[order]
     last = int(np.nonzero(p > 0.0)[0][-1])
     outer = r[last + 1] if last + 1 < len(r) else r[last]
-    near = np.nonzero((p > 0.0) & (r >= (1.0 - EDGE) * r[last]))[0][-12:]
+    near = np.nonzero((p > 0.0) & (r >= (1.0 - EDGE_ZONE_SHARE) * r[last]))[0][-12:]
     edge = 0.5 * (r[last] + outer)
     if len(near) > 3:
         slope, level = np.polyfit(r[near], p[near] ** 2, 1)

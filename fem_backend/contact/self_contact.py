@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from skfem import ElementLineP2
 
-PIECES = 4  # straight pieces of a curved edge
+N_PIECES_PER_EDGE = 4  # straight pieces that a curved edge counts as
 
 
 def met_itself(x: np.ndarray, edges: np.ndarray) -> bool:
@@ -13,7 +13,7 @@ def met_itself(x: np.ndarray, edges: np.ndarray) -> bool:
 
     Each edge counts as four straight pieces; edges that share a node may not cross either, pieces that do are no pair.
     """
-    t = np.linspace(0.0, 1.0, PIECES + 1)
+    t = np.linspace(0.0, 1.0, N_PIECES_PER_EDGE + 1)
     N = np.stack([ElementLineP2().lbasis(t[None], a)[0] for a in range(3)])
     points = np.einsum("aq,fai->fqi", N, x[:, [0, 2]][edges])
     a, b = points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2)

@@ -24,10 +24,10 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine, RefTri
 
 from fem_backend.contact import bonded, pointwise
+from fem_backend.kinematics.axisymmetric import EDGE_QUADRATURE_ORDER
 from fem_backend.kinematics.bodies import Body
 
-ORDER = 6  # twelve points a facet
-ALONG = 11  # six Gauss points an edge of a meridian
+FACET_QUADRATURE_ORDER = 6  # twelve points a facet
 
 
 class Rigid(Protocol):
@@ -168,7 +168,9 @@ def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
     return np.stack([*corners, middle(0, 1), middle(1, 2), middle(0, 2)], axis=1)
 
 
-def contact_surface(body: Body, facets: np.ndarray, true: Curved | None = None, order: int = ORDER) -> ContactSurface:
+def contact_surface(
+    body: Body, facets: np.ndarray, true: Curved | None = None, order: int = FACET_QUADRATURE_ORDER
+) -> ContactSurface:
     """Quadrature on the quadratic facets (f, k) of the undeformed surface, which stand for the surface of `true`."""
     facets = facets.astype(np.int64)
     N, area = _along(body, facets) if facets.shape[1] == 3 else _across(body, facets, order)
@@ -191,7 +193,7 @@ def _across(body: Body, facets: np.ndarray, order: int) -> tuple[np.ndarray, np.
 
 def _along(body: Body, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """N (q, 3) and area weights (f, q) mm² of edges of a meridian, 2πr ds."""
-    X, weights = get_quadrature(RefLine, ALONG)
+    X, weights = get_quadrature(RefLine, EDGE_QUADRATURE_ORDER)
     N, dN = (np.stack([ElementLineP2().lbasis(X, a)[k] for a in range(3)]) for k in (0, 1))
     corners = body.nodes[facets]
     length = np.linalg.norm(np.einsum("fai,aq->fqi", corners, dN[:, 0]), axis=-1)
@@ -213,10 +215,10 @@ def met(pair: Pair, before: Before, touch: Touch) -> np.ndarray | None:
 
     s = −g/(g₀ − g) with the gap g of the start's points to the rigid body half of its way on: the surface beside a
     contact sinks by as much as the ball has still to go (Hertz: a point with the gap r²/2R* is met at travel r²/R*).
-    Until then the point follows the rigid body but for `LAG` of its way: it sticks at Δx = (1 − LAG (1 − s)) Δc.
-    Outside a stuck circle a surface follows by (2/π) asin(a/r) (Johnson 1985, §7.2), by 1/2 in the mean of one that
-    grows from nothing and by nearly all beside one that grows little.
-    The gap at the end of the step would show nothing: contact keeps it at zero.
+    Until then the point follows the rigid body but for `LAG_SHARE` of its way: it sticks at Δx = (1 − LAG_SHARE (1 −
+    s)) Δc.  Outside a stuck circle a surface follows by (2/π) asin(a/r) (Johnson 1985, §7.2), by 1/2 in the mean of one
+    that grows from nothing and by nearly all beside one that grows little.  The gap at the end of the step would show
+    nothing: contact keeps it at zero.
     """
     way = np.asarray(touch.centre, float) - np.asarray(before.centre, float)
     if not way.any():
@@ -287,7 +289,9 @@ def add_contact_tangent(
     if pair.held is not None:
         glued, epsilon = bonded.glued(pair.held), _epsilon(pair, touch)
         bonded.bond_stiffness(pair.held, surface.N, surface.weights, surface.place, epsilon, data)
-        rate = np.where(glued[..., None], bonded.BOND * epsilon[..., None] * np.asarray(touch.direction, float), 0.0)
+        rate = np.where(
+            glued[..., None], bonded.BOND_PENALTY_FACTOR * epsilon[..., None] * np.asarray(touch.direction, float), 0.0
+        )
         moving -= bonded.loads(surface.facets, surface.N, surface.weights, rate, len(x))
         pressure, gap = np.where(glued, 0.0, pressure), np.where(glued, np.inf, gap)
     active = np.nonzero(((pressure > 0) | (state.attraction > 0) | pair.bilateral).any(1))[0]
@@ -327,7 +331,7 @@ def add_contact_tangent(
 @functools.cache
 def _line() -> tuple[np.ndarray, np.ndarray]:
     """∂N/∂t (q, 3) and 2π times the weights (q,) of an edge."""
-    X, weights = get_quadrature(RefLine, ALONG)
+    X, weights = get_quadrature(RefLine, EDGE_QUADRATURE_ORDER)
     dN = np.stack([ElementLineP2().lbasis(X, a)[1][0] for a in range(3)])
     return dN.T.copy(), 2.0 * np.pi * weights
 

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fem_backend.export.material_cards import NAME, abaqus
+from fem_backend.export.material_cards import MATERIAL_NAME, abaqus
 from fem_backend.export.solid_model import SolidModel, sets_of
 
-PENALTY = 1000.0  # contact stiffness (MPa/mm) over μ: 0.1 % of the force where a contact is some millimetres wide
-WALL = 0.05  # thickness of the meshed indenter over its width
-INCREMENTS = (0.25, 1e-5, 0.5)  # of a step of time 1: the first, the smallest, the largest
-FACE = ("S1", "S2", "S3", "S4")
-A_LINE = 16  # numbers
+# contact stiffness (MPa/mm) over μ: 0.1 % of the force where a contact is some millimetres wide
+ABAQUS_PENALTY_PER_MM = 1000.0
+INDENTER_WALL_RATIO = 0.05  # thickness of the meshed indenter over its width
+STEP_INCREMENTS = (0.25, 1e-5, 0.5)  # of a step of time 1: the first, the smallest, the largest
+FACE_NAMES = ("S1", "S2", "S3", "S4")  # of a tetrahedron
+N_NUMBERS_PER_LINE = 16  # of nodes in a set, the most that a line may hold
 
 
 def abaqus_deck(model: SolidModel, remarks: Sequence[str]) -> str:
@@ -30,7 +31,7 @@ def abaqus_deck(model: SolidModel, remarks: Sequence[str]) -> str:
     lines = [*(f"** {line}" for line in remarks), "*NODE, NSET=ALL"]
     lines += [_row(k, x) for k, x in enumerate(np.vstack([model.nodes, outer, inner]), 1)]
     for k in range(len(model.materials)):
-        lines += [f"*ELEMENT, TYPE=C3D10, ELSET={NAME}{k + 1}"]
+        lines += [f"*ELEMENT, TYPE=C3D10, ELSET={MATERIAL_NAME}{k + 1}"]
         lines += [_ids(int(cell) + 1, model.cells[cell]) for cell in np.flatnonzero(model.material == k)]
     flat = model.shell[:, 2] == model.shell[:, 3]
     number = m + 1
@@ -46,21 +47,24 @@ def abaqus_deck(model: SolidModel, remarks: Sequence[str]) -> str:
     for k, nodes in enumerate(sets_of(model.fixed).values(), 1):
         lines += [f"*NSET, NSET=FIXED{k}", *_listed(nodes)]
     lines += ["*NSET, NSET=TOOL", *_listed(n + np.arange(2 * len(outer)))]
-    lines += ["*SURFACE, NAME=TOP", *(f"{cell + 1}, {FACE[side]}" for cell, side in model.faces)]
+    lines += ["*SURFACE, NAME=TOP", *(f"{cell + 1}, {FACE_NAMES[side]}" for cell, side in model.faces)]
     lines += ["*SURFACE, NAME=INDENTER", *tool]
     for k, c in enumerate(model.materials, 1):
-        lines += [*abaqus(c, f"{NAME}{k}"), f"*SOLID SECTION, ELSET={NAME}{k}, MATERIAL={NAME}{k}"]
+        lines += [
+            *abaqus(c, f"{MATERIAL_NAME}{k}"),
+            f"*SOLID SECTION, ELSET={MATERIAL_NAME}{k}, MATERIAL={MATERIAL_NAME}{k}",
+        ]
     lines += ["*MATERIAL, NAME=STIFF", "*ELASTIC", f"{1000.0 * model.mu:.12g}, 0.3"]
     lines += ["*SOLID SECTION, ELSET=WALL, MATERIAL=STIFF"]
     lines += ["*SURFACE INTERACTION, NAME=SMOOTH", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"]
-    lines += [f"{PENALTY * model.mu:.12g}"]
+    lines += [f"{ABAQUS_PENALTY_PER_MM * model.mu:.12g}"]
     if model.friction:
-        lines += ["*FRICTION", f"{model.friction:.12g}, {PENALTY * model.mu:.12g}"]
+        lines += ["*FRICTION", f"{model.friction:.12g}, {ABAQUS_PENALTY_PER_MM * model.mu:.12g}"]
     lines += ["*CONTACT PAIR, INTERACTION=SMOOTH, TYPE=SURFACE TO SURFACE", "TOP, INDENTER", "*BOUNDARY"]
     for k, (held, _) in enumerate(sets_of(model.fixed).items(), 1):
         lines += [f"FIXED{k}, {axis + 1}, {axis + 1}" for axis in range(3) if held[axis]]
     small = all(c.small for c in model.materials)
-    first, least, most = INCREMENTS
+    first, least, most = STEP_INCREMENTS
     for travel in np.interp(model.asked, model.time, model.travel):
         lines += [f"*STEP{'' if small else ', NLGEOM'}, INC=1000", "*STATIC", f"{first}, 1.0, {least}, {most}"]
         lines += ["*BOUNDARY"]
@@ -76,7 +80,7 @@ def _wall(model: SolidModel) -> np.ndarray:
     wide = float(np.linalg.norm(np.ptp(model.indenter, axis=0)))
     middle = model.indenter[0] + (float(height.max()) + 0.1 * wide) * up
     away = middle - model.indenter
-    return model.indenter + WALL * wide * away / np.linalg.norm(away, axis=1)[:, None]
+    return model.indenter + INDENTER_WALL_RATIO * wide * away / np.linalg.norm(away, axis=1)[:, None]
 
 
 def _row(number: int, x: np.ndarray) -> str:
@@ -90,4 +94,4 @@ def _ids(number: int, nodes: np.ndarray) -> str:
 def _listed(nodes: np.ndarray) -> list[str]:
     """Numbers of nodes, which begin with 1 there, some to a line."""
     ids = [str(int(k) + 1) for k in nodes]
-    return [", ".join(ids[k : k + A_LINE]) + "," for k in range(0, len(ids), A_LINE)]
+    return [", ".join(ids[k : k + N_NUMBERS_PER_LINE]) + "," for k in range(0, len(ids), N_NUMBERS_PER_LINE)]

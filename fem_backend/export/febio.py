@@ -8,14 +8,14 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from fem_backend.export.material_cards import NAME, febio
+from fem_backend.export.material_cards import MATERIAL_NAME, febio
 from fem_backend.export.solid_model import SolidModel, sets_of
 
-STEPS = 10  # between two asked travels, before FEBio chooses itself
-HALVINGS = 2.0**-10  # of such a step: the smallest
-PENALTY = 10.0  # of FEBio's automatic one
-TOUCHED = 0.01  # augmentations end where multipliers change by less
-LOG = "reaction.txt"
+N_STEPS_PER_TRAVEL = 10  # between two asked travels, before FEBio chooses itself
+MIN_STEP_RATIO = 2.0**-10  # of such a step: the smallest
+FEBIO_PENALTY_FACTOR = 10.0  # times FEBio's automatic one
+MULTIPLIER_TOLERANCE = 0.01  # augmentations end where multipliers change by less
+LOG_FILE = "reaction.txt"  # of the force on the indenter
 
 
 def febio_deck(model: SolidModel, remarks: Sequence[str]) -> str:
@@ -35,22 +35,22 @@ def febio_deck(model: SolidModel, remarks: Sequence[str]) -> str:
     materials = SubElement(root, "Material")
     for k, c in enumerate(model.materials):
         kind, parameters = febio(c)
-        material = SubElement(materials, "material", id=str(k + 1), name=f"{NAME}{k + 1}", type=kind)
+        material = SubElement(materials, "material", id=str(k + 1), name=f"{MATERIAL_NAME}{k + 1}", type=kind)
         _texts(material, parameters.items())
     rigid = SubElement(materials, "material", id=str(len(model.materials) + 1), name="INDENTER", type="rigid body")
     _texts(rigid, [("density", "1"), ("center_of_mass", _triple(model.indenter.mean(0)))])
     _mesh(root, model)
     domains = SubElement(root, "MeshDomains")
     for k in range(len(model.materials)):
-        SubElement(domains, "SolidDomain", name=f"Specimen{k + 1}", mat=f"{NAME}{k + 1}")
+        SubElement(domains, "SolidDomain", name=f"Specimen{k + 1}", mat=f"{MATERIAL_NAME}{k + 1}")
     for name in _shells(model):
         SubElement(domains, "ShellDomain", name=name, mat="INDENTER")
     _conditions(root, model)
     data = SubElement(root, "LoadData")
     deepest = float(model.travel.max())
     _curve(data, 1, zip(model.time, model.travel / deepest, strict=True), "LINEAR")
-    first = float(model.asked[0]) / STEPS
-    gaps = np.diff(np.concatenate([[0.0], model.asked])) / STEPS
+    first = float(model.asked[0]) / N_STEPS_PER_TRAVEL
+    gaps = np.diff(np.concatenate([[0.0], model.asked])) / N_STEPS_PER_TRAVEL
     _curve(data, 2, [(0.0, first), *zip(model.asked, gaps, strict=True)], "STEP")
     output = SubElement(root, "Output")
     plot = SubElement(output, "plotfile", type="febio")
@@ -58,14 +58,14 @@ def febio_deck(model: SolidModel, remarks: Sequence[str]) -> str:
         SubElement(plot, "var", type=name)
     log = SubElement(output, "logfile")
     # FEBio keeps no reactions of nodes that are fixed, only of rigid bodies
-    record = SubElement(log, "rigid_body_data", data="z;Fx;Fy;Fz", delim=",", file=LOG)
+    record = SubElement(log, "rigid_body_data", data="z;Fx;Fy;Fz", delim=",", file=LOG_FILE)
     record.text = str(len(model.materials) + 1)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def _control(root: Element, model: SolidModel) -> None:
-    step = float(np.diff(np.concatenate([[0.0], model.asked])).min()) / STEPS
+    step = float(np.diff(np.concatenate([[0.0], model.asked])).min()) / N_STEPS_PER_TRAVEL
     control = SubElement(root, "Control")
     end = float(model.time[-1])
     _texts(control, [("analysis", "STATIC"), ("time_steps", str(int(np.ceil(end / step - 1e-9))))])
@@ -75,7 +75,7 @@ def _control(root: Element, model: SolidModel) -> None:
     _texts(solver, [("symmetric_stiffness", symmetric), ("max_refs", "30")])
     _texts(SubElement(solver, "qn_method", type="BFGS"), [("max_ups", "0")])
     stepper = SubElement(control, "time_stepper", type="default")
-    _texts(stepper, [("max_retries", "10"), ("opt_iter", "15"), ("dtmin", _number(step * HALVINGS))])
+    _texts(stepper, [("max_retries", "10"), ("opt_iter", "15"), ("dtmin", _number(step * MIN_STEP_RATIO))])
     SubElement(stepper, "dtmax", lc="2").text = "1"
 
 
@@ -134,7 +134,7 @@ def _conditions(root: Element, model: SolidModel) -> None:
         _texts(bc, [("relative", "0")])
     contact = SubElement(root, "Contact")
     sliding = SubElement(contact, "contact", type="sliding-elastic", name="Press", surface_pair="Contact")
-    values = {"tolerance": TOUCHED, "penalty": PENALTY, "auto_penalty": 1, "two_pass": 0}
+    values = {"tolerance": MULTIPLIER_TOLERANCE, "penalty": FEBIO_PENALTY_FACTOR, "auto_penalty": 1, "two_pass": 0}
     values |= {"minaug": 1, "maxaug": 20, "fric_coeff": model.friction, "search_radius": float(np.ptp(model.indenter))}
     values |= {"symmetric_stiffness": int(model.friction == 0.0)}
     _texts(sliding, [("laugon", "AUGLAG"), *((k, _number(float(v))) for k, v in values.items())])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fem_backend.laws.law import Law
 from fem_backend.laws.material import Material
 
-NAME = "SPECIMEN"
+MATERIAL_NAME = "SPECIMEN"  # where a caller gives none
 
 
 class NotWritten(ValueError):
@@ -73,7 +73,7 @@ def card_constants(stuff: Material, factor: float = 1.0) -> Constants:
     )
 
 
-def abaqus(c: Constants, name: str = NAME) -> list[str]:
+def abaqus(c: Constants, name: str = MATERIAL_NAME) -> list[str]:
     """Lines of Abaqus and CalculiX: C_ij and D₁ as here, Ogden's W = Σ (2μᵢ/αᵢ²)(…) too.
 
     Source: Abaqus Analysis User's Guide, Hyperelastic behavior of rubberlike materials; CalculiX 2.20 manual,
@@ -102,14 +102,14 @@ def abaqus(c: Constants, name: str = NAME) -> list[str]:
     return lines
 
 
-def calculix(c: Constants, name: str = NAME) -> list[str]:
+def calculix(c: Constants, name: str = MATERIAL_NAME) -> list[str]:
     """The same for CalculiX, which has no relaxation of hyperelastic materials."""
     if c.prony:
         raise NotWritten("CalculiX has no relaxation of hyperelastic materials")
     return abaqus(c, name)
 
 
-def ansys(c: Constants, name: str = NAME) -> list[str]:
+def ansys(c: Constants, name: str = MATERIAL_NAME) -> list[str]:
     """Commands of ANSYS Mechanical APDL; Ogden's W = Σ (mᵢ/αᵢ)(…), so mᵢ = 2μᵢ/αᵢ.
 
     Source: ANSYS Mechanical APDL Material Reference, Hyperelasticity: neo-Hooke W = (μ/2)(Ī₁ − 3) + (1/d)(J − 1)²,
@@ -160,14 +160,14 @@ def febio(c: Constants) -> tuple[str, dict[str, str]]:
     return "Mooney-Rivlin", {"c1": f"{c.c(1):.12g}", "c2": f"{c.c(0, 1):.12g}", **volume}
 
 
-def febio_card(c: Constants, name: str = NAME) -> list[str]:
+def febio_card(c: Constants, name: str = MATERIAL_NAME) -> list[str]:
     """The same as an element of the section Material."""
     kind, parameters = febio(c)
     inner = [f"  <{key}>{value}</{key}>" for key, value in parameters.items()]
     return [f'<material id="1" name="{name}" type="{kind}">', *inner, "</material>"]
 
 
-def sofa(c: Constants, name: str = NAME) -> list[str]:
+def sofa(c: Constants, name: str = MATERIAL_NAME) -> list[str]:
     """A force field of SOFA: another volume term, so that it agrees at small changes of volume only.
 
     Source: SOFA source, NeoHookean.h: W = μ/2 (I₁ − 3) − μ ln J + λ/2 ln²J with λ = K − 2μ/3.

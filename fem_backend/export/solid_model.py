@@ -14,18 +14,19 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.kinematics.bodies import Body
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly
-from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, Placement
+from fem_backend.simulation.assembly import MISALIGNMENT_KNOBS, AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.knobs import knobs_class as every
 from fem_backend.specimens import SPECIMENS
 from rso.contract import parameters_of
 
-AROUND = 96  # flat pieces of the indenter around its axis
-ALONG = 60  # of its meridian within reach
-MOST_MATERIALS = 20
-FACES = ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))  # corners of faces S1 to S4 of a tetrahedron of Abaqus
-APART = 1e-9  # of a length: nodes nearer than that are one
+N_PIECES_AROUND = 96  # flat pieces of the indenter around its axis
+N_PIECES_ALONG = 60  # of its meridian within reach
+MAX_MATERIALS = 20  # of different stiffness in a file; more come from a field and are not written
+# corners of faces S1 to S4 of a tetrahedron of Abaqus
+FACES_OF_TETRAHEDRON = ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3))
+SAME_NODE_TOLERANCE = 1e-9  # of a length: nodes nearer than that are one
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def _only_written(knobs: Knobs, settings: Settings) -> None:
     """NotWritten for an effect that no deck holds: every knob off neutral that is not of geometry, place or law."""
     members = (*SPECIMENS.members.values(), *INDENTERS.members.values(), *LAWS.members.values())
     own = {p.name for m in members if getattr(m, "Knobs", None) is not None for p in parameters_of(m.Knobs)}
-    written = {"mu", "D1", "friction", "skin_thickness", *MISALIGNED, *own}
+    written = {"mu", "D1", "friction", "skin_thickness", *MISALIGNMENT_KNOBS, *own}
     for p in parameters_of(every()):
         if p.neutral is not None and p.name not in written and getattr(knobs, p.name) != p.neutral:
             value = getattr(knobs, p.name)
@@ -130,7 +131,7 @@ def _materials(
         return (card_constants(stuff),), np.zeros(len(body.cells), int)
     of_cell = np.median(np.asarray(scale, float), axis=1)
     values, which = np.unique(np.round(of_cell, 12), return_inverse=True)
-    if len(values) > MOST_MATERIALS:
+    if len(values) > MAX_MATERIALS:
         raise NotWritten(f"a stiffness that changes from place to place ({len(values)} values) is not written")
     return tuple(card_constants(stuff, float(v)) for v in values), which
 
@@ -165,7 +166,7 @@ def _sides(cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
     wanted = {tuple(sorted(map(int, f[:3]))) for f in facets}
     corners = np.isin(cells[:, :4], np.unique(facets[:, :3])).sum(1) >= 3
     for cell in np.flatnonzero(corners):
-        for side, corner in enumerate(FACES):
+        for side, corner in enumerate(FACES_OF_TETRAHEDRON):
             key = tuple(sorted(int(cells[cell, k]) for k in corner))
             if key in wanted:
                 known[key] = (int(cell), side)
@@ -176,7 +177,7 @@ def revolved_surface(placement: Placement) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (k, 3) mm and outward faces (j, 4) of an indenter of revolution where it first touches the specimen.
 
     The meridian is that which it draws itself, within its reach; nodes lie on the true surface, so that the flat pieces
-    between them lie inside of it by at most a (1 − cos(π/AROUND)) at a distance a from the axis.
+    between them lie inside of it by at most a (1 − cos(π/N_PIECES_AROUND)) at a distance a from the axis.
     """
     up = -np.asarray(placement.direction, float)
     first = np.cross(up, [0.0, 1.0, 0.0] if abs(up[1]) < 0.9 else [1.0, 0.0, 0.0])
@@ -184,15 +185,15 @@ def revolved_surface(placement: Placement) -> tuple[np.ndarray, np.ndarray]:
     second = np.cross(up, first)
     line = placement.indenter.outline(np.zeros(3), -up, np.array([first, up]))
     r, z = _lower_half(line)
-    angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    angle = 2.0 * np.pi * np.arange(N_PIECES_AROUND) / N_PIECES_AROUND
     ring = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     points = [z[0] * up[None], *(a * ring + b * up for a, b in zip(r[1:], z[1:], strict=True))]
-    faces = [[0, 1 + (k + 1) % AROUND, 1 + k, 1 + k] for k in range(AROUND)]
+    faces = [[0, 1 + (k + 1) % N_PIECES_AROUND, 1 + k, 1 + k] for k in range(N_PIECES_AROUND)]
     for row in range(len(r) - 2):
-        start = 1 + row * AROUND
-        for k in range(AROUND):
-            a, b = start + k, start + (k + 1) % AROUND
-            faces.append([a, b, b + AROUND, a + AROUND])
+        start = 1 + row * N_PIECES_AROUND
+        for k in range(N_PIECES_AROUND):
+            a, b = start + k, start + (k + 1) % N_PIECES_AROUND
+            faces.append([a, b, b + N_PIECES_AROUND, a + N_PIECES_AROUND])
     nodes = np.vstack(points) + placement.touch
     return nodes, _turned_out(nodes, np.array(faces), up, placement.touch)
 
@@ -201,15 +202,15 @@ def _lower_half(line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances from the axis and heights (q,) of the side that looks down, from the axis to where it is widest."""
     tip = float(line[:, 1].min())
     size = float(np.ptp(line[:, 0]))
-    right = line[line[:, 0] >= -APART * size]
+    right = line[line[:, 0] >= -SAME_NODE_TOLERANCE * size]
     order = np.argsort(np.round(right[:, 1], 12) + 1e-6 * right[:, 0])
     right = right[order]
     widest = float(right[:, 0].max())
-    end = int(np.flatnonzero(right[:, 0] >= widest - APART * size)[0])
+    end = int(np.flatnonzero(right[:, 0] >= widest - SAME_NODE_TOLERANCE * size)[0])
     kept = right[: end + 1]
-    apart = np.concatenate([[True], np.linalg.norm(np.diff(kept, axis=0), axis=1) > APART * size])
+    apart = np.concatenate([[True], np.linalg.norm(np.diff(kept, axis=0), axis=1) > SAME_NODE_TOLERANCE * size])
     r, z = np.maximum(kept[apart].T, [[0.0], [-np.inf]])
-    if r[0] > APART * size:
+    if r[0] > SAME_NODE_TOLERANCE * size:
         r, z = np.concatenate([[0.0], r]), np.concatenate([[tip], z])
     return r, z
 

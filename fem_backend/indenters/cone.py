@@ -14,13 +14,12 @@ from pydantic import model_validator
 from fem_backend import members
 from fem_backend.indenters.indenter import INDENTERS
 from fem_backend.indenters.meridian import Meridian, half_space_force, half_space_radius, meridian_outline
-from fem_backend.indenters.revolution import OfRevolution
+from fem_backend.indenters.revolution import LENGTH_IN_TIP_RADII, OfRevolution
 from rso.contract import knob
 
-SLIMMEST, BLUNTEST = 10.0, 88.0  # half angle in degrees
-USUAL_TIP = 0.05  # mm, of a cone whose tip nobody said, where no record tells a length either
-BLUNT = 0.05  # of the depth of the record, of a tip that nobody said
-TIPS = 10.0  # radii of the tip in the length of a cone: it has no other size
+MIN_HALF_ANGLE_DEG, MAX_HALF_ANGLE_DEG = 10.0, 88.0  # half angle in degrees
+USUAL_TIP_RADIUS_MM = 0.05  # mm, of a cone whose tip nobody said, where no record tells a length either
+TIP_RADIUS_DEPTH_SHARE = 0.05  # of the depth of the record, of a tip that nobody said
 PYRAMIDS = {  # cross-section over height²; angles between axis and face, Oliver & Pharr 1992 and ISO 14577-1
     "vickers": 4.0 * math.tan(math.radians(68.0)) ** 2,
     "berkovich": 3.0 * math.sqrt(3.0) * math.tan(math.radians(65.27)) ** 2,
@@ -65,7 +64,7 @@ class Cone(OfRevolution):
             """Exactly one angle, and a tip that is rounded."""
             angle, pyramid = value.get("half_angle"), value.get("pyramid")
             tip = value.get("tip_radius", members.MISSING)
-            range_ = f"{SLIMMEST:g} to {BLUNTEST:g} degrees from the axis"
+            range_ = f"{MIN_HALF_ANGLE_DEG:g} to {MAX_HALF_ANGLE_DEG:g} degrees from the axis"
             if angle is not None and pyramid is not None:
                 raise members.refused(": half_angle is given, too; one of the two is expected", "pyramid", pyramid)
             if pyramid is not None and (not isinstance(pyramid, str) or pyramid not in PYRAMIDS):
@@ -74,7 +73,9 @@ class Cone(OfRevolution):
             if angle is None and pyramid is None:
                 words = f": missing; {range_}, or pyramid = {' | '.join(PYRAMIDS)}"
                 raise members.refused(words, "half_angle", members.MISSING)
-            if angle is not None and (not members.is_finite(angle) or not SLIMMEST <= angle <= BLUNTEST):
+            if angle is not None and (
+                not members.is_finite(angle) or not MIN_HALF_ANGLE_DEG <= angle <= MAX_HALF_ANGLE_DEG
+            ):
                 raise members.refused(f" degrees: {range_} is expected", "half_angle", angle)
             if tip is members.MISSING or (members.is_finite(tip) and tip == 0.0):
                 words = ": missing; " if tip is members.MISSING else " mm: "
@@ -123,9 +124,9 @@ class Cone(OfRevolution):
             ("deg", "mm"),
             "a cone, by the angle between its axis and its flank, with a rounded tip",
             least=1,
-            settings=lambda a, r=USUAL_TIP: {"indenter": {"shape": "cone", "half_angle": a, "tip_radius": r}},
+            settings=lambda a, r=USUAL_TIP_RADIUS_MM: {"indenter": {"shape": "cone", "half_angle": a, "tip_radius": r}},
             guess="the radius of its tip, nobody said it: a twentieth of the depth of the record",
-            left_out=lambda given, depth: (*given, float(f"{BLUNT * depth:.1g}")),
+            left_out=lambda given, depth: (*given, float(f"{TIP_RADIUS_DEPTH_SHARE * depth:.1g}")),
         ),
     )
     exponents: ClassVar[tuple[float, ...]] = (2.0, 3.0)  # Sneddon, and the first of what stiffens or softens
@@ -143,10 +144,10 @@ class Cone(OfRevolution):
     def actual(self, knobs: Any, specimen: Any) -> Cone:
         """The cone with the errors of its angle and tip; ValueError where these are none of a rounded cone."""
         angle, tip = self.half_angle + knobs.delta_half_angle, self.tip_radius + knobs.delta_tip_radius
-        if not SLIMMEST <= angle <= BLUNTEST:
+        if not MIN_HALF_ANGLE_DEG <= angle <= MAX_HALF_ANGLE_DEG:
             raise ValueError(
                 f"delta_half_angle = {knobs.delta_half_angle:g} deg: a half angle of {angle:g} degrees, must be "
-                f"{SLIMMEST:g} to {BLUNTEST:g}"
+                f"{MIN_HALF_ANGLE_DEG:g} to {MAX_HALF_ANGLE_DEG:g}"
             )
         if tip < 0.1 * self.tip_radius:
             raise ValueError(
@@ -173,7 +174,7 @@ class Cone(OfRevolution):
     @property
     def length(self) -> float:
         """Ten radii of the tip (mm)."""
-        return TIPS * self.tip_radius
+        return LENGTH_IN_TIP_RADII * self.tip_radius
 
     def force(self, depth: np.ndarray, curvature: float, E: float, nu: float) -> np.ndarray:
         """Sneddon's F (N) at depths d (mm) with the rounded tip, in a body of mean curvature (1/mm).

@@ -13,13 +13,14 @@ from pydantic import model_validator
 
 from fem_backend import closed_forms, members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import UPRIGHT, Meridian, meridian_outline
+from fem_backend.indenters.meridian import UPRIGHT_ANGLE_RAD, Meridian, meridian_outline
 from fem_backend.indenters.revolution import OfRevolution
 from rso.contract import knob
 
-SHARPEST = 0.01  # fillet over radius: elements at the edge are a third of the fillet, and the pressure there grows
-ADVISED = 0.05  # fillet over radius
-SHARE = 0.8  # of the largest strain on the axis in small strain, d/(π a)
+# fillet over radius: elements at the edge are a third of the fillet, and the pressure there grows
+MIN_FILLET_RATIO = 0.01
+ADVISED_FILLET_RATIO = 0.05  # fillet over radius that a message advises
+FLAT_STRAIN_SHARE = 0.8  # of the largest strain on the axis in small strain, d/(π a)
 
 
 @INDENTERS.register
@@ -52,12 +53,12 @@ class Flat(OfRevolution):
                 raise members.refused(": missing; the radius of the cylinder is expected", "radius", radius)
             if not members.is_finite(radius) or radius <= 0.0:
                 return value
-            range_ = f"{1.006 * SHARPEST * radius:.3g} to {radius:g} mm (0.01 to 1 of the radius)"
-            range_ += f", e.g. {ADVISED * radius:.3g} mm"
+            range_ = f"{1.006 * MIN_FILLET_RATIO * radius:.3g} to {radius:g} mm (0.01 to 1 of the radius)"
+            range_ += f", e.g. {ADVISED_FILLET_RATIO * radius:.3g} mm"
             sharp = "a sharp edge has an infinite pressure, which no mesh resolves: give the radius of its edge"
             if fillet is members.MISSING:
                 raise members.refused(f": missing; {sharp}, {range_}", "fillet", fillet)
-            if members.is_finite(fillet) and 0.0 <= fillet < SHARPEST * radius:
+            if members.is_finite(fillet) and 0.0 <= fillet < MIN_FILLET_RATIO * radius:
                 raise members.refused(f" mm: {sharp}, {range_}", "fillet", float(fillet))
             if members.is_finite(fillet) and fillet > radius:
                 raise members.refused(f" mm: larger than the radius; give {range_}", "fillet", float(fillet))
@@ -128,10 +129,10 @@ class Flat(OfRevolution):
                 f"delta_punch_radius = {knobs.delta_punch_radius:g} mm: a flat end of {radius:g} mm, must be larger "
                 f"than 0 and at most {specimen.fattest:g} mm on this specimen"
             )
-        if not SHARPEST * radius <= fillet <= radius:
+        if not MIN_FILLET_RATIO * radius <= fillet <= radius:
             raise ValueError(
                 f"delta_punch_fillet = {knobs.delta_punch_fillet:g} mm: a fillet of {fillet:g} mm, must be "
-                f"{SHARPEST * radius:.3g} to {radius:.3g} mm ({SHARPEST:g} to 1 of the radius)"
+                f"{MIN_FILLET_RATIO * radius:.3g} to {radius:.3g} mm ({MIN_FILLET_RATIO:g} to 1 of the radius)"
             )
         return replace(self, radius=radius, fillet=fillet)
 
@@ -178,7 +179,7 @@ class Flat(OfRevolution):
         On the axis at the depth a below the end it is d/(π a) of an incompressible half-space in small strain, and more
         of a compressible one (Johnson 1985, §3.3, u_z below a flat end).
         """
-        return SHARE / math.pi * np.clip(np.asarray(depth, dtype=float) / self.radius, 0.0, 1.0)
+        return FLAT_STRAIN_SHARE / math.pi * np.clip(np.asarray(depth, dtype=float) / self.radius, 0.0, 1.0)
 
     def tests(self) -> dict[str, Mapping[str, Any]]:
         """Another indenter that one would try, in words, and its settings."""
@@ -188,4 +189,4 @@ class Flat(OfRevolution):
 
 @functools.lru_cache(maxsize=64)
 def _meridian(radius: float, fillet: float) -> Meridian:
-    return meridian_outline([(0.0, radius - fillet), (UPRIGHT, fillet), (UPRIGHT, math.inf)])
+    return meridian_outline([(0.0, radius - fillet), (UPRIGHT_ANGLE_RAD, fillet), (UPRIGHT_ANGLE_RAD, math.inf)])

@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike
 
 from fem_backend.geometry import kernel_arrays
 
-STRAIGHT, ARC = 0.0, 1.0
-UPRIGHT = 0.5 * math.pi
-DOWN = (0.0, 0.0, -1.0)
-NODES = 24  # of Gauss and Legendre on a piece: integrands are smooth or have a square root at one end
-RADII = 800  # of contact, for the closed form
+STRAIGHT_PIECE, ARC_PIECE = 0.0, 1.0  # kind of a piece of the outline
+UPRIGHT_ANGLE_RAD = 0.5 * math.pi  # of a cylindrical side, from the horizontal
+INDENTER_WAY = (0.0, 0.0, -1.0)  # downwards, where none is given
+N_GAUSS_NODES_PER_PIECE = 24  # of Gauss and Legendre on a piece: integrands are smooth or have a square root at one end
+N_CONTACT_RADII = 800  # radii of contact, for the closed form
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Meridian:
     def starts(self) -> np.ndarray:
         """Distance (k,) mm from the axis where each piece starts."""
         p = self.pieces
-        return p[:, 1] + np.where(p[:, 0] == ARC, p[:, 3], 0.0) * p[:, 5]
+        return p[:, 1] + np.where(p[:, 0] == ARC_PIECE, p[:, 3], 0.0) * p[:, 5]
 
     @property
     def widest(self) -> float:
@@ -50,7 +50,7 @@ class Meridian:
     @property
     def tightest(self) -> float:
         """The smallest radius of an arc (mm), ∞ without arcs."""
-        arcs = self.pieces[self.pieces[:, 0] == ARC, 3]
+        arcs = self.pieces[self.pieces[:, 0] == ARC_PIECE, 3]
         return float(arcs.min()) if len(arcs) else math.inf
 
     def _piece(self, r: np.ndarray | float) -> np.ndarray:
@@ -64,7 +64,7 @@ class Meridian:
         with np.errstate(divide="ignore", invalid="ignore"):
             straight = p[..., 2] + np.where(beside > 0.0, beside * p[..., 5] / p[..., 4], 0.0)
         arc = p[..., 2] - np.sqrt(np.maximum(p[..., 3] ** 2 - beside**2, 0.0))
-        return np.where(r > self.widest, np.inf, np.where(p[..., 0] == ARC, arc, straight))
+        return np.where(r > self.widest, np.inf, np.where(p[..., 0] == ARC_PIECE, arc, straight))
 
     def slope(self, r: np.ndarray | float) -> np.ndarray:
         """dh/dr (…) at distances r (…) mm from the axis, ∞ from the widest on."""
@@ -74,7 +74,7 @@ class Meridian:
         with np.errstate(divide="ignore", invalid="ignore"):
             arc = beside / np.sqrt(np.maximum(p[..., 3] ** 2 - beside**2, 0.0))
             straight = p[..., 5] / p[..., 4]
-        return np.where(r >= self.widest, np.inf, np.where(p[..., 0] == ARC, arc, straight))
+        return np.where(r >= self.widest, np.inf, np.where(p[..., 0] == ARC_PIECE, arc, straight))
 
     def caps(self, r: np.ndarray, h: np.ndarray) -> np.ndarray:
         """s (…) mm²: area over π of the surface within its points (r, h) (…) mm, 2 ∫ r dσ along the meridian."""
@@ -86,20 +86,20 @@ class Meridian:
         straight = along * (2.0 * p[..., 1] + along * p[..., 4])
         phi = np.arctan2(u, -v)
         arc = p[..., 1] * (phi - np.arctan2(p[..., 5], p[..., 4])) + p[..., 3] * (p[..., 4] - np.cos(phi))
-        return ahead[k] + np.where(p[..., 0] == ARC, 2.0 * p[..., 3] * arc, straight)
+        return ahead[k] + np.where(p[..., 0] == ARC_PIECE, 2.0 * p[..., 3] * arc, straight)
 
     def _ahead(self) -> np.ndarray:
         """s (k,) where each piece starts."""
         kind, r, _, size, c0, s0, c1, s1 = self.pieces[:-1].T
         arc = 2.0 * size * (r * (np.arctan2(s1, c1) - np.arctan2(s0, c0)) + size * (c0 - c1))
-        return np.concatenate([[0.0], np.cumsum(np.where(kind == ARC, arc, size * (2.0 * r + size * c0)))])
+        return np.concatenate([[0.0], np.cumsum(np.where(kind == ARC_PIECE, arc, size * (2.0 * r + size * c0)))])
 
     def radius_of_cap(self, s: np.ndarray) -> np.ndarray:
         """Distance r (…) mm from the axis at which a cap has the area π s (…): the inverse of `caps`."""
         ahead = self._ahead()
         k = np.clip(np.searchsorted(ahead, s, side="right") - 1, 0, len(ahead) - 1)
         p, left = self.pieces[k], np.maximum(s - ahead[k], 0.0)
-        size = np.where(p[..., 0] == ARC, p[..., 3], 0.0)
+        size = np.where(p[..., 0] == ARC_PIECE, p[..., 3], 0.0)
         c, r0 = p[..., 4], p[..., 1]
         straight = r0 + c * left / np.maximum(r0 + np.sqrt(r0**2 + c * left), 1e-300)
         low, high = (np.arctan2(p[..., i], p[..., i - 1]) for i in (5, 7))
@@ -108,10 +108,10 @@ class Meridian:
             phi = 0.5 * (low + high)
             more = 2.0 * size * (r0 * (phi - first) + size * (c - np.cos(phi))) > left
             low, high = np.where(more, low, phi), np.where(more, phi, high)
-        return np.where(p[..., 0] == ARC, r0 + size * np.sin(0.5 * (low + high)), straight)
+        return np.where(p[..., 0] == ARC_PIECE, r0 + size * np.sin(0.5 * (low + high)), straight)
 
     def gap(
-        self, x: np.ndarray, tip: ArrayLike, direction: ArrayLike = DOWN
+        self, x: np.ndarray, tip: ArrayLike, direction: ArrayLike = INDENTER_WAY
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Signed distance g (…) of points x (…, 3), negative inside, n = ∇g (…, 3) and ∇∇g (…, 3, 3).
 
@@ -129,7 +129,7 @@ class Meridian:
         """Points (k, 2) of the outline (r, h) mm from the axis, some `farthest` (mm) far."""
         out = [np.zeros((1, 2))]
         for kind, r, h, size, c0, s0, c1, s1 in self.pieces:
-            if kind == ARC:
+            if kind == ARC_PIECE:
                 a = np.linspace(math.atan2(s0, c0), math.atan2(s1, c1), 25)[1:]
                 out.append(np.column_stack([r + size * np.sin(a), h - size * np.cos(a)]))
             else:
@@ -150,14 +150,14 @@ def meridian_outline(steps: Iterable[tuple[float, float]]) -> Meridian:
         if size <= 0.0:
             continue
         if angle == phi:
-            pieces.append((STRAIGHT, r, h, size, c, s, c, s))
+            pieces.append((STRAIGHT_PIECE, r, h, size, c, s, c, s))
             if math.isfinite(size):
                 r, h = r + size * c, h + size * s
             continue
-        c1, s1 = (0.0, 1.0) if angle >= UPRIGHT else (math.cos(angle), math.sin(angle))
+        c1, s1 = (0.0, 1.0) if angle >= UPRIGHT_ANGLE_RAD else (math.cos(angle), math.sin(angle))
         middle = r - size * s, h + size * c
         middle = (0.0 if abs(middle[0]) < 1e-15 * size else middle[0]), middle[1]
-        pieces.append((ARC, *middle, size, c, s, c1, s1))
+        pieces.append((ARC_PIECE, *middle, size, c, s, c1, s1))
         r, h, phi, c, s = middle[0] + size * s1, middle[1] - size * c1, angle, c1, s1
     made = np.array(pieces)
     made.setflags(write=False)
@@ -193,13 +193,13 @@ def half_space_radius(meridian: Meridian, depth: ArrayLike, curvature: float, wi
 @functools.lru_cache(maxsize=16)
 def _needed(meridian: Meridian, curvature: float, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contact radii a (n,) mm, depths g(a) (n,) that they need, and ∫₀^a g dx (n,)."""
-    a = np.concatenate([[0.0], widest * np.geomspace(1e-5, 1.0, RADII)])
-    t, w = np.polynomial.legendre.leggauss(NODES)
+    a = np.concatenate([[0.0], widest * np.geomspace(1e-5, 1.0, N_CONTACT_RADII)])
+    t, w = np.polynomial.legendre.leggauss(N_GAUSS_NODES_PER_PIECE)
     starts = meridian.starts
 
     def needed(x: float) -> float:
         """The integral over every piece that a contact of radius x reaches."""
-        ends = np.unique(np.concatenate([[0.0], np.arcsin(starts[starts < x] / x), [UPRIGHT]]))
+        ends = np.unique(np.concatenate([[0.0], np.arcsin(starts[starts < x] / x), [UPRIGHT_ANGLE_RAD]]))
         half = 0.5 * np.diff(ends)[:, None]
         r = x * np.sin(half * (t + 1.0) + ends[:-1, None])
         return float(x * ((meridian.slope(r) + curvature * r) * w * half).sum())
@@ -212,7 +212,7 @@ def _needed(meridian: Meridian, curvature: float, widest: float) -> tuple[np.nda
 def _away(p, r, h):  # type: ignore[no-untyped-def]
     """Distance of a point (r, h) from a piece."""
     u, v, size, c0, s0, c1, s1 = r - p[1], h - p[2], p[3], p[4], p[5], p[6], p[7]
-    if p[0] == ARC:
+    if p[0] == ARC_PIECE:
         if c0 * u + s0 * v >= 0.0 and c1 * u + s1 * v <= 0.0:
             return abs(np.sqrt(u * u + v * v) - size)
         return min(np.hypot(u - size * s0, v + size * c0), np.hypot(u - size * s1, v + size * c1))
@@ -226,7 +226,7 @@ def _closest(pieces, starts, r, h):  # type: ignore[no-untyped-def]
 
     Inside, above a flat end, it is the end, also where the side is nearer: what lies there came from below.
     """
-    if h >= 0.0 and pieces[0, 0] != ARC and len(pieces) > 1 and r <= starts[1]:
+    if h >= 0.0 and pieces[0, 0] != ARC_PIECE and len(pieces) > 1 and r <= starts[1]:
         return 0
     k = max(np.searchsorted(starts, r, side="right") - 1, 0)
     best, least = k, _away(pieces[k], r, h)
@@ -275,7 +275,7 @@ def _gap(x, tip, d, pieces, starts):  # type: ignore[no-untyped-def]
                 across[i] /= size
         best = _closest(pieces, starts, r, h)
         u, v, size = r - pieces[best, 1], h - pieces[best, 2], pieces[best, 3]
-        if pieces[best, 0] == ARC:
+        if pieces[best, 0] == ARC_PIECE:
             reach = max(np.sqrt(u * u + v * v), 1e-300)
             g[k], nr, nh, bend = reach - size, u / reach, v / reach, 1.0 / reach
             around = bend if pieces[best, 1] == 0.0 else nr / max(r, 1e-300)

@@ -13,11 +13,11 @@ from pydantic import BeforeValidator
 from fem_backend import closed_forms, members
 from fem_backend.indenters.indenter import INDENTERS
 from fem_backend.indenters.meridian import Meridian, meridian_outline
-from fem_backend.indenters.revolution import LARGEST, OfRevolution
+from fem_backend.indenters.revolution import MAX_CONTACT_ELEMENT_RATIO, OfRevolution
 
-LEVEL = 1e-6  # of its length: points that near to the plate lie on it
-SPAN = 1.0 / 3.0  # length over the smallest length of the specimen
-WIDE = meridian_outline([(0.0, math.inf)])
+ON_PLATE_TOLERANCE = 1e-6  # of its length: points that near to the plate lie on it
+PLATE_LENGTH_RATIO = 1.0 / 3.0  # length over the smallest length of the specimen
+ENDLESS_PLANE = meridian_outline([(0.0, math.inf)])  # a plate has no edge
 
 
 @INDENTERS.register
@@ -58,7 +58,7 @@ class Plate(OfRevolution):
     )
     theory: ClassVar[str] = "Hertz"
     exponents: ClassVar[tuple[float, ...]] = (1.0, 2.0)  # uniform compression, and the first of what stiffens
-    meridian: ClassVar[Meridian] = WIDE
+    meridian: ClassVar[Meridian] = ENDLESS_PLANE
     gauges: ClassVar[Mapping[str, float]] = {}
 
     @property
@@ -86,7 +86,7 @@ class Plate(OfRevolution):
                 f'indenter.contact = "bonded": a plate is glued to a flat top, that of specimen.shape = '
                 f'"{specimen.name}" is curved; take "slip", with the knob friction'
             )
-        return replace(self, span=SPAN * float(specimen.smallest))
+        return replace(self, span=PLATE_LENGTH_RATIO * float(specimen.smallest))
 
     def actual(self, knobs: Any, specimen: Any) -> Plate:
         """Itself: it has no size that errs."""
@@ -116,14 +116,14 @@ class Plate(OfRevolution):
         if self.contact_kind != "bonded":
             return None
         v = points - touch
-        on = np.abs(v @ np.asarray(direction, float)) <= LEVEL * self.span
+        on = np.abs(v @ np.asarray(direction, float)) <= ON_PLATE_TOLERANCE * self.span
         if not on.any():
             raise ValueError('indenter.contact = "bonded": the top is tilted against the plate and touches it nowhere')
         return np.where(on[..., None], v, np.nan)
 
     def spacing(self, r: np.ndarray) -> np.ndarray:
         """Wanted element size (…) mm at distances r (…) mm from the axis: the same everywhere, 0.12 of its length."""
-        return np.full(np.shape(r), LARGEST * self.span)
+        return np.full(np.shape(r), MAX_CONTACT_ELEMENT_RATIO * self.span)
 
     def contact_radius(self, depth: np.ndarray, curvature: float) -> np.ndarray:
         """Hertz's √(d/H) (mm) at depths d (mm) in a body of mean curvature H (1/mm); on a plane much more than that."""

@@ -16,16 +16,22 @@ from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.meridian import ARC, UPRIGHT, Meridian, half_space_force, half_space_radius, meridian_outline
-from fem_backend.indenters.revolution import OfRevolution
+from fem_backend.indenters.meridian import (
+    ARC_PIECE,
+    UPRIGHT_ANGLE_RAD,
+    Meridian,
+    half_space_force,
+    half_space_radius,
+    meridian_outline,
+)
+from fem_backend.indenters.revolution import LENGTH_IN_TIP_RADII, OfRevolution
 from rso.contract import knob
 
-UNITS = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}  # in mm
-COLUMN = re.compile(r"([rz])\s*[_ (\[]\s*([a-zµμ]+)\s*[)\]]?", re.IGNORECASE)
-EVEN = 1e-6  # difference of angles (rad) below which neighbouring chords are one straight line
-SHARPEST = 0.01  # least radius of curvature over the length
-TIPS = 10.0  # radii of the tip in the length, where that is less than the width
-MOST = 1000  # points: the gap looks at every arc
+PROFILE_UNITS_MM = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}  # in mm
+COLUMN_HEADER = re.compile(r"([rz])\s*[_ (\[]\s*([a-zµμ]+)\s*[)\]]?", re.IGNORECASE)
+STRAIGHT_TOLERANCE_RAD = 1e-6  # difference of angles (rad) below which neighbouring chords are one straight line
+MIN_CURVATURE_RADIUS_RATIO = 0.01  # least radius of curvature over the length
+MAX_PROFILE_POINTS = 1000  # points: the gap looks at every arc
 
 Points = tuple[tuple[float, float], ...]
 
@@ -43,12 +49,12 @@ def read_profile(file: str) -> Points:
     if not rows:
         raise ValueError("the file is empty: a header such as r_mm,z_mm and rows of numbers are expected")
     separator = next((s for s in (";", "\t", ",") if s in rows[0][1]), ",")
-    heads = [COLUMN.fullmatch(c.strip().strip('"')) for c in rows[0][1].split(separator)]
+    heads = [COLUMN_HEADER.fullmatch(c.strip().strip('"')) for c in rows[0][1].split(separator)]
     found = {m[1].lower(): (i, m[2]) for i, m in enumerate(heads) if m}
-    if set(found) != {"r", "z"} or any(unit not in UNITS for _, unit in found.values()):
+    if set(found) != {"r", "z"} or any(unit not in PROFILE_UNITS_MM for _, unit in found.values()):
         raise ValueError(
             f"row {rows[0][0]}: the header {rows[0][1]!r} must name r and z with their units, such as r_mm,z_mm; "
-            f"units: {', '.join(UNITS)}"
+            f"units: {', '.join(PROFILE_UNITS_MM)}"
         )
     points = []
     for k, line in rows[1:]:
@@ -63,7 +69,7 @@ def read_profile(file: str) -> Points:
                 raise ValueError(f"row {k}: {name} = {given}: a number in {unit} is expected") from None
             if not math.isfinite(value):
                 raise ValueError(f"row {k}: {name} = {value}: a finite number in {unit} is expected")
-            pair.append(value * UNITS[unit])
+            pair.append(value * PROFILE_UNITS_MM[unit])
         points.append((pair[0], pair[1]))
     wrong = fault(points, [k for k, _ in rows[1:]])
     if wrong:
@@ -73,8 +79,8 @@ def read_profile(file: str) -> Points:
 
 def fault(points: Sequence[tuple[float, float]], rows: Sequence[int]) -> str | None:
     """What is wrong with points (r, z) mm as a convex profile from its tip outwards, with the row; None if nothing."""
-    if not 3 <= len(points) <= MOST:
-        return f"{len(points)} points: 3 to {MOST} are expected"
+    if not 3 <= len(points) <= MAX_PROFILE_POINTS:
+        return f"{len(points)} points: 3 to {MAX_PROFILE_POINTS} are expected"
     if points[0][0] != 0.0:
         return f"row {rows[0]}: r = {points[0][0]:g} mm: the first point must lie on the axis, r = 0"
     angles = []
@@ -89,27 +95,27 @@ def fault(points: Sequence[tuple[float, float]], rows: Sequence[int]) -> str | N
         if dr == dz == 0.0:
             return f"row {rows[k]}: r = {points[k][0]:g} mm, z = {points[k][1]:g} mm: the same point as before it"
         angles.append(math.atan2(dz, dr))
-        if k > 1 and angles[-1] < angles[-2] - EVEN:
+        if k > 1 and angles[-1] < angles[-2] - STRAIGHT_TOLERANCE_RAD:
             return (
                 f"row {rows[k - 1]}: z = {points[k - 1][1]:g} mm at r = {points[k - 1][0]:g} mm: the profile bends "
                 f"inwards there ({math.degrees(angles[-2]):.3g} to {math.degrees(angles[-1]):.3g} degrees). It must "
                 "be convex: smooth the measured points"
             )
     flat = _straight(angles)
-    if flat[0] and angles[0] > EVEN:
+    if flat[0] and angles[0] > STRAIGHT_TOLERANCE_RAD:
         return (
             f"row {rows[0]}: a sharp tip of {90.0 - math.degrees(angles[0]):.3g} degrees: give points of its rounding"
         )
     for k in range(1, len(angles)):
-        if flat[k - 1] and flat[k] and angles[k] - angles[k - 1] > EVEN:
+        if flat[k - 1] and flat[k] and angles[k] - angles[k - 1] > STRAIGHT_TOLERANCE_RAD:
             return (
                 f"row {rows[k]}: a sharp edge at r = {points[k][0]:g} mm, of {math.degrees(angles[k - 1]):.3g} to "
                 f"{math.degrees(angles[k]):.3g} degrees: give points of its rounding"
             )
     made = meridian_through(tuple(points))
-    least = SHARPEST * _length(made, points[-1][0])
+    least = MIN_CURVATURE_RADIUS_RATIO * _length(made, points[-1][0])
     if made.tightest < least:
-        k = int(np.argmin(np.where(made.pieces[:, 0] == ARC, made.pieces[:, 3], np.inf)))
+        k = int(np.argmin(np.where(made.pieces[:, 0] == ARC_PIECE, made.pieces[:, 3], np.inf)))
         near = int(np.argmin(np.abs(np.array(points)[:, 0] - made.starts[k])))
         return (
             f"row {rows[near]}: near r = {points[near][0]:g} mm the profile bends with a radius of {made.tightest:.2g} "
@@ -120,7 +126,11 @@ def fault(points: Sequence[tuple[float, float]], rows: Sequence[int]) -> str | N
 
 def _straight(angles: Sequence[float]) -> list[bool]:
     """Whether each chord is a part of a straight line: in line with a neighbour, or level on the axis."""
-    even = [angles[0] <= EVEN, *(abs(b - a) <= EVEN for a, b in itertools.pairwise(angles)), False]
+    even = [
+        angles[0] <= STRAIGHT_TOLERANCE_RAD,
+        *(abs(b - a) <= STRAIGHT_TOLERANCE_RAD for a, b in itertools.pairwise(angles)),
+        False,
+    ]
     return [even[k] or even[k + 1] for k in range(len(angles))]
 
 
@@ -141,7 +151,7 @@ def meridian_through(points: Points) -> Meridian:
         theta[k] = psi[k - 1] + abs(math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b)))
         theta[k] = psi[k - 1] if straight[k - 1] else psi[k] if straight[k] else theta[k]
     last = psi[-1] if straight[-1] else 2.0 * psi[-1] - theta[-2]
-    theta[-1] = min(last, UPRIGHT)
+    theta[-1] = min(last, UPRIGHT_ANGLE_RAD)
     steps: list[tuple[float, float]] = []
     at = 0.0
     for k in range(len(psi)):
@@ -159,7 +169,7 @@ def meridian_through(points: Points) -> Meridian:
 def _length(meridian: Meridian, width: float) -> float:
     """The width, or ten radii of the tip where that is less (mm)."""
     first = meridian.pieces[0]
-    return min(width, TIPS * float(first[3])) if first[0] == ARC else width
+    return min(width, LENGTH_IN_TIP_RADII * float(first[3])) if first[0] == ARC_PIECE else width
 
 
 @INDENTERS.register

@@ -14,15 +14,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fem_backend.contact.tractions import ContactSurface
-from fem_backend.indenters.meridian import ARC, DOWN, Meridian
-from fem_backend.indenters.spherical_patch import NEAR, Cap, Patch, patch_on
+from fem_backend.indenters.meridian import ARC_PIECE, INDENTER_WAY, Meridian
+from fem_backend.indenters.spherical_patch import EDGE_GAP_RATIO, Cap, Patch, patch_on
 
-USUAL = 3.0  # length (mm) that declared ranges of knobs are meant for
-WANTED = 1.0 / 3.0  # element size over a radius of curvature
-LARGEST = 0.12  # element size over the length, at the contact
-GROWS = 0.25  # of the distance from where the surface bends
-TIP = 0.2  # of the radius of a tip: the least element size there; finer ones turn over below deep, compressible tips
-GRID = np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
+USUAL_LENGTH_MM = 3.0  # length (mm) that declared ranges of knobs are meant for
+ARC_ELEMENT_RATIO = 1.0 / 3.0  # element size over a radius of curvature
+MAX_CONTACT_ELEMENT_RATIO = 0.12  # element size over the length, at the contact
+ELEMENT_GROWTH_BESIDE_BEND = 0.25  # element size over the distance from where the surface bends
+# of the radius of a tip: the least element size there; finer ones turn over below deep, compressible tips
+MIN_TIP_ELEMENT_RATIO = 0.2
+# of a tip in the length of an indenter that is not narrower: a cone has no other size
+LENGTH_IN_TIP_RADII = 10.0
+SEARCH_GRID = (
+    np.indices((5, 5)).reshape(2, -1).T / 2.0 - 1.0
+)  # lines beside the axis, in half widths of what is searched
 
 
 class Axial:
@@ -47,7 +52,7 @@ class Axial:
     @property
     def ratio(self) -> float:
         """Its length over the usual one."""
-        return self.length / USUAL
+        return self.length / USUAL_LENGTH_MM
 
     def on_edge(self, radius: np.ndarray) -> np.ndarray:
         """It has no edge: ∞ (…)."""
@@ -83,14 +88,14 @@ class OfRevolution(Axial):
         of its radius.
         """
         r = np.asarray(r, float)
-        h = LARGEST * self.length + GROWS * np.maximum(r - self.length, 0.0)
+        h = MAX_CONTACT_ELEMENT_RATIO * self.length + ELEMENT_GROWTH_BESIDE_BEND * np.maximum(r - self.length, 0.0)
         starts = [*self.meridian.starts, math.inf]
         for k, (kind, _, _, size, *_) in enumerate(self.meridian.pieces):
-            if kind == ARC:
+            if kind == ARC_PIECE:
                 beside = np.maximum(np.maximum(starts[k] - r, r - starts[k + 1]), 0.0)
-                h = np.minimum(h, WANTED * size + GROWS * beside)
+                h = np.minimum(h, ARC_ELEMENT_RATIO * size + ELEMENT_GROWTH_BESIDE_BEND * beside)
                 if starts[k] == 0.0:
-                    h = np.minimum(h, np.maximum(LARGEST * r, TIP * size))
+                    h = np.minimum(h, np.maximum(MAX_CONTACT_ELEMENT_RATIO * r, MIN_TIP_ELEMENT_RATIO * size))
         return h
 
     def on_edge(self, radius: np.ndarray) -> np.ndarray:
@@ -101,14 +106,14 @@ class OfRevolution(Axial):
         a, starts = np.asarray(radius, float), [*self.meridian.starts, math.inf]
         out = np.full_like(a, np.inf)
         for k, (kind, _, _, size, *_) in enumerate(self.meridian.pieces):
-            if kind == ARC and starts[k] > 0.0:
-                h = WANTED * size
+            if kind == ARC_PIECE and starts[k] > 0.0:
+                h = ARC_ELEMENT_RATIO * size
                 there = (a > starts[k] - h) & (a < starts[k + 1] + h)
                 out = np.where(there, np.maximum(a - starts[k], 0.0) / h, out)
         return out
 
     def gap(
-        self, x: np.ndarray, centre: ArrayLike, direction: ArrayLike = DOWN
+        self, x: np.ndarray, centre: ArrayLike, direction: ArrayLike = INDENTER_WAY
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Signed distance g (…), n = ∇g (…, 3), ∇∇g (…, 3, 3) at points x (…, 3): see :meth:`.Meridian.gap`."""
         return self.meridian.gap(x, centre, direction)
@@ -193,8 +198,8 @@ class OfRevolution(Axial):
 
         v = np.einsum("qa,fai->fqi", surface.N, x[surface.facets])[pressure > 0.0] - centre
         beside = np.linalg.norm(v - (v @ up)[:, None] * up, axis=-1)
-        near = NEAR * min(self.length, max(float(beside.max(initial=0.0)), 1e-3 * self.length))
-        rounded = bool(meridian.pieces[0, 0] == ARC)
+        near = EDGE_GAP_RATIO * min(self.length, max(float(beside.max(initial=0.0)), 1e-3 * self.length))
+        rounded = bool(meridian.pieces[0, 0] == ARC_PIECE)
         cap = Cap(seen, meridian.radius_of_cap, near, rounded)
         return patch_on(surface, x, pressure, centre, cap, up, planes, attraction=attraction)
 
@@ -273,15 +278,15 @@ def _meeting(
         middle = -(across @ origin)
         middle *= min(1.0, 0.999 * indenter.meridian.widest / max(float(np.linalg.norm(middle)), 1e-300))
     while window > 1e-9 * width:
-        grid = middle + window * GRID
+        grid = middle + window * SEARCH_GRID
         total = way(grid)[0]
-        k = int(np.argmin(np.where(GRID.any(1), total, total - 1e-16 * scale)))
+        k = int(np.argmin(np.where(SEARCH_GRID.any(1), total, total - 1e-16 * scale)))
         if not np.isfinite(total[k]):
             if window < 1e-3 * width:
                 break
             window *= 0.5
             continue
-        inner = np.abs(GRID[k]).max() < 1.0
+        inner = np.abs(SEARCH_GRID[k]).max() < 1.0
         window, middle = (0.5 * window if inner else window), grid[k]
     if not np.isfinite(way(middle[None])[0][0]):
         line = f"the line through {list(through)} along {list(direction)}"

@@ -13,18 +13,19 @@ from numpy.typing import ArrayLike
 
 from fem_backend import closed_forms, members
 from fem_backend.contact.tractions import ContactSurface
-from fem_backend.geometry import STILL, kernel_arrays
+from fem_backend.geometry import NO_MOTION, kernel_arrays
 from fem_backend.indenters.indenter import INDENTERS
-from fem_backend.indenters.revolution import USUAL, Axial
+from fem_backend.indenters.revolution import USUAL_LENGTH_MM, Axial
 from fem_backend.indenters.spherical_patch import Patch, contact_patch
 from rso.contract import knob
 
-REACH = 3.0  # facets within REACH·R of the first contact may touch
-SHARE = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
-GROWS = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
-FINE, COARSE, GRADED = 0.05, 0.12, 0.3  # wanted element sizes over R at the axis and beside it, and their growth
-TABOR = 1.0  # where the range of an attraction is a guess: nearer to JKR is dearer
-VERIFIED = 2.0  # of R: depth up to which runs reach more than that
+CONTACT_REACH_RATIO = 3.0  # facets within this times R of the first contact may touch
+SPHERE_STRAIN_FACTOR = 0.42  # of √(d/R): four fifths of Hertz's largest strain below a ball, 0.53 √(d/R)
+SPHERE_STRAIN_GROWTH = 0.25  # times (d/R)^(3/2): how much faster logarithmic strains grow at large depth
+# wanted element sizes over R at the axis and beside it, and their growth
+MIN_SPHERE_ELEMENT_RATIO, MAX_SPHERE_ELEMENT_RATIO, ELEMENT_GROWTH_BEYOND_SPHERE = 0.05, 0.12, 0.3
+GUESSED_TABOR_NUMBER = 1.0  # where the range of an attraction is a guess: nearer to JKR is dearer
+MAX_VERIFIED_DEPTH_RATIO = 2.0  # of R: depth up to which runs reach more than that
 
 
 @INDENTERS.register
@@ -44,7 +45,7 @@ class Sphere(Axial):
 
         shape: Literal["sphere"] = "sphere"
         """A rigid sphere."""
-        radius: members.Length = USUAL
+        radius: members.Length = USUAL_LENGTH_MM
         """Radius, mm."""
         shaft: members.Flag = False
         """Whether a cylinder of the same radius goes on above."""
@@ -109,8 +110,10 @@ class Sphere(Axial):
         Beyond R it grows by 0.3 of the distance.
         """
         r = np.asarray(r, float)
-        fine, coarse = FINE * self.R, COARSE * self.R
-        return np.clip(COARSE * r, fine, coarse) + GRADED * np.maximum(r - self.R, 0.0)
+        fine, coarse = MIN_SPHERE_ELEMENT_RATIO * self.R, MAX_SPHERE_ELEMENT_RATIO * self.R
+        return np.clip(MAX_SPHERE_ELEMENT_RATIO * r, fine, coarse) + ELEMENT_GROWTH_BEYOND_SPHERE * np.maximum(
+            r - self.R, 0.0
+        )
 
     @property
     def size(self) -> tuple[str, float]:
@@ -130,10 +133,10 @@ class Sphere(Axial):
     @property
     def reach(self) -> float:
         """Distance (mm) from the first contact within which facets may touch."""
-        return REACH * self.R
+        return CONTACT_REACH_RATIO * self.R
 
     def gap(
-        self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL
+        self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = NO_MOTION
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap g (…), normal n = ∇g (…, 3) and Hessian ∇∇g = (I − n⊗n)/|x − c| (…, 3, 3) at points x (…, 3).
 
@@ -262,7 +265,7 @@ class Sphere(Axial):
                     best = left, E, E * ratio, contact
         if not best[1] > 0.0:
             return {}
-        reach = (R * (best[2] / best[1]) ** 2) ** (1.0 / 3.0) / TABOR
+        reach = (R * (best[2] / best[1]) ** 2) ** (1.0 / 3.0) / GUESSED_TABOR_NUMBER
         return {"mu": best[1] / 4.0, "adhesion": best[2], "contact": best[3], "adhesion_range": reach}
 
     def strain(self, depth: np.ndarray | float) -> np.ndarray | float:
@@ -272,8 +275,8 @@ class Sphere(Axial):
         0.53 √x at 0.48 contact radii (Johnson 1985, eq. 3.45); runs of neo-Hookean bodies reach 1.2 to 1.4 times this
         at K/μ 1.4 to 180, x from 1/6 to 2.  Assumes a homogeneous body without fibres.
         """
-        x = np.clip(np.asarray(depth, dtype=float) / self.R, 0.0, VERIFIED)
-        return SHARE * np.sqrt(x) * (1.0 + GROWS * x**1.5)
+        x = np.clip(np.asarray(depth, dtype=float) / self.R, 0.0, MAX_VERIFIED_DEPTH_RATIO)
+        return SPHERE_STRAIN_FACTOR * np.sqrt(x) * (1.0 + SPHERE_STRAIN_GROWTH * x**1.5)
 
     def tests(self) -> dict[str, Mapping[str, Any]]:
         """Another indenter that one would try, in words, and its settings."""

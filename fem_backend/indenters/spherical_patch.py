@@ -10,11 +10,11 @@ from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.contact.tractions import ORDER, ContactSurface
+from fem_backend.contact.tractions import FACET_QUADRATURE_ORDER, ContactSurface
 
-SHOWN = 41  # radii of the smoothed profile
-NEAR = 0.06  # gap, in radii of the ball, whose surroundings the edge is found from
-FARTHEST = 12.0  # of these gaps: what is further off has no say
+N_PROFILE_RADII = 41  # radii of the smoothed profile
+EDGE_GAP_RATIO = 0.06  # gap, in radii of the ball, whose surroundings the edge is found from
+MAX_EDGE_GAPS = 12.0  # of these gaps: what is further off has no say
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def contact_patch(
         distance = np.linalg.norm(d, axis=-1)
         return distance - radius, 2.0 * radius**2 * (1.0 + d @ up / distance)
 
-    cap = Cap(seen, lambda s: _plan(s, radius), NEAR * radius)
+    cap = Cap(seen, lambda s: _plan(s, radius), EDGE_GAP_RATIO * radius)
     return patch_on(surface, x, pressure, centre, cap, up, planes, sectors, attraction)
 
 
@@ -109,10 +109,10 @@ def patch_on(
 
     Where it is not rounded, area and radius are those counted, and the peak is the largest pressure at a point.
     """
-    X, w = get_quadrature(RefTri, ORDER)
+    X, w = get_quadrature(RefTri, FACET_QUADRATURE_ORDER)
     dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
     d = np.einsum("qa,fai->fqi", surface.N, x[surface.facets]) - centre
-    beside = ((cap.seen(d)[0] < FARTHEST * cap.near) | (pressure > 0.0)).any(1)
+    beside = ((cap.seen(d)[0] < MAX_EDGE_GAPS * cap.near) | (pressure > 0.0)).any(1)
     d, pressure, weights = d[beside], pressure[beside], surface.weights[beside]
     tangent = np.einsum("fai,akq->fqki", x[surface.facets[beside]], dN)
     vector = np.cross(tangent[:, :, 0], tangent[:, :, 1]) * w[:, None]
@@ -133,7 +133,7 @@ def patch_on(
     if edge is None:  # nothing free near by
         edge = np.eye(1, harmonics(theta).shape[1])[0] * s[on].max()
     rim = np.maximum(harmonics(theta) @ edge, 0.0)
-    at, xi = s[on] / np.maximum(harmonics(angle[on]) @ edge, 1e-300), np.linspace(0.0, 1.0, SHOWN) ** 2
+    at, xi = s[on] / np.maximum(harmonics(angle[on]) @ edge, 1e-300), np.linspace(0.0, 1.0, N_PROFILE_RADII) ** 2
     smooth = np.sqrt(1.0 - xi) * np.polynomial.polynomial.polyval(xi, _profile(at, current, area[on], 0.5))
     net = smooth
     if attraction is not None and attraction.any():
@@ -193,7 +193,7 @@ def _edge(
     near: float,
 ) -> np.ndarray | None:
     """Coefficients of s_e(θ); a point's weight goes to zero with its gap, so that none comes or goes with a jump."""
-    use = free & (gap > 0.0) & (gap < FARTHEST * near)
+    use = free & (gap > 0.0) & (gap < MAX_EDGE_GAPS * near)
     columns = harmonics(angle[use])
     if use.sum() < 2 * (columns.shape[1] + 3):
         return None

@@ -25,8 +25,9 @@ from skfem.refdom import RefTri
 
 from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
 
-ORDER = 4  # six points: exact for the quadratic strains of the bubble
-MIDDLES = ((0, 1), (1, 2), (0, 2))  # corners on both sides of mid-edge nodes 3 to 5
+MERIDIAN_QUADRATURE_ORDER = 4  # six points: exact for the quadratic strains of the bubble
+EDGE_QUADRATURE_ORDER = 11  # six Gauss points an edge, where contact says which of them are open to a liquid
+MIDDLES_OF_TRIANGLE = ((0, 1), (1, 2), (0, 2))  # corners on both sides of mid-edge nodes 3 to 5
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Volume:
 @functools.cache
 def shape_functions() -> np.ndarray:
     """Shape functions at the quadrature points of a MeridianBody, (q, 7)."""
-    return basis(get_quadrature(RefTri, ORDER)[0])[0].T.copy()
+    return basis(get_quadrature(RefTri, MERIDIAN_QUADRATURE_ORDER)[0])[0].T.copy()
 
 
 def basis(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +80,7 @@ def basis(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @functools.cache
 def linear_functions() -> np.ndarray:
     """Pressure functions φ (q, 3) at the quadrature points: the barycentric coordinates."""
-    x, y = get_quadrature(RefTri, ORDER)[0]
+    x, y = get_quadrature(RefTri, MERIDIAN_QUADRATURE_ORDER)[0]
     return np.column_stack([1.0 - x - y, x, y])
 
 
@@ -89,7 +90,7 @@ def discretise(points: np.ndarray, cells: np.ndarray, held: np.ndarray, symmetri
     On the axis u_r = 0 is held by itself.  `symmetric` stores tangents as upper triangles; friction needs both.
     Raises ValueError for cells that are inside out or lie beyond the axis.
     """
-    X, weights = get_quadrature(RefTri, ORDER)
+    X, weights = get_quadrature(RefTri, MERIDIAN_QUADRATURE_ORDER)
     N, dN = basis(X)
     corners = points[cells]
     jacobian = np.einsum("mai,ajq->mqij", corners[:, :6], _quadratic_slopes(X))  # the geometry has no bubble

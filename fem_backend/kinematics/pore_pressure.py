@@ -20,11 +20,16 @@ from scipy import sparse
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine, RefTri
 
-from fem_backend.kinematics.axisymmetric import ORDER, MeridianBody, _quadratic_slopes, linear_functions
+from fem_backend.kinematics.axisymmetric import (
+    EDGE_QUADRATURE_ORDER,
+    MERIDIAN_QUADRATURE_ORDER,
+    MeridianBody,
+    _quadratic_slopes,
+    linear_functions,
+)
 from fem_backend.kinematics.numbering import Pattern
 
-EDGE = 11  # six Gauss points an edge: those of the contact, which say where it is open
-SLOPES = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # ∂φ/∂ξ of the barycentric coordinates
+BARYCENTRIC_SLOPES = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])  # ∂φ/∂ξ of the barycentric coordinates
 
 
 @dataclass(frozen=True)
@@ -70,10 +75,10 @@ def porous(body: MeridianBody) -> PorousMeridian:
         raise ValueError("pore flow needs the whole matrix of a body, not its upper triangle")
     vertices, corners = np.unique(body.cells[:, :3], return_inverse=True)
     corners = corners.reshape(-1, 3)
-    X, _ = get_quadrature(RefTri, ORDER)
+    X, _ = get_quadrature(RefTri, MERIDIAN_QUADRATURE_ORDER)
     points = body.nodes[:, [0, 2]][body.cells]
     inverse = np.linalg.inv(np.einsum("mai,ajq->mqij", points[:, :6], _quadratic_slopes(X)))
-    slopes = np.einsum("aj,mqji->mqai", SLOPES, inverse)
+    slopes = np.einsum("aj,mqji->mqai", BARYCENTRIC_SLOPES, inverse)
     moved, number = _numbers(body, vertices, corners)
     own = body.free.reshape(-1, 3)[:, [0, 2]][body.cells].reshape(len(body.cells), 14)
     dofs = np.column_stack([np.where(own >= 0, moved[own], -1), number[corners]])
@@ -121,7 +126,7 @@ def _at(pattern: Pattern, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 def open_edges(at: PorousMeridian, facets: np.ndarray) -> OpenEdges:
     """The edges (e, 3) of the outline by their two ends, with what ∫ φ_i φ_j dA is made of."""
-    X, weights = get_quadrature(RefLine, EDGE)
+    X, weights = get_quadrature(RefLine, EDGE_QUADRATURE_ORDER)
     phi = np.vstack([1.0 - X[0], X[0]])
     ends = np.searchsorted(at.vertices, facets[:, :2])
     a, b = (at.body.nodes[at.vertices[ends[:, k]]] for k in (0, 1))

@@ -14,7 +14,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 
 
 @dataclass(frozen=True)
@@ -224,11 +224,11 @@ def _pressed(F, S, C, pressure, small):  # type: ignore[no-untyped-def]
             fill_tensor(inverse, B)
             pull = pressure[e] * J
             for a in range(6):
-                i, j = ROW[a], COL[a]
+                i, j = VOIGT_ROW[a], VOIGT_COLUMN[a]
                 S[e, q, a] += pull * B[i, j]
                 if turned:
                     for b in range(6):
-                        k, l = ROW[b], COL[b]
+                        k, l = VOIGT_ROW[b], VOIGT_COLUMN[b]
                         C[e, q, a, b] += pull * (B[i, j] * B[k, l] - B[i, k] * B[j, l] - B[i, l] * B[j, k])
     return S, C
 

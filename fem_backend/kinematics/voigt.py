@@ -3,8 +3,8 @@
 import numba
 import numpy as np
 
-ROW, COL = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
-PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of the component ij
+VOIGT_ROW, VOIGT_COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of the six components
+VOIGT_PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of the component ij
 
 
 @numba.njit(cache=True)
@@ -28,5 +28,5 @@ def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
 def fill_tensor(c, A):  # type: ignore[no-untyped-def]
     """Fill A (3, 3) from its components c (6,)."""
     for k in range(6):
-        A[ROW[k], COL[k]] = c[k]
-        A[COL[k], ROW[k]] = c[k]
+        A[VOIGT_ROW[k], VOIGT_COLUMN[k]] = c[k]
+        A[VOIGT_COLUMN[k], VOIGT_ROW[k]] = c[k]

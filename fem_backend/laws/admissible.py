@@ -7,12 +7,12 @@ import numpy as np
 from fem_backend.laws.law import Law
 
 # ln λ of incompressible tests, largest entry 1
-PATHS = {
+TEST_PATHS = {
     "uniaxial tension": (1.0, -0.5, -0.5),
     "uniaxial compression (equibiaxial tension)": (-1.0, 0.5, 0.5),
     "planar tension (pure shear)": (1.0, 0.0, -1.0),
 }
-PLANE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])  # basis of Σ ln λ = 0
+ISOCHORIC_BASIS = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])  # basis of Σ ln λ = 0
 
 
 def admissible(law: Law, stretch_max: float, count: int = 200) -> str | None:
@@ -33,8 +33,8 @@ def admissible(law: Law, stretch_max: float, count: int = 200) -> str | None:
         return None
     size = np.linspace(0.0, np.log(stretch_max), count)
     found: list[tuple[float, str]] = []
-    for name, path in PATHS.items():
-        A = PLANE @ law.hessian(size[:, None] * np.array(path)) @ PLANE.T
+    for name, path in TEST_PATHS.items():
+        A = ISOCHORIC_BASIS @ law.hessian(size[:, None] * np.array(path)) @ ISOCHORIC_BASIS.T
         least = 0.5 * (A[:, 0, 0] + A[:, 1, 1]) - np.hypot(0.5 * (A[:, 0, 0] - A[:, 1, 1]), A[:, 0, 1])
         lost = np.flatnonzero(~(least > 0.0))
         if lost.size:

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numba
 import numpy as np
 
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from rso.contract import knob
 
 
@@ -76,7 +76,7 @@ def _add(F, jac, k1, k2, a0, W, S, C4, tangent):  # type: ignore[no-untyped-def]
     c, ci, A, d = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     G = np.empty((3, 3))
     for k in range(6):
-        A[k] = a0[ROW[k]] * a0[COL[k]]
+        A[k] = a0[VOIGT_ROW[k]] * a0[VOIGT_COLUMN[k]]
     for e in range(m):
         for q in range(n):
             J = jac[e, q]
@@ -99,9 +99,9 @@ def _add(F, jac, k1, k2, a0, W, S, C4, tangent):  # type: ignore[no-untyped-def]
                 continue
             fill_tensor(ci, G)
             for k in range(6):
-                i, j = ROW[k], COL[k]
+                i, j = VOIGT_ROW[k], VOIGT_COLUMN[k]
                 for l in range(k, 6):
-                    p, r = ROW[l], COL[l]
+                    p, r = VOIGT_ROW[l], VOIGT_COLUMN[l]
                     inverse = 0.5 * (G[i, p] * G[j, r] + G[i, r] * G[j, p])
                     curve = I4 / 9.0 * ci[k] * ci[l] + I4 / 3.0 * inverse - (ci[k] * A[l] + A[k] * ci[l]) / 3.0
                     value = 4.0 * (w2 * d[k] * d[l] + w1 * j23 * curve)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import field_validator
 
 from fem_backend import members
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from fem_backend.laws import law
 from fem_backend.laws.law import LAWS, Isotropic, pairs
 from rso.contract import knob
@@ -228,8 +228,8 @@ def _dyads(v, N, P):  # type: ignore[no-untyped-def]
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         for l in range(6):
-            N[i, l] = v[ROW[l], i] * v[COL[l], i]
-            P[i, l] = v[ROW[l], j] * v[COL[l], k] + v[ROW[l], k] * v[COL[l], j]
+            N[i, l] = v[VOIGT_ROW[l], i] * v[VOIGT_COLUMN[l], i]
+            P[i, l] = v[VOIGT_ROW[l], j] * v[VOIGT_COLUMN[l], k] + v[VOIGT_ROW[l], k] * v[VOIGT_COLUMN[l], j]
 
 
 @numba.njit(cache=True)

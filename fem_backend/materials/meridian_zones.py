@@ -10,9 +10,9 @@ from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.kinematics.axisymmetric import ORDER, MeridianBody
+from fem_backend.kinematics.axisymmetric import MERIDIAN_QUADRATURE_ORDER, MeridianBody
 
-SPLIT = 8  # pieces along an edge of a cut cell
+N_PIECES_PER_CUT_EDGE = 8  # pieces along an edge of a cut cell
 
 
 def fractions(body: MeridianBody, level: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -40,14 +40,14 @@ def fractions(body: MeridianBody, level: Callable[[np.ndarray], np.ndarray]) -> 
 @functools.cache
 def _pieces() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Barycentric points (p, 3), pieces (s, 3), the quadrature point that each belongs to (s,), N (p, 6)."""
-    n = SPLIT
+    n = N_PIECES_PER_CUT_EDGE
     index = {(i, j): k for k, (i, j) in enumerate((i, j) for i in range(n + 1) for j in range(n + 1 - i))}
     pieces = [(index[i, j], index[i + 1, j], index[i, j + 1]) for i, j in index if i + j < n]
     pieces += [(index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]) for i, j in index if i + j < n - 1]
     xi = np.array(list(index), float) / n
     at = np.column_stack([1.0 - xi.sum(1), xi])
     chosen = np.array(pieces)
-    points = get_quadrature(RefTri, ORDER)[0].T
+    points = get_quadrature(RefTri, MERIDIAN_QUADRATURE_ORDER)[0].T
     points = np.column_stack([1.0 - points.sum(1), points])
     owner = np.linalg.norm(at[chosen].mean(1)[:, None] - points, axis=-1).argmin(1)
     N = np.stack([ElementTriP2().lbasis(xi.T, a)[0] for a in range(6)], axis=1)

@@ -10,14 +10,14 @@ import numpy as np
 from fem_backend.kinematics import axisymmetric, tetrahedra
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body
-from fem_backend.kinematics.voigt import COL, ROW
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW
 from fem_backend.laws import Material
 from fem_backend.materials import regions, stress
 from fem_backend.materials.regions import Regions, Substance
 from fem_backend.materials.stress import History, PointState
 
-LOCAL = 20.0  # K/μ up to which quadratic triangles do not lock, see `split`
-LOCAL_MEAN = 5.0  # the same of tetrahedra that take the mean of their volume change
+MAX_LOCAL_BULK_RATIO = 20.0  # K/μ up to which quadratic triangles do not lock, see `split`
+MAX_MEAN_BULK_RATIO = 5.0  # the same of tetrahedra that take the mean of their volume change
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def state(
     p = volume.p @ axisymmetric.linear_functions().T
     F = found.F
     pull = (p * np.linalg.det(F))[..., None, None] * np.linalg.inv(np.swapaxes(F, -1, -2) @ F)
-    return replace(found, S=found.S + pull[..., ROW, COL])
+    return replace(found, S=found.S + pull[..., VOIGT_ROW, VOIGT_COLUMN])
 
 
 def material_tangent(
@@ -78,7 +78,7 @@ def material_tangent(
         assert state.C is not None  # which was asked for
         data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
         if body.mean:
-            _, K, s = projected(body, material, scale, LOCAL_MEAN)
+            _, K, s = projected(body, material, scale, MAX_MEAN_BULK_RATIO)
             tetrahedra.volume_stiffness(body, state.F, K, s, data)
         return data
     (pointwise, K, s), small = projected(body, material, scale), material.small_strain
@@ -97,8 +97,8 @@ def _mean_state(
     dt: float,
     scale: np.ndarray | None,
 ) -> tuple[PointState, tetrahedra.MeanVolume]:
-    """Stress of tetrahedra that take the mean of their volume change beyond K = LOCAL μ, and that."""
-    (pointwise, K, s), small = projected(body, material, scale, LOCAL_MEAN), material.small_strain
+    """Stress of tetrahedra that take the mean of their volume change beyond K = MAX_LOCAL_BULK_RATIO μ, and that."""
+    (pointwise, K, s), small = projected(body, material, scale, MAX_MEAN_BULK_RATIO), material.small_strain
     found = stress.evaluate_stress(pointwise, H, moduli, history, dt, scale)
     volume = tetrahedra.volume(body, H, K, s, small)
     S, C = tetrahedra.with_pressure(found.F, found.S, found.C, volume.p, small)
@@ -169,8 +169,8 @@ def projected(
 ) -> tuple[Substance, float, np.ndarray | None]:
     """What acts at points, the bulk modulus (MPa) that elements project, and its factor (m, q)."""
     if not isinstance(material, Regions):
-        return *split(material, LOCAL if most is None else most), scale
-    parts = [split(m, LOCAL if most is None else most) for m in material.materials]
+        return *split(material, MAX_LOCAL_BULK_RATIO if most is None else most), scale
+    parts = [split(m, MAX_LOCAL_BULK_RATIO if most is None else most) for m in material.materials]
     K = np.array([k for _, k in parts])[material.of][:, None]
     s = K * (np.ones_like(body.w) if scale is None else scale)
     return Regions(tuple(m for m, _ in parts), material.of), 1.0, s
@@ -183,7 +183,7 @@ def modulus_at_points(body: Body, material: Substance) -> float:
 
 
 @functools.lru_cache(maxsize=64)
-def split(material: Material, most: float = LOCAL) -> tuple[Material, float]:
+def split(material: Material, most: float = MAX_LOCAL_BULK_RATIO) -> tuple[Material, float]:
     """The material with a bulk modulus of at `most` that many μ, and the rest of it (MPa), which elements project.
 
     Only by the projection, J would be free to go up and down within an element at large strain.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, fill_tensor
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from fem_backend.laws import Derivatives, Law, Material
 from fem_backend.materials.regions import Regions
 
@@ -203,9 +203,9 @@ def _finish(F, jac, S, C4, energy, u1, u2, factor, slope, added, scale, tangent)
             fill_tensor(ci, G)
             volume, steep = p + u2[e, q] * J * J, slope[e, q]
             for k in range(6):
-                i, j = ROW[k], COL[k]
+                i, j = VOIGT_ROW[k], VOIGT_COLUMN[k]
                 for l in range(k, 6):
-                    o, r = ROW[l], COL[l]
+                    o, r = VOIGT_ROW[l], VOIGT_COLUMN[l]
                     value = a * C4[e, q, k, l] + steep * s[k] * s[l] + volume * ci[k] * ci[l]
                     value -= p * (G[i, o] * G[j, r] + G[i, r] * G[j, o])
                     C4[e, q, k, l] = much * value
@@ -219,7 +219,8 @@ def _small_strain(material: Material, H: np.ndarray, tangent: bool, scale: np.nd
     volume = K * np.outer(one, one)
     shape = mu * np.diag([2.0] * 3 + [1.0] * 3) - 2.0 / 3.0 * mu * np.outer(one, one)
     strain = np.stack(
-        [H[..., i, j] + (H[..., j, i] if i != j else 0.0) for i, j in zip(ROW, COL, strict=True)], axis=-1
+        [H[..., i, j] + (H[..., j, i] if i != j else 0.0) for i, j in zip(VOIGT_ROW, VOIGT_COLUMN, strict=True)],
+        axis=-1,
     )  # engineering shear
     S, C = strain @ (shape + volume), np.broadcast_to(shape + volume, (*H.shape[:2], 6, 6))
     energy = 0.5 * (S * strain).sum(-1)
@@ -294,9 +295,9 @@ def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[
             cc = W1 * j23 * I1 / 9.0 + W2 * j43 * 4.0 / 9.0 * I2 + 0.25 * U1 * J + uu
             gg = W1 * j23 * I1 / 3.0 + W2 * j43 * 2.0 / 3.0 * I2 - 0.5 * U1 * J
             for k in range(6):
-                i, j = ROW[k], COL[k]
+                i, j = VOIGT_ROW[k], VOIGT_COLUMN[k]
                 for l in range(k, 6):
-                    p, r = ROW[l], COL[l]
+                    p, r = VOIGT_ROW[l], VOIGT_COLUMN[l]
                     inverse = 0.5 * (G[i, p] * G[j, r] + G[i, r] * G[j, p])
                     identity = 0.0
                     if k == l:

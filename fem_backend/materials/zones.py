@@ -23,6 +23,7 @@ from fem_backend import geometry
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body
 from fem_backend.materials import meridian_zones
+from fem_backend.materials.meridian_zones import N_PIECES_PER_CUT_EDGE
 
 
 class ZoneShape(Protocol):
@@ -37,10 +38,10 @@ class ZoneShape(Protocol):
         """Whether nodes X (…, 3) lie on the surface."""
 
 
-SPLIT = 8  # pieces along an edge of a cut cell
-CAVITY = 1e-3  # stiffness ratio of a hole: see `modulus_factor`
-ROUND = 0.02  # half width of the rounded ends of [0, 1]: keeps the fractions differentiable
-FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of the face opposite to a corner
+CAVITY_STIFFNESS_RATIO = 1e-3  # stiffness ratio of a hole: see `modulus_factor`
+ROUNDED_END_HALF_WIDTH = 0.02  # half width of the rounded ends of [0, 1]: keeps the fractions differentiable
+# corners of the face opposite to a corner
+FACES_OPPOSITE_CORNERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 def skin(body: Body, specimen: ZoneShape, thickness: float) -> np.ndarray:
@@ -100,15 +101,15 @@ def modulus_factor(
 ) -> np.ndarray | None:
     """Factor (m, q) on all moduli, or None where nothing differs from the plain body.
 
-    s = (1 + (r_skin − 1) f_skin + (r_incl − 1) f_incl)(1 − f_cav) + CAVITY f_cav with skin = (thickness mm, ratio),
+    s = (1 + (r_skin − 1) f_skin + (r_incl − 1) f_incl)(1 − f_cav) + r_cav f_cav with skin = (thickness mm, ratio),
     inclusion = (centre mm, radius mm, ratio), cavity = (centre mm, semi-axes mm).
 
-    A hole is a zone of ratio CAVITY = 1e-3.  With a ball of 6 mm radius 9 mm under the contact that is 1 % of the
-    effect on the force from the limit 1e-5 (1e-2: 5 %); with a wall of 3 mm a ratio of 1e-4 finds no equilibrium at
-    4 mm of travel, where 1e-3 needs no more iterations than the plain body.  The wall cannot touch itself, and nodes
-    that a support holds stay held where a cavity opens.
-    Raises ValueError for ratios that are not positive, an inclusion that is not inside the body (below the skin, off
-    the cavity, on the symmetry planes of a part model), a cavity outside the body or through its upper half.
+    A hole is a zone of ratio CAVITY_STIFFNESS_RATIO = 1e-3.  With a ball of 6 mm radius 9 mm under the contact that is
+    1 % of the effect on the force from the limit 1e-5 (1e-2: 5 %); with a wall of 3 mm a ratio of 1e-4 finds no
+    equilibrium at 4 mm of travel, where 1e-3 needs no more iterations than the plain body.  The wall cannot touch
+    itself, and nodes that a support holds stay held where a cavity opens.  Raises ValueError for ratios that are not
+    positive, an inclusion that is not inside the body (below the skin, off the cavity, on the symmetry planes of a part
+    model), a cavity outside the body or through its upper half.
     """
     s = np.ones_like(body.w)
     changed = False
@@ -144,7 +145,7 @@ def modulus_factor(
         if np.all(axes > 0.0):
             _on_planes("cavity", body, centre, axes)
             _inside(specimen, centre, axes)
-            s = s * (1.0 - fraction) + CAVITY * fraction
+            s = s * (1.0 - fraction) + CAVITY_STIFFNESS_RATIO * fraction
             changed = True
     return s if changed else None
 
@@ -159,7 +160,7 @@ def depth(specimen: ZoneShape, X: np.ndarray) -> np.ndarray:
 
 def surface_faces(body: Body, specimen: ZoneShape) -> np.ndarray:
     """(m, 4) whether the face opposite to a cell's corner lies on the curved surface, not on a plane of symmetry."""
-    faces = np.sort(body.cells[:, FACES], axis=-1).reshape(-1, 3)
+    faces = np.sort(body.cells[:, FACES_OPPOSITE_CORNERS], axis=-1).reshape(-1, 3)
     _, inverse, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
     lone = count[inverse.ravel()] == 1
     X = body.nodes[faces]
@@ -223,7 +224,7 @@ def _fractions(
     body: Body, level: Callable[[np.ndarray, np.ndarray], np.ndarray], near: np.ndarray, inside: np.ndarray
 ) -> np.ndarray:
     """Fractions (m, q); `level(cells, at)` is φ at barycentric points (k, 4); only cells `near` are looked at."""
-    lattice, pieces = divided(SPLIT)
+    lattice, pieces = divided(N_PIECES_PER_CUT_EDGE)
     middles = lattice[pieces].mean(1)
     points = get_quadrature(RefTet, 2)[0]
     fraction = np.where(inside, 1.0, 0.0)[:, None] * np.ones(body.w.shape[1])
@@ -291,7 +292,7 @@ def _fit(w: np.ndarray, at: np.ndarray, moments: np.ndarray, whole: np.ndarray) 
     share = moments / whole.sum(1)[:, None]
     share += volume[:, None] * (w @ at / total[:, None] - whole / whole.sum(1)[:, None])  # exact for the full cell
     wanted = np.linalg.solve(at.T, share.T).T * total[:, None] / w
-    low, high = -wanted.max(1) - ROUND, 1.0 + ROUND - wanted.min(1)
+    low, high = -wanted.max(1) - ROUNDED_END_HALF_WIDTH, 1.0 + ROUNDED_END_HALF_WIDTH - wanted.min(1)
     for _ in range(60):
         c = 0.5 * (low + high)
         short = (w * _cut(wanted + c[:, None])).sum(1) < volume * total
@@ -303,7 +304,13 @@ def _fit(w: np.ndarray, at: np.ndarray, moments: np.ndarray, whole: np.ndarray) 
 def _cut(x: np.ndarray) -> np.ndarray:
     """x cut to [0, 1] with ends rounded by parabolas, once differentiable."""
     near = np.minimum(x, 1.0 - x)
-    end = np.where(near < -ROUND, 0.0, np.where(near < ROUND, (near + ROUND) ** 2 / (4.0 * ROUND), near))
+    end = np.where(
+        near < -ROUNDED_END_HALF_WIDTH,
+        0.0,
+        np.where(
+            near < ROUNDED_END_HALF_WIDTH, (near + ROUNDED_END_HALF_WIDTH) ** 2 / (4.0 * ROUNDED_END_HALF_WIDTH), near
+        ),
+    )
     return np.where(x < 0.5, end, 1.0 - end)
 
 

@@ -11,9 +11,9 @@ have graded grids in three dimensions, see `grids`.
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
 from fem_backend.meshing.meridian import MeridianMesh, Size, graded_coordinates, halved, triangulated
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, read_arrays, volumes, with_mid_edge_nodes
-from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
+from fem_backend.meshing.placing import MAX_SHARE_FROM_TOP, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import (
-    LIMIT,
+    LIMIT_LEVEL,
     MAKERS,
     cached,
     make_mesh,
@@ -24,16 +24,23 @@ from fem_backend.meshing.recipes import (
     tetwild_recipe,
 )
 from fem_backend.meshing.refined import subdivided
-from fem_backend.meshing.templates import CRUDE, LEVELS, RADIUS, SIZINGS, template_fits, template_mesh
+from fem_backend.meshing.templates import (
+    ALL_TEMPLATE_SIZINGS,
+    CRUDE_LEVEL,
+    TEMPLATE_RADIUS_MM,
+    TEMPLATE_SIZINGS,
+    template_fits,
+    template_mesh,
+)
 
 __all__ = [
-    "CRUDE",
-    "FARTHEST",
-    "LEVELS",
-    "LIMIT",
+    "ALL_TEMPLATE_SIZINGS",
+    "CRUDE_LEVEL",
+    "LIMIT_LEVEL",
     "MAKERS",
-    "RADIUS",
-    "SIZINGS",
+    "MAX_SHARE_FROM_TOP",
+    "TEMPLATE_RADIUS_MM",
+    "TEMPLATE_SIZINGS",
     "BadMesh",
     "MeridianMesh",
     "Mesh",

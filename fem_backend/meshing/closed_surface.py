@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.spatial import cKDTree
 
-NEAR = 1e-6  # of the size: digits of a text file may part vertices that are one
+WELDING_TOLERANCE = 1e-6  # of the size: digits of a text file may part vertices that are one
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,9 @@ def _welded(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.nd
     count = np.unique(np.sort(edges_of(facets), 1), axis=0, return_counts=True)[1]
     if not np.any(count == 1):
         return vertices, facets, []
-    pairs = cKDTree(vertices).query_pairs(NEAR * float(np.ptp(vertices, axis=0).max()), output_type="ndarray")
+    pairs = cKDTree(vertices).query_pairs(
+        WELDING_TOLERANCE * float(np.ptp(vertices, axis=0).max()), output_type="ndarray"
+    )
     if not len(pairs):
         return vertices, facets, []
     n = len(vertices)

@@ -18,17 +18,21 @@ from skfem import MeshTet, MeshTet2
 from fem_backend.meshing.meridian import graded_coordinates
 from fem_backend.meshing.mesh import BadMesh, Mesh, volumes
 from fem_backend.meshing.placing import mirrored_mesh, scaled_jacobian
-from fem_backend.meshing.templates import CRUDE
+from fem_backend.meshing.templates import CRUDE_LEVEL
 
-NAME = "grid"  # of the mesher in a recipe
-FINENESS = {"coarse": 2.2, "standard": 1.7, "fine": 1.25, "reference": 0.9, CRUDE: 3.0}  # factor on all sizes
-NEAR = 0.15  # of the indenter's length: elements up to REACH of it from the middle, at unit fineness
-REACH = 1.2
-BESIDE, BELOW = 0.4, 0.2  # growth of the elements per distance, from there on and from the top on
-DEEP = 6.0  # lengths of the indenter below the top from which they grow as fast as beside it
-FEWEST = 10.0, 8.0  # elements from the middle to the side and from the base to the top at least
-STRAIGHTENED = 8  # halvings of the curve of edges in cells that it would turn over
-NEAREST = 0.05  # of the way from the side to the middle: no place of the finest elements is nearer to the side
+GRID_MESHER = "grid"  # of the mesher in a recipe
+# factor on all sizes
+GRID_SIZE_FACTORS = {"coarse": 2.2, "standard": 1.7, "fine": 1.25, "reference": 0.9, CRUDE_LEVEL: 3.0}
+# of the indenter's length: elements up to FINEST_REACH_RATIO of it from the middle, at unit fineness
+FINEST_SIZE_RATIO = 0.15
+FINEST_REACH_RATIO = 1.2  # lengths of the indenter from the middle, up to which they are that small
+# growth of the elements per distance, from there on and from the top on
+SIZE_GROWTH_BESIDE, SIZE_GROWTH_BELOW = 0.4, 0.2
+SLOW_GROWTH_DEPTH_RATIO = 6.0  # lengths of the indenter below the top from which they grow as fast as beside it
+MIN_GRID_ELEMENTS = 10.0, 8.0  # elements from the middle to the side and from the base to the top at least
+MAX_EDGE_HALVINGS = 8  # halvings of the curve of edges in cells that it would turn over
+# of the way from the side to the middle: no place of the finest elements is nearer to the side
+MIN_SIDE_DISTANCE_SHARE = 0.05
 
 Form = Callable[[np.ndarray], np.ndarray]  # points (n, 3) mm of the body from those of the box
 Along = Sequence[float]  # planes x, y or z (mm) that a grid must hit, from the middle or the base on
@@ -36,13 +40,20 @@ Along = Sequence[float]  # planes x, y or z (mm) that a grid must hit, from the 
 
 def grid_recipe(x: Along, y: Along, z: Along, length: float, level: str, edges: str = "") -> str:
     """Recipe of a grid that hits planes at x, y, z for an indenter of a `length`, all in mm; `edges` as of `cut`."""
-    words = {"x": list(x), "y": list(y), "z": list(z), "length": length, "fineness": FINENESS[level], "edges": edges}
-    return json.dumps({"mesher": NAME, "version": 1, **words}, sort_keys=True)
+    words = {
+        "x": list(x),
+        "y": list(y),
+        "z": list(z),
+        "length": length,
+        "fineness": GRID_SIZE_FACTORS[level],
+        "edges": edges,
+    }
+    return json.dumps({"mesher": GRID_MESHER, "version": 1, **words}, sort_keys=True)
 
 
 def first_size(length: float, level: str) -> float:
     """Size (mm) of the elements that an indenter of a `length` meets, where the body is not small beside it."""
-    return NEAR * FINENESS[level] * length
+    return FINEST_SIZE_RATIO * GRID_SIZE_FACTORS[level] * length
 
 
 def made_grid(data: Mapping[str, Any]) -> Mesh:
@@ -50,15 +61,20 @@ def made_grid(data: Mapping[str, Any]) -> Mesh:
     length, factor = data["length"], data["fineness"]
 
     def along(planes: list[float]) -> np.ndarray:
-        near = min(NEAR * length, planes[-1] / FEWEST[0])
+        near = min(FINEST_SIZE_RATIO * length, planes[-1] / MIN_GRID_ELEMENTS[0])
         return graded_coordinates(
-            lambda x: factor * (near + BESIDE * np.maximum(x - REACH * length, 0.0)), tuple(planes)
+            lambda x: factor * (near + SIZE_GROWTH_BESIDE * np.maximum(x - FINEST_REACH_RATIO * length, 0.0)),
+            tuple(planes),
         )
 
     def up(z: np.ndarray) -> np.ndarray:
         below, height = data["z"][-1] - z, data["z"][-1] - data["z"][0]
-        size = NEAR * length + BELOW * below + (BESIDE - BELOW) * np.maximum(below - DEEP * length, 0.0)
-        return factor * np.minimum(size, height / FEWEST[1])
+        size = (
+            FINEST_SIZE_RATIO * length
+            + SIZE_GROWTH_BELOW * below
+            + (SIZE_GROWTH_BESIDE - SIZE_GROWTH_BELOW) * np.maximum(below - SLOW_GROWTH_DEPTH_RATIO * length, 0.0)
+        )
+        return factor * np.minimum(size, height / MIN_GRID_ELEMENTS[1])
 
     return cut(along(data["x"]), along(data["y"]), graded_coordinates(up, tuple(data["z"])), data["edges"])
 
@@ -159,7 +175,8 @@ def on_grid(
         middle[curved] = form(between[curved])
     straight = 0.5 * (points[i] + points[j])
     out, worst = _quadratic(points, middle, numbers)
-    for _ in range(STRAIGHTENED if (worst <= 0.0).any() else 0):  # an edge may take more of a curve than its cells have
+    # an edge may take more of a curve than its cells have
+    for _ in range(MAX_EDGE_HALVINGS if (worst <= 0.0).any() else 0):
         bent = np.unique(linear.t2e[:, worst <= 0.0])
         middle[bent] = 0.5 * (middle[bent] + straight[bent])
         out, worst = _quadratic(points, middle, numbers)
@@ -185,7 +202,7 @@ def _moved(x: np.ndarray, nominal: Along, actual: Along, at: float) -> np.ndarra
     if at == 0.0:
         return v
     inner = actual[1]
-    at = float(np.clip(at, -(1.0 - NEAREST) * inner, (1.0 - NEAREST) * inner))
+    at = float(np.clip(at, -(1.0 - MIN_SIDE_DISTANCE_SHARE) * inner, (1.0 - MIN_SIDE_DISTANCE_SHARE) * inner))
     room = np.where(v >= 0.0, inner - at, inner + at)
     inside = at + v / (1.0 + np.abs(v) * (1.0 / room - 1.0 / inner))
     return np.where(np.abs(v) < inner, inside, v)

@@ -12,7 +12,7 @@ from fem_backend.meshing.mesh import BadMesh
 
 Size = Callable[[np.ndarray], np.ndarray]  # wanted element size (n,) mm at places (n,) mm
 Shape = Callable[[np.ndarray], np.ndarray]  # points (n, 2) mm of the body from those of the grid
-FINE = 400  # places per interval at which a size is integrated
+N_SIZE_SAMPLES = 400  # places per interval at which a size is integrated
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def graded_coordinates(size: Size, places: tuple[float, ...], samples: int | Non
 
     Between two places ∫ dx/size elements, rounded up, at equal shares of the integral over `samples` places.
     """
-    samples = samples or FINE
+    samples = samples or N_SIZE_SAMPLES
     out: list[np.ndarray] = [np.array([places[0]])]
     for a, b in itertools.pairwise(places):
         x = np.linspace(a, b, samples + 1)

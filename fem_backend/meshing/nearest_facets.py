@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-LEAF = 8  # facets in the smallest boxes
+MAX_FACETS_PER_BOX = 8  # facets in the smallest boxes
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class FacetTree:
             boxes.append([corners[own].min((0, 1)), corners[own].max((0, 1))])
             children.append([-1, -1])
             span.append([start, end])
-            if end - start <= LEAF:
+            if end - start <= MAX_FACETS_PER_BOX:
                 continue
             axis = int(np.argmax(np.ptp(middle[own], axis=0)))
             half = (end - start) // 2

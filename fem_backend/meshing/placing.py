@@ -17,11 +17,16 @@ from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import prestretched
 from fem_backend.meshing.mesh import BadMesh, Mesh, with_mid_edge_nodes
 
-FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
-LEAST = -1.0  # share of the projective map: a tower's elements fold with less
-REGULAR = np.array([[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]])
-GATHERED = 0.2  # of WORST: columns of gathered elements are long and thin until the body is loaded
-WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
+MAX_SHARE_FROM_TOP = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
+MIN_PROJECTIVE_SHARE = -1.0  # share of the projective map: a tower's elements fold with less
+# edges of unit length from one corner, by columns
+REGULAR_TETRAHEDRON = np.array(
+    [[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]]
+)
+# of MIN_SCALED_JACOBIAN: columns of gathered elements are long and thin until the body is loaded
+GATHERED_QUALITY_SHARE = 0.2
+# scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
+MIN_SCALED_JACOBIAN = 0.05
 
 
 def assemble(
@@ -31,7 +36,7 @@ def assemble(
     point: tuple[float, float] = (0.0, 0.0),
     planes: tuple[bool, bool] = (True, True),
     upright: bool = False,
-    least: float = WORST,
+    least: float = MIN_SCALED_JACOBIAN,
     deep: float = 0.0,
 ) -> MeshTet2:
     """Quadratic mesh of `body` with the fine elements at `point` (x, y) mm, from a quarter mesh of `nominal`.
@@ -40,8 +45,8 @@ def assemble(
     whole body.  Nodes of the quarter come first, then their mirror images.  `upright` elements stay so under the point
     (see `moved_on_surface`), whatever the shape of the body; without it they lean by its flatness.  `deep` is the
     length (mm) of an indenter that goes deep, for which nodes are gathered (see `prestretched`).  Raises ValueError
-    when a point is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are
-    spoilt, a scaled Jacobian below `least`.
+    when a point is off a kept plane and BadMesh when it is more than MAX_SHARE_FROM_TOP semi-axes from the top or
+    elements are spoilt, a scaled Jacobian below `least`.
     """
     for axis in (0, 1):
         if planes[axis] and point[axis] != 0.0:
@@ -54,11 +59,13 @@ def assemble(
             X, tets = mirrored_mesh(X, tets, axis)
     share = (point[0] / body.a, point[1] / body.b)
     X = moved_on_surface(X, *share, nominal) if upright else translated(X, *share)
-    if math.hypot(*share) > FARTHEST + 1e-12:
-        raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
+    if math.hypot(*share) > MAX_SHARE_FROM_TOP + 1e-12:
+        raise BadMesh(
+            f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {MAX_SHARE_FROM_TOP}"
+        )
     ball = with_mid_edge_nodes(EllipsoidShape(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
-    worst, least = float(scaled_jacobian(placed).min()), GATHERED * least if deep else least
+    worst, least = float(scaled_jacobian(placed).min()), GATHERED_QUALITY_SHARE * least if deep else least
     if worst < least:
         raise BadMesh(f"elements are spoilt at point = {point} mm: scaled Jacobian {worst:.3f}, at least {least}")
     return placed
@@ -109,7 +116,7 @@ def moved_on_surface(X: np.ndarray, p: float, q: float, body: EllipsoidShape) ->
     n, (x, y, _) = math.sqrt(1.0 - (p * p + q * q)), X.T
     along = p * x + q * y
     for k, (own, place, axis) in enumerate(((x, p, body.a), (y, q, body.b))):
-        share = max(1.0 - (body.c / axis) ** 2, LEAST)
+        share = max(1.0 - (body.c / axis) ** 2, MIN_PROJECTIVE_SHARE)
         out[:, k] += share * ((n * own + (1.0 + along / (1.0 + n)) * place) / (1.0 + along) - out[:, k])
     return out + 0.0
 
@@ -123,5 +130,5 @@ def scaled_jacobian(mesh: MeshTet2) -> np.ndarray:
     xi = np.hstack([RefTet.p, 0.5 * (RefTet.p[:, i] + RefTet.p[:, j]), get_quadrature(RefTet, 2)[0]])
     gradient = np.stack([ElementTetP2().lbasis(xi, a)[1] for a in range(10)])  # (10, 3, q)
     X = mesh.doflocs.T[mesh.dofs.element_dofs.T]
-    T = np.einsum("mai,ajq->mqij", X, gradient) @ np.linalg.inv(REGULAR)
+    T = np.einsum("mai,ajq->mqij", X, gradient) @ np.linalg.inv(REGULAR_TETRAHEDRON)
     return (np.linalg.det(T) / (np.linalg.norm(T, axis=(2, 3)) / math.sqrt(3)) ** 3).min(1)

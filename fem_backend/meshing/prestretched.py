@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-GATHERED = 0.6  # of its distance from the axis is what a node below the contact has left
-WIDE, LONG = 4.0 / 3.0, 2.7  # lengths of the indenter, beside the axis and below the surface, over which that fades
-STRETCHED = 2.0  # times as deep lies what is next to the surface, on the axis
-BESIDE, BELOW = 2.0, 2.0  # lengths over which that fades
+GATHERED_DISTANCE_SHARE = 0.6  # of its distance from the axis is what a node below the contact has left
+# lengths of the indenter, beside the axis and below the surface, over which that fades
+GATHERED_RADIUS_RATIO, GATHERED_DEPTH_RATIO = 4.0 / 3.0, 2.7
+DEPTH_STRETCH = 2.0  # times as deep lies what is next to the surface, on the axis
+STRETCHED_RADIUS_RATIO, STRETCHED_DEPTH_RATIO = 2.0, 2.0  # lengths over which that fades
 
 
 def lowered(depth: np.ndarray, rest: np.ndarray, r: np.ndarray, room: np.ndarray, length: float) -> np.ndarray:
@@ -24,10 +25,12 @@ def lowered(depth: np.ndarray, rest: np.ndarray, r: np.ndarray, room: np.ndarray
     q = 2, L the `length`; D = `rest` is how deep a plane lies that stays; w = `room` falls to 0 where nothing moves.
     One-to-one, as its slope is at least 1 − (q − 1) w (D/2L)/(e^{D/2L} − 1).
     """
-    end = np.exp(-rest / (BELOW * length))
-    fade = (np.exp(-depth / (BELOW * length)) - end) / np.maximum(1.0 - end, 1e-12)
-    share = np.where((depth >= 0.0) & (depth < rest), fade, 0.0) * np.exp(-((r / (BESIDE * length)) ** 2))
-    return depth * (1.0 + (STRETCHED - 1.0) * share * room)
+    end = np.exp(-rest / (STRETCHED_DEPTH_RATIO * length))
+    fade = (np.exp(-depth / (STRETCHED_DEPTH_RATIO * length)) - end) / np.maximum(1.0 - end, 1e-12)
+    share = np.where((depth >= 0.0) & (depth < rest), fade, 0.0) * np.exp(
+        -((r / (STRETCHED_RADIUS_RATIO * length)) ** 2)
+    )
+    return depth * (1.0 + (DEPTH_STRETCH - 1.0) * share * room)
 
 
 def gathered(depth: np.ndarray, r: np.ndarray, room: np.ndarray, length: float) -> np.ndarray:
@@ -35,8 +38,10 @@ def gathered(depth: np.ndarray, r: np.ndarray, room: np.ndarray, length: float) 
 
     One-to-one, as the slope of r by it is at least k.
     """
-    fade = np.exp(-((r / (WIDE * length)) ** 2) - (np.maximum(depth, 0.0) / (LONG * length)) ** 2)
-    return 1.0 - (1.0 - GATHERED) * room * fade
+    fade = np.exp(
+        -((r / (GATHERED_RADIUS_RATIO * length)) ** 2) - (np.maximum(depth, 0.0) / (GATHERED_DEPTH_RATIO * length)) ** 2
+    )
+    return 1.0 - (1.0 - GATHERED_DISTANCE_SHARE) * room * fade
 
 
 def below_pole(X: np.ndarray, semi_axes: np.ndarray, length: float) -> np.ndarray:

@@ -22,12 +22,12 @@ import numpy as np
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mapped import mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
-from fem_backend.meshing.templates import NOMINAL, template_hash, template_mesh
+from fem_backend.meshing.templates import TEMPLATE_BODY, template_hash, template_mesh
 
-ALIVE = 10.0  # s between two signs of life of a mesher
-LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.accuracy.two_grid
+SIGN_OF_LIFE_S = 10.0  # between two signs of life of a mesher
+LIMIT_LEVEL = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.accuracy.two_grid
 MAKERS: dict[str, Callable[[Mapping[str, Any]], Mesh]] = {}  # of meshes of other bodies, by the mesher in a recipe
-OFF = 0.09  # of the volume: straight edges of a coarse mesh cut that much off, see `finish`
+QUARTER_VOLUME_TOLERANCE = 0.09  # of the volume: straight edges of a coarse mesh cut that much off, see `finish`
 
 
 def make_mesh(recipe: str) -> Mesh:
@@ -45,7 +45,7 @@ def make_mesh(recipe: str) -> Mesh:
         if template_hash(data["level"]) != data["sha256"]:
             raise BadMesh(f"the template {data['level']!r} of this version is not the one of the recipe")
         mesh = template_mesh(data["level"])
-        return Mesh(mesh.vertices * (np.array(data["semi_axes"]) / NOMINAL.semi_axes), mesh.tets)
+        return Mesh(mesh.vertices * (np.array(data["semi_axes"]) / TEMPLATE_BODY.semi_axes), mesh.tets)
     axes = " x ".join(f"{v:.4g}" for v in data["semi_axes"])
     return in_child("fem_backend.meshing.tetwild", recipe, f"a new specimen (scaled semi-axes {axes} mm)")
 
@@ -73,7 +73,7 @@ def _said(what: str) -> Iterator[None]:
     began, over = time.monotonic(), threading.Event()
 
     def tell() -> None:
-        while not over.wait(ALIVE):
+        while not over.wait(SIGN_OF_LIFE_S):
             print(f"  {what}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
 
     print(f"  {what}: once, 10 to 90 s; the mesh is stored for later studies", file=sys.stderr, flush=True)
@@ -112,7 +112,7 @@ def mapped_recipe(body: EllipsoidShape, n: int, slip: float) -> str:
     )
 
 
-def template_recipe(level: str, body: EllipsoidShape = NOMINAL) -> str:
+def template_recipe(level: str, body: EllipsoidShape = TEMPLATE_BODY) -> str:
     """Recipe of the shipped quarter mesh of a level, scaled to `body`; equal bits on every machine.
 
     Its hash makes a changed template a different recipe.
@@ -192,7 +192,7 @@ def _kept(path: Path, recipe: str) -> Mesh | None:
         v = volumes(mesh)
         if mesher(recipe) in MAKERS:
             return mesh if v.min() > 0 else None
-        stands_for = v.min() > 0 and abs(v.sum() / (nominal_body(recipe).volume() / 4) - 1) <= OFF
+        stands_for = v.min() > 0 and abs(v.sum() / (nominal_body(recipe).volume() / 4) - 1) <= QUARTER_VOLUME_TOLERANCE
     except (OSError, ValueError, IndexError, TypeError, MemoryError):
         return None
     return mesh if stands_for else None

@@ -9,7 +9,7 @@ from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mapped import kuhn_simplex
 from fem_backend.meshing.mesh import BadMesh, Mesh, volumes, with_mid_edge_nodes
 
-PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+EDGES_OF_TETRAHEDRON = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))  # by their corners
 
 
 def subdivided(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:
@@ -26,10 +26,12 @@ def subdivided(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:
     ends = np.sort(linear.edges, axis=0)
     order = np.lexsort(ends[::-1])
     code = ends[0, order] * len(mesh.vertices) + ends[1, order]
-    of_edge = [order[np.searchsorted(code, tets[:, i] * len(mesh.vertices) + tets[:, j])] for i, j in PAIRS]
+    of_edge = [
+        order[np.searchsorted(code, tets[:, i] * len(mesh.vertices) + tets[:, j])] for i, j in EDGES_OF_TETRAHEDRON
+    ]
     middle = linear.nvertices + np.stack(of_edge, 1)
     b = weight / n
-    corner, bubble = b * (2 * b - 1), np.stack([4 * b[:, i] * b[:, j] for i, j in PAIRS], 1)
+    corner, bubble = b * (2 * b - 1), np.stack([4 * b[:, i] * b[:, j] for i, j in EDGES_OF_TETRAHEDRON], 1)
     all_points = np.einsum("pa,mai->mpi", corner, X[tets]) + np.einsum("pa,mai->mpi", bubble, X[middle])
     # a point is known by the corners it lies between and its weights
     key = np.where(weight > 0, tets[:, None, :] * (n + 1) + weight, -1)

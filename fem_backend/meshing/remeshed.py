@@ -13,10 +13,11 @@ from fem_backend.meshing.closed_surface import closed
 from fem_backend.meshing.mesh import BadMesh
 from fem_backend.meshing.smooth_surface import SmoothSurface, vertex_normals
 
-DENSE = 0.34  # of the asked length: edges of the triangulation of which vertices are chosen
-APART = 0.72  # of the asked length: edges between points that keep this distance are 1.4 times as long in the mean
-ROUNDS = 4  # of moving each vertex to the middle of what is nearest to it
-PASSES = 16  # of halving edges: 3⁻¹ · 2¹⁶ is beyond any grading
+DENSE_EDGE_RATIO = 0.34  # of the asked length: edges of the triangulation of which vertices are chosen
+# of the asked length: edges between points that keep this distance are 1.4 times as long in the mean
+MIN_VERTEX_DISTANCE_RATIO = 0.72
+N_CENTRING_ROUNDS = 4  # of moving each vertex to the middle of what is nearest to it
+MAX_HALVING_PASSES = 16  # of halving edges: 3⁻¹ · 2¹⁶ is beyond any grading
 Sizes = Callable[[np.ndarray], np.ndarray]
 
 
@@ -26,15 +27,15 @@ def remeshed_surface(surface: SmoothSurface, sizes: Sizes, fixed: np.ndarray) ->
     The dual of a Voronoi diagram on a dense triangulation, whose sites are moved to the centres of their cells
     (Valette and Chassery 2004).  Raises BadMesh where that is no closed surface: sizes too large for the shape.
     """
-    x, facets = refined_surface(surface, lambda p: DENSE * sizes(p))
+    x, facets = refined_surface(surface, lambda p: DENSE_EDGE_RATIO * sizes(p))
     x = np.vstack([x, surface.project(fixed[None])])  # joined to the nearest: a site that never moves
     first = int(np.argmin(np.linalg.norm(x[:-1] - x[-1], axis=1)))
     x[first], x = x[-1], x[:-1]
     h, normals = sizes(x), vertex_normals(x, facets)
-    sites = _scattered(x, normals, APART * h, first)
+    sites = _scattered(x, normals, MIN_VERTEX_DISTANCE_RATIO * h, first)
     graph = _metric(x, facets, h)
     weight = _areas(x, facets) / h**4  # cells of equal weight are in proportion to h, of two dimensions
-    for _ in range(ROUNDS):
+    for _ in range(N_CENTRING_ROUNDS):
         cell = _cells(graph, sites)
         total = np.maximum(np.bincount(cell, weight, len(sites)), 1e-300)
         middle = np.column_stack([np.bincount(cell, weight * x[:, i], len(sites)) / total for i in range(3)])
@@ -54,7 +55,9 @@ def remeshed_surface(surface: SmoothSurface, sizes: Sizes, fixed: np.ndarray) ->
     return made.vertices[used], inverse.reshape(made.facets.shape)
 
 
-def refined_surface(surface: SmoothSurface, sizes: Sizes, passes: int = PASSES) -> tuple[np.ndarray, np.ndarray]:
+def refined_surface(
+    surface: SmoothSurface, sizes: Sizes, passes: int = MAX_HALVING_PASSES
+) -> tuple[np.ndarray, np.ndarray]:
     """The facets cut until no edge is longer than `sizes(middle)`, all vertices on the smooth surface."""
     x, facets = surface.project(surface.vertices), surface.facets.copy()
     for _ in range(passes):

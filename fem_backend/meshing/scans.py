@@ -22,21 +22,23 @@ from skfem.refdom import RefTet
 
 from fem_backend.meshing.closed_surface import closed, enclosed_volume
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
-from fem_backend.meshing.placing import REGULAR, WORST, scaled_jacobian
+from fem_backend.meshing.placing import MIN_SCALED_JACOBIAN, REGULAR_TETRAHEDRON, scaled_jacobian
 from fem_backend.meshing.recipes import in_child
 from fem_backend.meshing.remeshed import refined_surface, remeshed_surface
 from fem_backend.meshing.smooth_surface import SmoothSurface
 from fem_backend.meshing.surface_files import read_surface
 from fem_backend.meshing.tetwild import TETWILD_SCALE, die_with_parent, tetrahedra
 
-MESHER = "scan"
-EPSILON = (1e-3, 5e-4, 1e-3, 2e-4)  # surface tolerance by the diagonal, tried in turn
-BEND, HOLLOW = 0.8, 0.5  # of the smallest radius of curvature of humps and of hollows: no edge is longer
-WIDE = 2.0  # of the scan's own edges: curvature of its scatter asks for nothing shorter
-OFF = 0.03  # of the volume: what large curved elements may miss, beyond it the surface does not bound the body
-DOUBTS = "does the surface meet itself, or is it thinner somewhere than its facets are long?"
-SHAPELY = 0.15  # scaled Jacobian that elements at the rim of the held region keep
-ON = 1e-9  # of the size: what lies this near to the edge of the held region lies on it
+SCAN_MESHER = "scan"
+SCAN_TETWILD_EPSILON = (1e-3, 5e-4, 1e-3, 2e-4)  # surface tolerance by the diagonal, tried in turn
+# of the smallest radius of curvature of humps and of hollows: no edge is longer
+MAX_EDGE_PER_HUMP_RADIUS, MAX_EDGE_PER_HOLLOW_RADIUS = 0.8, 0.5
+MIN_EDGE_PER_SCAN_EDGE = 2.0  # of the scan's own edges: curvature of its scatter asks for nothing shorter
+# of the volume: what large curved elements may miss, beyond it the surface does not bound the body
+SCAN_VOLUME_TOLERANCE = 0.03
+SURFACE_DOUBTS = "does the surface meet itself, or is it thinner somewhere than its facets are long?"
+MIN_RIM_SCALED_JACOBIAN = 0.15  # scaled Jacobian that elements at the rim of the held region keep
+ON_RIM_TOLERANCE = 1e-9  # of the size: what lies this near to the edge of the held region lies on it
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,7 @@ def onto_rim(smooth: SmoothSurface, held: Mapping[str, Any], x: np.ndarray) -> n
         gram = np.einsum("nai,nbi->nab", J, J)
         gram += 1e-12 * np.eye(2)  # where the surface runs along the edge nothing is found
         y -= np.einsum("nai,na->ni", J, np.linalg.solve(gram, np.stack([f, phi], axis=1)[..., None])[..., 0])
-    y[np.abs(held_level(held, y)) > ON * size] = np.nan
+    y[np.abs(held_level(held, y)) > ON_RIM_TOLERANCE * size] = np.nan
     return y
 
 
@@ -155,7 +157,7 @@ def scan_recipe(
     """
     return json.dumps(
         {
-            "mesher": MESHER,
+            "mesher": SCAN_MESHER,
             "version": 1,
             "file": file,
             "scale": scale,
@@ -193,7 +195,10 @@ def graded_tetrahedra(data: Mapping[str, Any]) -> Mesh:
     place = smooth.project(np.array([data["place"]]))[0]
     centre = place + sizing.lift * smooth.normals(place[None])[0]
     hollow, hump = np.clip(-body.curvature[:, 0], 1e-300, None), np.clip(body.curvature[:, 1], 1e-300, None)
-    bend = np.maximum(np.minimum(BEND / hump, HOLLOW / hollow), WIDE * body.spacing)
+    bend = np.maximum(
+        np.minimum(MAX_EDGE_PER_HUMP_RADIUS / hump, MAX_EDGE_PER_HOLLOW_RADIUS / hollow),
+        MIN_EDGE_PER_SCAN_EDGE * body.spacing,
+    )
 
     def sizes(x: np.ndarray) -> np.ndarray:
         return sizing(np.linalg.norm(x - centre, axis=-1) - sizing.lift)
@@ -206,7 +211,7 @@ def graded_tetrahedra(data: Mapping[str, Any]) -> Mesh:
     vertices, facets = remeshed_surface(smooth, along, place)
     best, most, refused = None, -np.inf, BadMesh("fTetWild was not asked")
     background = _background(vertices, place, sizing.h0, sizes)
-    for epsilon in EPSILON:
+    for epsilon in SCAN_TETWILD_EPSILON:
         try:
             points, tets = tetrahedra(vertices, facets, sizing.hmax, epsilon, background)
             mesh = finished_mesh(body, data["held"], points, tets, place)
@@ -214,7 +219,7 @@ def graded_tetrahedra(data: Mapping[str, Any]) -> Mesh:
         except BadMesh as error:
             refused = error
             continue
-        if sound >= WORST:
+        if sound >= MIN_SCALED_JACOBIAN:
             return mesh
         if sound > most:
             best, most = mesh, sound
@@ -263,7 +268,7 @@ def finished_mesh(body: Scan, held: Mapping[str, Any], points: np.ndarray, tets:
     made = Mesh(np.ascontiguousarray(points), np.ascontiguousarray(tets))
     v = volumes(made)
     if v.min() <= 0.0:
-        raise BadMesh(f"an element of {v.min():.3g} mm³: {DOUBTS}")
+        raise BadMesh(f"an element of {v.min():.3g} mm³: {SURFACE_DOUBTS}")
     return made
 
 
@@ -272,8 +277,8 @@ def scan_quality(body: Scan, made: MeshTet2) -> float:
     at = np.stack([ElementTetP2().lbasis(get_quadrature(RefTet, 3)[0], a)[1] for a in range(10)])
     X = made.doflocs.T[made.dofs.element_dofs.T]
     inside = float((np.linalg.det(np.einsum("mai,ajq->mqij", X, at)) @ get_quadrature(RefTet, 3)[1]).sum())
-    if abs(inside / body.volume - 1.0) > OFF:
-        raise BadMesh(f"a volume of {inside:.4g} mm³ in a surface of {body.volume:.4g} mm³: {DOUBTS}")
+    if abs(inside / body.volume - 1.0) > SCAN_VOLUME_TOLERANCE:
+        raise BadMesh(f"a volume of {inside:.4g} mm³ in a surface of {body.volume:.4g} mm³: {SURFACE_DOUBTS}")
     return float(scaled_jacobian(made).min())
 
 
@@ -284,14 +289,14 @@ def carried_mesh(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh, pla
     indenter meets the same elements, and nothing moves where a support is.  Raises BadMesh where it is too far.
     """
     nodes = np.unique(_boundary(mesh.vertices, mesh.tets))
-    below = nodes[held_level(held, mesh.vertices[nodes]) <= ON * float(np.abs(smooth.vertices).max())]
+    below = nodes[held_level(held, mesh.vertices[nodes]) <= ON_RIM_TOLERANCE * float(np.abs(smooth.vertices).max())]
     reach = float(np.linalg.norm(mesh.vertices[below] - place, axis=1).min())
     r = np.linalg.norm(mesh.vertices - place, axis=1) / reach
     points = mesh.vertices + (np.maximum(1.0 - r * r, 0.0) ** 2)[:, None] * (to - place)
     moving = nodes[r[nodes] < 1.0]
     points[moving] = smooth.project(points[moving])
     worst = float(straight(points, mesh.tets).min())
-    if worst < WORST:
+    if worst < MIN_SCALED_JACOBIAN:
         far = float(np.linalg.norm(to - place))
         raise BadMesh(f"elements are spoilt {far:.3g} mm from the place that they were made for: {worst:.3f}")
     return Mesh(points, mesh.tets)
@@ -310,7 +315,7 @@ def _align(
     An edge that is left alone has an end on each side: there the held region ends within an element.
     """
     edges = np.unique(np.sort(np.concatenate([skin[:, [0, 1]], skin[:, [1, 2]], skin[:, [2, 0]]]), axis=1), axis=0)
-    nodes, small = np.unique(skin), ON * float(np.abs(smooth.vertices).max())
+    nodes, small = np.unique(skin), ON_RIM_TOLERANCE * float(np.abs(smooth.vertices).max())
     phi, tried = np.zeros(len(points)), np.zeros(len(points), bool)
     phi[nodes] = held_level(held, points[nodes])
     phi[np.abs(phi) <= small] = 0.0
@@ -326,7 +331,7 @@ def _align(
         tried[k] = True
         around, before = tets[(tets == k).any(1)], points[k].copy()
         points[k] = rim[k]
-        if np.all(np.isfinite(rim[k])) and straight(points, around).min() >= SHAPELY:
+        if np.all(np.isfinite(rim[k])) and straight(points, around).min() >= MIN_RIM_SCALED_JACOBIAN:
             phi[k] = 0.0
         else:
             points[k] = before
@@ -334,15 +339,15 @@ def _align(
 
 def straight(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
     """Scaled Jacobian (m,) of straight-sided elements, as :func:`.placing.scaled_jacobian`."""
-    T = np.swapaxes(points[tets[:, 1:]] - points[tets[:, :1]], 1, 2) @ np.linalg.inv(REGULAR)
+    T = np.swapaxes(points[tets[:, 1:]] - points[tets[:, :1]], 1, 2) @ np.linalg.inv(REGULAR_TETRAHEDRON)
     return np.linalg.det(T) / (np.linalg.norm(T, axis=(1, 2)) / np.sqrt(3.0)) ** 3
 
 
 def quadratic_on_scan(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh) -> MeshTet2:
     """Ten-node tetrahedra whose boundary mid-edge nodes lie on the smooth surface, between two of the rim on that.
 
-    Where that spoils an element (a scaled Jacobian below `SHAPELY`), large ones at a dent, its edges keep to the
-    surface without the rim, or bend half as much, or a quarter, or not at all.
+    Where that spoils an element (a scaled Jacobian below `MIN_RIM_SCALED_JACOBIAN`), large ones at a dent, its edges
+    keep to the surface without the rim, or bend half as much, or a quarter, or not at all.
     """
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
     numbers = MeshTet2.from_mesh(linear).t  # its nodes are averages over cells: equal to the bit they are not
@@ -352,7 +357,7 @@ def quadratic_on_scan(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh
     flat = nodes[middle]
     on = smooth.project(flat)
     ways = [on.copy(), on, 0.5 * (flat + on), 0.75 * flat + 0.25 * on, flat]
-    small = ON * float(np.abs(smooth.vertices).max())
+    small = ON_RIM_TOLERANCE * float(np.abs(smooth.vertices).max())
     ends = linear.p.T[linear.edges[:, edges].T.ravel()]
     rim = np.nonzero((np.abs(held_level(held, ends)) <= small).reshape(-1, 2).all(1))[0]
     if len(rim):
@@ -365,7 +370,7 @@ def quadratic_on_scan(smooth: SmoothSurface, held: Mapping[str, Any], mesh: Mesh
     while True:
         nodes[middle] = np.choose(way[:, None], ways)
         made = MeshTet2(np.ascontiguousarray(nodes.T), numbers)
-        bad = made.dofs.element_dofs[:, scaled_jacobian(made) < SHAPELY]
+        bad = made.dofs.element_dofs[:, scaled_jacobian(made) < MIN_RIM_SCALED_JACOBIAN]
         spoilt = np.isin(middle, bad) & (way < len(ways) - 1)
         if not spoilt.any():
             return made

@@ -18,21 +18,22 @@ from scipy.sparse import coo_matrix
 
 from fem_backend.meshing.nearest_facets import FacetTree, nearest_one
 
-RIDGE = 1e-9  # of the diagonal of the normal equations: a fit through too few points keeps to the lower terms
-MOST = 40  # neighbours of a vertex that count, the nearest
-CHUNK = 20_000  # vertices fitted at a time
-TURNS = 12  # Newton steps to the surface: two or three do
-SLIDES = 60  # Newton steps along it: four do but where a ball would nearly fit into a hollow
-STIFFEST = 0.3  # least 1 + d κ of a step: beyond a centre of curvature it would turn
-POWERS = np.array([(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)])
+JET_RIDGE_SHARE = 1e-9  # of the diagonal of the normal equations: a fit through too few points keeps to the lower terms
+MAX_JET_NEIGHBOURS = 40  # neighbours of a vertex that count, the nearest
+N_JETS_AT_A_TIME = 20_000  # vertices fitted at a time
+MAX_STEPS_TO_SURFACE = 12  # Newton steps to the surface: two or three do
+MAX_STEPS_ALONG_SURFACE = 60  # Newton steps along it: four do but where a ball would nearly fit into a hollow
+MIN_CURVATURE_FACTOR = 0.3  # least 1 + d κ of a step: beyond a centre of curvature it would turn
+# i, j of the terms u^i v^j of a cubic, but for the constant
+JET_POWERS = np.array([(1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)])
 
 
 @dataclass(frozen=True)
 class SmoothSurface:
     """Vertices p (n, 3) and facets (m, 3) of a closed surface, facing outwards, with a jet at every vertex.
 
-    `frames` (n, 3, 3) have the rows t₁, t₂, n; z = c₀ + Σ c_k u^i v^j with the powers of `POWERS` is the height over
-    the tangent plane, `jets` (n, 10) its coefficients.
+    `frames` (n, 3, 3) have the rows t₁, t₂, n; z = c₀ + Σ c_k u^i v^j with the powers of `JET_POWERS` is the height
+    over the tangent plane, `jets` (n, 10) its coefficients.
     """
 
     vertices: np.ndarray
@@ -130,13 +131,13 @@ def _jets(vertices: np.ndarray, facets: np.ndarray, frames: np.ndarray) -> np.nd
     two = (one + one @ one).tolil()
     around = [np.array([k, *(j for j in row if j != k)]) for k, row in enumerate(two.rows)]
     out = np.zeros((n, 10))
-    for k in range(0, n, CHUNK):
-        out[k : k + CHUNK] = _fit(vertices, frames, around, np.arange(k, min(k + CHUNK, n)))
+    for k in range(0, n, N_JETS_AT_A_TIME):
+        out[k : k + N_JETS_AT_A_TIME] = _fit(vertices, frames, around, np.arange(k, min(k + N_JETS_AT_A_TIME, n)))
     return out
 
 
 def _fit(vertices: np.ndarray, frames: np.ndarray, around: list[np.ndarray], own: np.ndarray) -> np.ndarray:
-    width = min(max(len(around[k]) for k in own), MOST)
+    width = min(max(len(around[k]) for k in own), MAX_JET_NEIGHBOURS)
     index, there = np.zeros((len(own), width), int), np.zeros((len(own), width), bool)
     for row, k in enumerate(own):
         near = around[k]
@@ -148,11 +149,11 @@ def _fit(vertices: np.ndarray, frames: np.ndarray, around: list[np.ndarray], own
     reach = np.where(there, r, 0.0).max(1)  # of the farthest: its weight is 1/e
     weight = np.where(there, np.exp(-((r / reach[:, None]) ** 2)), 0.0)
     u, v, z = np.moveaxis(local / reach[:, None, None], -1, 0)
-    basis = np.stack([np.ones_like(u), *(u**i * v**j for i, j in POWERS)], axis=-1)
+    basis = np.stack([np.ones_like(u), *(u**i * v**j for i, j in JET_POWERS)], axis=-1)
     normal = np.einsum("nka,nk,nkb->nab", basis, weight, basis)
     trace = np.trace(normal, axis1=1, axis2=2)[:, None, None] / 10.0
-    degree = np.array([0, *POWERS.sum(1)])
-    normal += RIDGE * trace * np.diag(10.0 ** (2.0 * np.maximum(degree - 1, 0)))
+    degree = np.array([0, *JET_POWERS.sum(1)])
+    normal += JET_RIDGE_SHARE * trace * np.diag(10.0 ** (2.0 * np.maximum(degree - 1, 0)))
     right = np.einsum("nka,nk,nk->na", basis, weight, z)
     scaled = np.linalg.solve(normal, right[..., None])[..., 0]
     return scaled * reach[:, None] ** (1.0 - degree)
@@ -203,7 +204,7 @@ def _levels(x, facets, vertices, frames, jets, corners, boxes, children, span, o
 @numba.njit(cache=True)
 def _onto(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b):  # type: ignore[no-untyped-def]
     """Move y (3,) onto the surface; g and H are those of the last step but one."""
-    for _ in range(TURNS):
+    for _ in range(MAX_STEPS_TO_SURFACE):
         f = _blend(y, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
         step = f / (g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
         for i in range(3):
@@ -239,7 +240,7 @@ def _closest(x, small, facets, vertices, frames, jets, corners, boxes, children,
             for a in range(3):
                 y[i] += b[a] * vertices[facets[facet, a], i]
         shortest = np.inf
-        for _ in range(SLIDES):
+        for _ in range(MAX_STEPS_ALONG_SURFACE):
             _onto(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
             _blend(y, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
             slope, d, square = np.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]), 0.0, 0.0
@@ -259,7 +260,10 @@ def _closest(x, small, facets, vertices, frames, jets, corners, boxes, children,
 
 @numba.njit(cache=True)
 def _step(n, H, slope, d, way, t, y):  # type: ignore[no-untyped-def]
-    """Move y (3,) by (I + d S)⁻¹ T way along the tangent plane, stiff directions not beyond `STIFFEST`; its length."""
+    """Move y (3,) by (I + d S)⁻¹ T way along the tangent plane; its length.
+
+    Stiff directions go not beyond `MIN_CURVATURE_FACTOR`.
+    """
     sign = 1.0 if n[2] >= 0.0 else -1.0
     p = -1.0 / (sign + n[2])
     q = n[0] * n[1] * p
@@ -275,8 +279,8 @@ def _step(n, H, slope, d, way, t, y):  # type: ignore[no-untyped-def]
             s11 += t[1, i] * H[i, j] * t[1, j] / slope
     turn = 0.5 * np.arctan2(2.0 * s01, s00 - s11)
     c, s = np.cos(turn), np.sin(turn)
-    one = max(1.0 + d * (c * c * s00 + 2.0 * c * s * s01 + s * s * s11), STIFFEST)
-    two = max(1.0 + d * (s * s * s00 - 2.0 * c * s * s01 + c * c * s11), STIFFEST)
+    one = max(1.0 + d * (c * c * s00 + 2.0 * c * s * s01 + s * s * s11), MIN_CURVATURE_FACTOR)
+    two = max(1.0 + d * (s * s * s00 - 2.0 * c * s * s01 + c * c * s11), MIN_CURVATURE_FACTOR)
     along, across = (c * r0 + s * r1) / one, (c * r1 - s * r0) / two
     square = 0.0
     for i in range(3):

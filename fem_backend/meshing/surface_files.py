@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-FORMATS = ".stl, .ply, .obj"
-STL_HEADER, STL_FACET = 84, 50  # bytes of a binary STL before its facets, and of each
-KINDS: Mapping[str, str] = {
+SURFACE_FORMATS = ".stl, .ply, .obj"
+STL_HEADER_BYTES, STL_FACET_BYTES = 84, 50  # bytes of a binary STL before its facets, and of each
+PLY_NUMBER_TYPES: Mapping[str, str] = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
     **dict.fromkeys(("short", "int16"), "i2"),
@@ -38,7 +38,7 @@ def read_surface(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     }
     reader = readers.get(file.suffix.lower())
     if reader is None:
-        raise ValueError(f"unknown format {file.suffix!r}; choose from {FORMATS}")
+        raise ValueError(f"unknown format {file.suffix!r}; choose from {SURFACE_FORMATS}")
     try:
         data = file.read_bytes()
     except FileNotFoundError:
@@ -66,14 +66,15 @@ def welded(vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    count = int.from_bytes(data[STL_HEADER - 4 : STL_HEADER], "little")
-    if len(data) >= STL_HEADER and len(data) == STL_HEADER + STL_FACET * count:
+    count = int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
+    if len(data) >= STL_HEADER_BYTES and len(data) == STL_HEADER_BYTES + STL_FACET_BYTES * count:
         record = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
-        corners = np.frombuffer(data, record, count, STL_HEADER)["corner"].astype(float).reshape(-1, 3)
+        corners = np.frombuffer(data, record, count, STL_HEADER_BYTES)["corner"].astype(float).reshape(-1, 3)
         return corners, np.arange(len(corners)).reshape(-1, 3)
     if not data.lstrip().startswith(b"solid"):
         raise ValueError(
-            f"a binary STL of {count} facets has {STL_HEADER + STL_FACET * count} bytes, this file has {len(data)}"
+            f"a binary STL of {count} facets has {STL_HEADER_BYTES + STL_FACET_BYTES * count} bytes, "
+            f"this file has {len(data)}"
         )
     words = data.split()
     at = [k for k, word in enumerate(words) if word == b"vertex"]
@@ -124,7 +125,11 @@ def _ply(data: bytes) -> tuple[np.ndarray, np.ndarray]:
                 elements.append((words[1], int(words[2]), []))
             elif words[:1] == ["property"]:
                 listed = words[1] == "list"
-                own = (words[4], KINDS[words[3]], KINDS[words[2]]) if listed else (words[2], KINDS[words[1]], "")
+                own = (
+                    (words[4], PLY_NUMBER_TYPES[words[3]], PLY_NUMBER_TYPES[words[2]])
+                    if listed
+                    else (words[2], PLY_NUMBER_TYPES[words[1]], "")
+                )
                 elements[-1][2].append(own)
         except (IndexError, KeyError, ValueError):
             raise ValueError(f"its header has a line that is none of a PLY: {line!r}") from None

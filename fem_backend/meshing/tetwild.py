@@ -17,11 +17,11 @@ from skfem import MeshTet
 
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, finish, volumes
-from fem_backend.meshing.placing import WORST, assemble, scaled_jacobian
+from fem_backend.meshing.placing import MIN_SCALED_JACOBIAN, assemble, scaled_jacobian
 from fem_backend.meshing.surface import quarter_surface
 
 TETWILD_EPSILON = (1e-3, 1e-3, 5e-4, 1e-3, 5e-4, 2e-4)  # surface tolerance by the diagonal, tried in turn
-SITES = (0.0, 0.0), (0.35, 0.0), (0.0, 0.35)  # shares of the semi-axes: where further tests are proposed
+PLACED_SHARES = (0.0, 0.0), (0.35, 0.0), (0.0, 0.35)  # shares of the semi-axes: where further tests are proposed
 TETWILD_SCALE = 0.72  # fTetWild's mean edge is 1.3 to 1.4 times what it is asked for
 
 
@@ -44,7 +44,7 @@ def tetwild_quarter(body: EllipsoidShape, sizing: Sizing) -> Mesh:
             refused = error
             continue
         sound = placed_quality(mesh, body)
-        if sound >= WORST:
+        if sound >= MIN_SCALED_JACOBIAN:
             return mesh
         if sound > most:
             best, most = mesh, sound
@@ -89,7 +89,7 @@ def tetrahedra(
 def placed_quality(mesh: Mesh, body: EllipsoidShape) -> float:
     """Smallest scaled Jacobian that the quarter mesh of a body has with its fine elements at places on the axes."""
     shapes = []
-    for p, q in SITES:
+    for p, q in PLACED_SHARES:
         placed = assemble(mesh, body, body, (p * body.a, q * body.b), (p == 0.0, q == 0.0), upright=True, least=-np.inf)
         shapes.append(float(scaled_jacobian(placed).min()))
     return min(shapes)

@@ -12,11 +12,12 @@ from skfem.refdom import RefTet
 from fem_backend.kinematics import axisymmetric
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body, displacement_gradients
-from fem_backend.kinematics.voigt import PLACE
+from fem_backend.kinematics.voigt import VOIGT_PLACE
 from fem_backend.materials import stress
 from fem_backend.materials.stress import PointState
 
-MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])  # corners on both sides of mid-edge nodes 4 to 9
+# corners on both sides of mid-edge nodes 4 to 9
+MIDDLES_OF_TETRAHEDRON = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 
 
 @dataclass(frozen=True)
@@ -54,10 +55,10 @@ def stress_fields(
     F = H + np.eye(3)
     stretches: np.ndarray
     if state is None:
-        S = stress.evaluate_stress(material, H, False).S[..., PLACE]
+        S = stress.evaluate_stress(material, H, False).S[..., VOIGT_PLACE]
         S = S if scale is None else S * scale[..., None, None]
     else:
-        S = state.S[..., PLACE]
+        S = state.S[..., VOIGT_PLACE]
     if material.small_strain:
         strain = 0.5 * (H + np.swapaxes(H, -1, -2))
         J, cauchy = 1.0 + np.trace(strain, axis1=-2, axis2=-1), S
@@ -83,10 +84,10 @@ def to_nodes(body: Body, values: np.ndarray) -> np.ndarray:
     over one row of cells.
     """
     if isinstance(body, MeridianBody):
-        at, middles = axisymmetric.linear_functions(), np.array(axisymmetric.MIDDLES)
+        at, middles = axisymmetric.linear_functions(), np.array(axisymmetric.MIDDLES_OF_TRIANGLE)
     else:
         xi = get_quadrature(RefTet, 2)[0].T
-        at, middles = np.column_stack([1.0 - xi.sum(1), xi]), MIDDLES
+        at, middles = np.column_stack([1.0 - xi.sum(1), xi]), MIDDLES_OF_TETRAHEDRON
     corners = np.einsum("cq,mq...->mc...", np.linalg.pinv(at), values)
     volume = body.w.sum(1)
     count = len(body.nodes)

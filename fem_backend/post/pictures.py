@@ -29,8 +29,8 @@ class Outlined(Protocol):
         """Gap (…), its gradient (…, 3) and Hessian (…, 3, 3) at points x (…, 3)."""
 
 
-SPLIT = 3  # straight pieces of a quadratic edge
-COLOURS = "viridis"
+N_PIECES_PER_DRAWN_EDGE = 3  # straight pieces of a quadratic edge
+COLOUR_MAP = "viridis"  # of Matplotlib: its lightness rises evenly
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,12 @@ class CrossSection:
 
 
 def section(
-    body: Body, x: np.ndarray, values: np.ndarray, point: np.ndarray, normal: np.ndarray, split: int = SPLIT
+    body: Body,
+    x: np.ndarray,
+    values: np.ndarray,
+    point: np.ndarray,
+    normal: np.ndarray,
+    split: int = N_PIECES_PER_DRAWN_EDGE,
 ) -> CrossSection:
     """Cut of the cells at positions x (n, 3) by the plane (x − point)·normal = 0, with nodal `values` (n,).
 
@@ -158,7 +163,7 @@ def draw_section(
             first, second = (flat * to).T
             mesh = Triangulation(first, second, np.arange(len(flat)).reshape(-1, 3))
             image = axes.tripcolor(
-                mesh, cut.values.ravel(), shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1]
+                mesh, cut.values.ravel(), shading="gouraud", cmap=COLOUR_MAP, vmin=limits[0], vmax=limits[1]
             )
             axes.add_collection(LineCollection(cut.borders * to, colors="k", linewidths=0.25, alpha=0.6))
         axes.add_patch(Polygon(outline, closed=True, facecolor="0.85", edgecolor="0.3", zorder=3, alpha=0.9))
@@ -240,7 +245,7 @@ def draw_surface(
             to = np.array(sign, float)
             first, second = (x[:, :2] * to).T
             mesh = Triangulation(first, second, parts)
-            image = axes.tripcolor(mesh, values, shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1])
+            image = axes.tripcolor(mesh, values, shading="gouraud", cmap=COLOUR_MAP, vmin=limits[0], vmax=limits[1])
             axes.add_collection(LineCollection(loops * to, colors="k", linewidths=0.25, alpha=0.6))
         axes.set_aspect("equal")
         axes.set_xlabel("x (mm)")

@@ -6,12 +6,12 @@ import numpy as np
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.contact.tractions import ORDER, ContactSurface
+from fem_backend.contact.tractions import FACET_QUADRATURE_ORDER, ContactSurface
 
 
 def pressure_at_nodes(surface: ContactSurface, pressure: np.ndarray, count: int) -> np.ndarray:
     """Pressure (count,) MPa at all nodes, zero off the contact: linear per facet, averaged by area, never negative."""
-    X, _ = get_quadrature(RefTri, ORDER)
+    X, _ = get_quadrature(RefTri, FACET_QUADRATURE_ORDER)
     at = np.column_stack([1.0 - X.sum(0), *X])
     corners = np.einsum("cq,fq->fc", np.linalg.pinv(at), pressure)
     area = surface.weights.sum(1)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import ElementTriP2
 
-SAME = 1e-6  # of the height of the model: points of one surface differ by less
-OUTSIDE = 1e-9  # how far out of its triangle, in its coordinates, a point may lie
+SAME_SURFACE_TOLERANCE = 1e-6  # of the height of the model: points of one surface differ by less
+OUTSIDE_TRIANGLE_TOLERANCE = 1e-9  # how far out of its triangle, in its coordinates, a point may lie
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,13 @@ def surface_points(
         near = np.nonzero(((p >= low - margin) & (p <= high + margin)).all(1))[0]
         xi = _newton(flat[near], p)
         slack = np.minimum(xi.min(1), 1.0 - xi.sum(1)) if len(near) else np.array([-np.inf])
-        on = np.nonzero(slack >= -OUTSIDE)[0]
+        on = np.nonzero(slack >= -OUTSIDE_TRIANGLE_TOLERANCE)[0]
         if not len(on):
             raise ValueError(f"the point ({points[i, 0]:g}, {points[i, 1]:g}) mm is not on the upper surface")
         z = np.einsum("ca,ca->c", _shape(xi[on])[0], height[near[on]])
-        first = on[z >= z.max() - SAME * np.ptp(nodes[:, 2])]  # two facets share a point on their edge
+        first = on[
+            z >= z.max() - SAME_SURFACE_TOLERANCE * np.ptp(nodes[:, 2])
+        ]  # two facets share a point on their edge
         best = int(first[np.argmax(slack[first])])
         found[i], N[i] = facets[near[best]], _shape(xi[best : best + 1])[0][0]
     return Probes(found, N, sign)
@@ -69,7 +71,11 @@ def _on_meridian(nodes: np.ndarray, edges: np.ndarray, points: np.ndarray) -> Pr
             slope = (dM * r).sum(1)
             t = np.clip(t - ((M * r).sum(1) - at) / np.where(slope == 0.0, np.inf, slope), -1.0, 2.0)
         M = _edge(t)[0]
-        hit = (np.abs((M * r).sum(1) - at) <= 1e-9 * r.max()) & (t >= -OUTSIDE) & (t <= 1.0 + OUTSIDE)
+        hit = (
+            (np.abs((M * r).sum(1) - at) <= 1e-9 * r.max())
+            & (t >= -OUTSIDE_TRIANGLE_TOLERANCE)
+            & (t <= 1.0 + OUTSIDE_TRIANGLE_TOLERANCE)
+        )
         if not hit.any():
             raise ValueError(f"the point ({points[i, 0]:g}, {points[i, 1]:g}) mm is not on the upper surface")
         best = int(np.where(hit, (M * height).sum(1), -np.inf).argmax())

@@ -11,8 +11,8 @@ import numpy as np
 
 from fem_backend.kinematics.bodies import Body
 
-QUADRATIC_TETRA = 24  # VTK's cell type; its mid-edge nodes 01, 12, 02, 03, 13, 23 come in our order
-TURNED = [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]  # the same cell seen from the other side
+VTK_QUADRATIC_TETRA = 24  # VTK's cell type; its mid-edge nodes 01, 12, 02, 03, 13, 23 come in our order
+TURNED_NODE_ORDER = [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]  # the same cell seen from the other side
 
 
 def write_vtu(
@@ -37,10 +37,10 @@ def write_vtu(
     cells = ElementTree.SubElement(piece, "Cells")
     X = body.nodes[body.cells[:, :4]]
     inward = np.linalg.det(X[:, 1:] - X[:, :1]) < 0.0
-    oriented = np.where(inward[:, None], body.cells[:, TURNED], body.cells).astype(np.int64)
+    oriented = np.where(inward[:, None], body.cells[:, TURNED_NODE_ORDER], body.cells).astype(np.int64)
     _array(cells, "connectivity", oriented.ravel(), oriented.size)
     _array(cells, "offsets", np.arange(10, 10 * m + 1, 10, dtype=np.int64), m)
-    _array(cells, "types", np.full(m, QUADRATIC_TETRA, np.uint8), m)
+    _array(cells, "types", np.full(m, VTK_QUADRATIC_TETRA, np.uint8), m)
     for tag, data, count in (
         ("PointData", {"displacement": u, **(point_data or {})}, n),
         ("CellData", cell_data or {}, m),

@@ -7,9 +7,9 @@ from scipy.spatial import cKDTree
 
 from fem_backend.kinematics.axisymmetric import basis
 
-CANDIDATES = 24  # cells whose middles are nearest
-STEPS = 12  # of Newton's method in a curved cell
-OUTSIDE = 0.15  # how far out of its cell, in its coordinates, a point may lie: next to a curved outline
+N_CANDIDATE_TRIANGLES = 24  # cells whose middles are nearest
+N_LOCATING_STEPS = 12  # of Newton's method in a curved cell
+MAX_OUTSIDE_CELL = 0.15  # how far out of its cell, in its coordinates, a point may lie: next to a curved outline
 
 
 class Lost(ValueError):
@@ -22,19 +22,19 @@ def located(points: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.nd
     Solves Σ N_a(ξ) x_a = x with the cell's own functions, bubble included.  Raises Lost.
     """
     middle = points[cells[:, :3]].mean(1)
-    count = min(CANDIDATES, len(cells))
+    count = min(N_CANDIDATE_TRIANGLES, len(cells))
     near = cKDTree(middle).query(x, count)[1].reshape(len(x), count)
     cell, xi, slack = _best_of(points, cells, near, x)
     low, high = points[cells].min(1), points[cells].max(1)
-    margin = OUTSIDE * (high - low)
+    margin = MAX_OUTSIDE_CELL * (high - low)
     for k in np.nonzero(slack < 0.0)[0]:  # of long thin cells the nearest middle may be that of many another
         around = np.nonzero(((low - margin <= x[k]) & (x[k] <= high + margin)).all(1))[0]
         if len(around):
             best, at, inside = _best_of(points, cells, around[None], x[k : k + 1])
             if inside[0] > slack[k]:
                 cell[k], xi[k], slack[k] = best[0], at[0], inside[0]
-    if (slack < -OUTSIDE).any():
-        raise Lost(f"{int((slack < -OUTSIDE).sum())} of {len(x)} places lie in no cell")
+    if (slack < -MAX_OUTSIDE_CELL).any():
+        raise Lost(f"{int((slack < -MAX_OUTSIDE_CELL).sum())} of {len(x)} places lie in no cell")
     return cell, xi
 
 
@@ -45,7 +45,7 @@ def _best_of(
     coordinate (k,): −∞ where Newton's method ends in none."""
     nodes = points[cells[near]]  # (k, c, 7, 2)
     xi = np.full((*near.shape, 2), 1.0 / 3.0)
-    for _ in range(STEPS):
+    for _ in range(N_LOCATING_STEPS):
         N, dN = (v.reshape(*v.shape[:-1], *near.shape) for v in basis(xi.reshape(-1, 2).T))
         residual = np.einsum("akc,kcai->kci", N, nodes) - x[:, None]
         D = np.einsum("ajkc,kcai->kcij", dN, nodes)

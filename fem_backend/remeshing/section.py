@@ -16,13 +16,15 @@ from fem_backend.meshing import MeridianMesh
 from fem_backend.remeshing import location
 from fem_backend.remeshing.triangulation import NoTriangles, filled, size_field
 
-CORNER = 0.9  # cosine of the turn of an outline that is a corner, and stays
-ON_AXIS = 1e-12  # of the largest coordinate: a radius that is none
-THIN, THINNEST = 0.35, 0.05  # of the height of the body above the lowest point: no element is larger; of the wanted
-BENT = 6.0  # times the volume before or after: a triangle of which the map of the old mesh is not nearly linear
-TRIES = 5  # with smaller triangles where the map is bent
-SMALLER = 0.6  # of the edge length there
-EDGES = ((0, 1, 3), (1, 2, 4), (0, 2, 5))
+MAX_CORNER_COSINE = 0.9  # cosine of the turn of an outline that is a corner, and stays
+ON_AXIS_TOLERANCE = 1e-12  # of the largest coordinate: a radius that is none
+# of the height of the body above the lowest point: no element is larger; of the wanted
+MAX_EDGE_PER_HEIGHT, MIN_THIN_EDGE_SHARE = 0.35, 0.05
+# times the volume before or after: a triangle of which the map of the old mesh is not nearly linear
+MAX_VOLUME_CHANGE_RATIO = 6.0
+MAX_MESHING_TRIES = 5  # with smaller triangles where the map is bent
+RETRIED_EDGE_RATIO = 0.6  # of the edge length there
+EDGES_OF_TRIANGLE = ((0, 1, 3), (1, 2, 4), (0, 2, 5))  # corners and the node between them
 
 
 class NoMesh(ValueError):
@@ -78,7 +80,7 @@ def rezoned(
     loop = _loop(section.cells[near])
     chains, lines = _chains(section, near, loop), _interfaces(section, near)
     places, sizes = _sizes(section, [*chains, *lines], wanted)
-    for _ in range(TRIES):
+    for _ in range(MAX_MESHING_TRIES):
         size = size_field(places, sizes, growth)
         cut = [_cut(section, chain, size) for chain in chains]
         inner = [_cut(section, chain, size).x[1:-1] for chain in lines]
@@ -92,7 +94,7 @@ def rezoned(
             return _joined(section, near, cut, before, triangles)
         corners = points[triangles[bent]]
         places = np.concatenate([places, corners.mean(1)])
-        sizes = np.concatenate([sizes, SMALLER * size(corners.mean(1))])
+        sizes = np.concatenate([sizes, RETRIED_EDGE_RATIO * size(corners.mean(1))])
     raise NoMesh(f"{int(bent.sum())} triangles would be turned over before")
 
 
@@ -129,7 +131,10 @@ def _chains(section: DeformedMeridian, near: np.ndarray, loop: np.ndarray) -> li
     breaks = [
         k
         for k in range(len(loop))
-        if kinds[k] != kinds[k - 1] or way[k] @ way[k - 1] < CORNER or int(loop[k][0]) in meets or kinds[k][0] == 0
+        if kinds[k] != kinds[k - 1]
+        or way[k] @ way[k - 1] < MAX_CORNER_COSINE
+        or int(loop[k][0]) in meets
+        or kinds[k][0] == 0
     ]
     if not breaks:
         raise NoMesh("the part to be remeshed has no corner")
@@ -142,7 +147,7 @@ def _chains(section: DeformedMeridian, near: np.ndarray, loop: np.ndarray) -> li
 def _between(section: DeformedMeridian, near: np.ndarray) -> np.ndarray:
     """Edges (e, 3) between cells of two parts, both of them to be replaced."""
     cells, part = section.cells[near], section.part[near]
-    edges = np.concatenate([cells[:, list(e)] for e in EDGES])
+    edges = np.concatenate([cells[:, list(e)] for e in EDGES_OF_TRIANGLE])
     owner = np.tile(part, 3)
     order = np.argsort(edges[:, 2], kind="stable")
     edges, owner = edges[order], owner[order]
@@ -205,7 +210,7 @@ def _sizes(
         h, lowest = wanted(x), float(section.x[:, 1].min())
         above = np.where(np.abs(x[:, None, 0] - x[None, :, 0]) <= h[:, None], x[None, :, 1], -np.inf).max(1)
         places.append(x)
-        sizes.append(np.minimum(h, np.maximum(THIN * (above - lowest), THINNEST * h)))
+        sizes.append(np.minimum(h, np.maximum(MAX_EDGE_PER_HEIGHT * (above - lowest), MIN_THIN_EDGE_SHARE * h)))
     return np.concatenate(places), np.concatenate(sizes)
 
 
@@ -248,14 +253,14 @@ def _before(section: DeformedMeridian, cut: list[Cut], points: np.ndarray) -> np
     given = np.concatenate([c.X[:-1] for c in cut])
     cell, xi = location.located(section.x, section.cells, points[len(given) :])
     out = np.concatenate([given, location.at_nodes(section.X, section.cells, cell, xi)])
-    out[np.abs(out[:, 0]) < ON_AXIS * np.abs(out).max(), 0] = 0.0
+    out[np.abs(out[:, 0]) < ON_AXIS_TOLERANCE * np.abs(out).max(), 0] = 0.0
     return out
 
 
 def _bent(before: np.ndarray, now: np.ndarray) -> np.ndarray:
     """Which triangles (m, 3, 2) change their volume beyond what the material does, or turn over, before and now."""
     ring = before[..., 0].mean(1) * _areas(before) / (now[..., 0].mean(1) * _areas(now))
-    return (ring < 1.0 / BENT) | (ring > BENT)
+    return (ring < 1.0 / MAX_VOLUME_CHANGE_RATIO) | (ring > MAX_VOLUME_CHANGE_RATIO)
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:

@@ -17,9 +17,9 @@ from skfem import ElementTetP2, MeshTet2
 
 from fem_backend.meshing.mesh import Mesh, with_mid_edge_nodes
 
-CANDIDATES = 60  # cells whose centres are nearest
-SHARE = 0.5  # of the way to the middle in a round
-REVERTED = 12  # times that vertices are put back where elements became worse
+N_CANDIDATE_CELLS = 60  # cells whose centres are nearest to a point, of which one holds it
+MOVE_SHARE_PER_ROUND = 0.5  # of the way to the middle in a round
+MAX_REVERSIONS = 12  # times that vertices are put back where elements became worse
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def rezoned(body: Any, mesh: MeshTet2, u: np.ndarray, at: np.ndarray, reach: flo
     near = moves[tets].any(1)
     before = float((sign[:, 0] * shape(x, tets))[near].mean())
     for _ in range(rounds):
-        step = SHARE * _pulled_back(X, x, tets, _to_the_middle(x, edges, outer, skin, within))
+        step = MOVE_SHARE_PER_ROUND * _pulled_back(X, x, tets, _to_the_middle(x, edges, outer, skin, within))
         step[~moves] = 0.0
         for k in (0, 1):
             step[within[k], k] = 0.0
@@ -112,7 +112,7 @@ def _accepted(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices before and now after a round, those put back whose elements would have become worse."""
     was, step = np.minimum(sign * shape(x, tets), sign * shape(X, tets)), step.copy()
-    for _ in range(REVERTED):
+    for _ in range(MAX_REVERSIONS):
         new = X + step
         new[skin] = np.where(step[skin].any(1)[:, None], body.project(new[skin]), X[skin])
         moved = np.nonzero(step.any(1))[0]
@@ -144,7 +144,7 @@ def _displacements(nodes: np.ndarray, cells: np.ndarray, u: np.ndarray, points: 
     """Displacements (p, 3) mm at points (p, 3) of the undeformed body; cells are located as straight-sided."""
     corner = nodes[cells[:, :4]]
     inverse = np.linalg.inv(np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2))
-    _, near = cKDTree(corner.mean(1)).query(points, min(CANDIDATES, len(corner)))
+    _, near = cKDTree(corner.mean(1)).query(points, min(N_CANDIDATE_CELLS, len(corner)))
     xi = np.einsum("pkij,pkj->pki", inverse[near], points[:, None] - corner[near, 0])
     b = np.concatenate([1.0 - xi.sum(-1, keepdims=True), xi], axis=-1)
     best = b.min(-1).argmax(1)

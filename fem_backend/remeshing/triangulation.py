@@ -12,14 +12,15 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 Size = Callable[[np.ndarray], np.ndarray]  # wanted edge length (n,) at points (n, 2)
-ROUNDS = 40  # of repulsion
-AHEAD = 1.2  # of the wanted length is that at rest: so that all push
-SHARE = 0.2  # of the force is a move
-FREE = 0.6  # wanted lengths around each given point that stay free of others
-CROWDED = 0.5  # wanted lengths below which one of two neighbours is taken out
-FLAT = 1e-3  # quality below which a triangle is none
-TURNS = 30  # of diagonals for one given edge
-PLASTIC = (0.7548776662466927, 0.5698402909980532)  # multiples of these fill the square evenly (Roberts 2018)
+N_REPULSION_ROUNDS = 40  # of repulsion
+REST_LENGTH_RATIO = 1.2  # of the wanted length is that at rest: so that all push
+MOVE_PER_FORCE = 0.2  # of the force is a move
+FREE_AROUND_GIVEN_RATIO = 0.6  # wanted lengths around each given point that stay free of others
+MIN_NEIGHBOUR_DISTANCE_RATIO = 0.5  # wanted lengths below which one of two neighbours is taken out
+MIN_TRIANGLE_QUALITY = 1e-3  # quality below which a triangle is none
+MAX_DIAGONAL_TURNS = 30  # of diagonals for one given edge
+# multiples of these fill the square evenly (Roberts 2018)
+EVEN_FILLING_MULTIPLES = (0.7548776662466927, 0.5698402909980532)
 
 
 class NoTriangles(ValueError):
@@ -62,7 +63,7 @@ def filled(polygon: np.ndarray, lines: list[np.ndarray], size: Size) -> tuple[np
     given = np.concatenate([polygon, *lines])
     edges = _edges(len(polygon), [len(line) for line in lines])
     movable = _seeded(polygon, given, edges, size)
-    for k in range(ROUNDS):
+    for k in range(N_REPULSION_ROUNDS):
         movable = _moved(polygon, given, movable, size)
         if k % 10 == 9:
             movable = _apart(given, movable, edges, size)
@@ -96,7 +97,7 @@ def _seeded(polygon: np.ndarray, given: np.ndarray, edges: np.ndarray, size: Siz
     columns, rows = int((high[0] - low[0]) / least) + 2, int((high[1] - low[1]) / (0.866 * least)) + 2
     i, j = np.repeat(np.arange(columns), rows), np.tile(np.arange(rows), columns)
     lattice = low + np.column_stack([(i + 0.5 * (j % 2)) * least, j * 0.866 * least])
-    chance = (PLASTIC[0] * i + PLASTIC[1] * j) % 1.0
+    chance = (EVEN_FILLING_MULTIPLES[0] * i + EVEN_FILLING_MULTIPLES[1] * j) % 1.0
     within = inside(polygon, lattice)
     lattice, chance = lattice[within], chance[within]
     lattice = lattice[chance < (least / size(lattice)) ** 2]
@@ -108,15 +109,15 @@ def _apart(given: np.ndarray, movable: np.ndarray, edges: np.ndarray, size: Size
     if not len(movable):
         return movable
     h = size(movable)
-    keep = cKDTree(given).query(movable)[0] > FREE * h
+    keep = cKDTree(given).query(movable)[0] > FREE_AROUND_GIVEN_RATIO * h
     middle, half = given[edges].mean(1), 0.5 * np.linalg.norm(given[edges[:, 1]] - given[edges[:, 0]], axis=1)
     keep &= (np.linalg.norm(movable[:, None] - middle[None], axis=-1) > 1.05 * half).all(1)
     movable, h = movable[keep], h[keep]
     if len(movable) < 2:
         return movable
     out = np.ones(len(movable), bool)
-    for a, b in sorted(cKDTree(movable).query_pairs(CROWDED * float(h.max()))):
-        near = np.linalg.norm(movable[a] - movable[b]) < CROWDED * min(h[a], h[b])
+    for a, b in sorted(cKDTree(movable).query_pairs(MIN_NEIGHBOUR_DISTANCE_RATIO * float(h.max()))):
+        near = np.linalg.norm(movable[a] - movable[b]) < MIN_NEIGHBOUR_DISTANCE_RATIO * min(h[a], h[b])
         if near and out[a] and out[b]:
             out[b] = False
     return movable[out]
@@ -130,7 +131,7 @@ def _within(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _of(polygon: np.ndarray, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Those of the triangles (m, 3) whose middle lies in the polygon, counterclockwise, without flat ones."""
     corners = points[triangles]
-    triangles = triangles[inside(polygon, corners.mean(1)) & (np.abs(quality(corners)) > FLAT)]
+    triangles = triangles[inside(polygon, corners.mean(1)) & (np.abs(quality(corners)) > MIN_TRIANGLE_QUALITY)]
     turned = quality(points[triangles]) < 0.0
     triangles[turned] = triangles[turned][:, [0, 2, 1]]
     return triangles
@@ -144,12 +145,12 @@ def _moved(polygon: np.ndarray, given: np.ndarray, movable: np.ndarray, size: Si
     across = points[sides[:, 0]] - points[sides[:, 1]]
     length = np.linalg.norm(across, axis=1)
     wanted = size(points[sides].mean(1))
-    rest = AHEAD * wanted * np.sqrt((length**2).sum() / (wanted**2).sum())
+    rest = REST_LENGTH_RATIO * wanted * np.sqrt((length**2).sum() / (wanted**2).sum())
     push = (np.maximum(rest - length, 0.0) / np.maximum(length, 1e-300))[:, None] * across
     force = np.zeros_like(points)
     np.add.at(force, sides[:, 0], push)
     np.add.at(force, sides[:, 1], -push)
-    new = movable + SHARE * force[len(given) :]
+    new = movable + MOVE_PER_FORCE * force[len(given) :]
     out = ~inside(polygon, new)
     new[out] = movable[out]
     return new
@@ -162,7 +163,7 @@ def _with_edges(points: np.ndarray, triangles: np.ndarray, edges: np.ndarray) ->
     """
     cells = [tuple(t) for t in triangles.tolist()]
     for a, b in edges.tolist():
-        for _ in range(TURNS):
+        for _ in range(MAX_DIAGONAL_TURNS):
             owners: dict[tuple[int, int], list[int]] = {}
             for k, t in enumerate(cells):
                 for i, j in ((0, 1), (1, 2), (2, 0)):

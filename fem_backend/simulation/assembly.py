@@ -37,16 +37,20 @@ from fem_backend.specimens import Specimen, own_laws
 from fem_backend.specimens.specimen import GradedInAdvance
 from fem_backend.supports import SUPPORTS
 
-PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
-STIFF = 100.0  # the same of a meridian, over μ/h
-FIRM = 3000.0  # that of friction and adhesion, which act per undeformed area, and of pore flow: see `penalty`
-FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
-RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
-MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
-STIFFEST_MERIDIAN = 2e4  # the same where volume changes are projected
-STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
-BULKY = 30.0  # K/μ beyond which glue goes with K
-SPRINGS = 1e-4  # grounding springs of a loose body, all together, over μ times the length of the indenter
+# ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
+BODY_PENALTY_RATIO = 900.0
+MERIDIAN_PENALTY_RATIO = 100.0  # the same of a meridian, over μ/h
+# that of friction and adhesion, which act per undeformed area, and of pore flow: see `penalty`
+FIRM_PENALTY_RATIO = 3000.0
+# elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
+MAX_ELEMENT_TO_RANGE_RATIO = 30.0
+DEEP_PENALTY_RISE, DEEP_PENALTY_WIDTH_RATIO = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
+MISALIGNMENT_KNOBS = ("offset_x", "offset_y", "tilt_x", "tilt_y")
+MAX_MERIDIAN_BULK_RATIO = 2e4  # K/μ beyond which the element that projects volume changes is not verified
+MAX_BODY_BULK_RATIO = 1000.0  # K/μ beyond which the displacement element is not verified
+BULK_GLUE_RATIO = 30.0  # K/μ beyond which glue goes with K
+# grounding springs of a loose body, all together, over μ times the length of the indenter
+GROUNDING_SPRING_RATIO = 1e-4
 
 
 class NotModelled(ValueError):
@@ -123,7 +127,7 @@ def tilt_rotation(knobs: Knobs) -> np.ndarray:
 
 def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[float, float]:
     """Where the fine elements go (x, y) mm: the asked point, moved as misalignment and tilt move the first contact."""
-    aligned = dict.fromkeys(MISALIGNED, 0.0)
+    aligned = dict.fromkeys(MISALIGNMENT_KNOBS, 0.0)
     point = (0.0, 0.0) if placement.specimen.alike else settings.point
     if all(getattr(knobs, name) == 0.0 for name in aligned):
         return point
@@ -164,7 +168,7 @@ def of_layers(settings: Settings, knobs: Knobs) -> tuple[Material, ...]:
     Raises NotModelled where the rest is linear elastic.
     """
     rest, specimen, out = material(settings, knobs), settings.specimen, []
-    for prefix, own, ratio in zip(own_laws.PREFIXES, specimen.laws, specimen.ratios, strict=False):
+    for prefix, own, ratio in zip(own_laws.LAYER_PREFIXES, specimen.laws, specimen.ratios, strict=False):
         if own is None:
             out.append(rest)
             continue
@@ -275,7 +279,7 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         )
     everything = (stuff, *of_layers(settings, knobs))
     ratio = max(m.bulk_modulus / m.shear_modulus for m in everything)
-    stiffest = STIFFEST_MERIDIAN if placement.meridian else STIFFEST
+    stiffest = MAX_MERIDIAN_BULK_RATIO if placement.meridian else MAX_BODY_BULK_RATIO
     if ratio > stiffest:
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {stiffest:g} (nearly incompressible)"
@@ -283,11 +287,11 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
     if knobs.permeability:
         _admit_pore_flow(settings, knobs, placement)
     h0 = element_size(settings, placement.meridian)
-    if knobs.adhesion and knobs.adhesion_range < h0 / FINEST_RANGE:
+    if knobs.adhesion and knobs.adhesion_range < h0 / MAX_ELEMENT_TO_RANGE_RATIO:
         raise NotModelled(
             "not_supported",
             f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {h0:.3g} mm at the "
-            f"contact resolve ranges of {h0 / FINEST_RANGE:.3g} mm and more",
+            f"contact resolve ranges of {h0 / MAX_ELEMENT_TO_RANGE_RATIO:.3g} mm and more",
         )
 
 
@@ -391,7 +395,7 @@ def system(
     follows = held is None and knobs.friction == 0.0
     epsilon = penalty(placement, body, surface, mu, not follows or knobs.permeability > 0.0)
     if held is not None:  # a layer between two that hold it is as stiff as K
-        epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULKY * mu))
+        epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULK_GLUE_RATIO * mu))
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
     # multipliers stay with points of the body: where that turns, they do not hold its weight in place
     soft = knobs.weight > 0.0 and not all(placement.planes)
@@ -399,7 +403,14 @@ def system(
     springs = None
     if settings.support.loose:
         whole = body.w.sum()
-        springs = SPRINGS * mu * length * nodal_weight(body, np.ones_like(body.w)) / whole / multiplicity(placement)
+        springs = (
+            GROUNDING_SPRING_RATIO
+            * mu
+            * length
+            * nodal_weight(body, np.ones_like(body.w))
+            / whole
+            / multiplicity(placement)
+        )
     dead = None
     if knobs.weight:
         dead = (
@@ -414,15 +425,15 @@ def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float
     """ε (f, q) MPa/mm: on a meridian by the length of each edge, as fine elements give way to a soft penalty.
 
     Pressed by p on a foundation of ε per undeformed area, a surface of modulus μ buckles in waves shorter than p²/(με):
-    no element may be that short up to p = √FIRM μ where it is `firm`, with friction or adhesion.  Without them contact
-    acts per area now, and multipliers make it exact.  With pore flow it is firm, too: what multipliers move comes
-    within one step, in which little drains.
+    no element may be that short up to p = √FIRM_PENALTY_RATIO μ where it is `firm`, with friction or adhesion.  Without
+    them contact acts per area now, and multipliers make it exact.  With pore flow it is firm, too: what multipliers
+    move comes within one step, in which little drains.
     """
     if not placement.meridian:
-        return np.full(surface.weights.shape, PENALTY * mu / placement.indenter.length)
+        return np.full(surface.weights.shape, BODY_PENALTY_RATIO * mu / placement.indenter.length)
     ends = body.nodes[surface.facets[:, :2]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    factor = FIRM if firm else STIFF
+    factor = FIRM_PENALTY_RATIO if firm else MERIDIAN_PENALTY_RATIO
     return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
 
 
@@ -502,8 +513,9 @@ def load_at(system: System, placement: Placement, travel: float, lag: float = 0.
 
 
 def penalty_factor(surface: ContactSurface, body: Body, placement: Placement, travel: float) -> np.ndarray | float:
-    """Factor (f, q) on ε around the first contact: 1 to a travel of the indenter's length, 1 + RAISED from twice it.
+    """Factor (f, q) on ε around the first contact: 1 to a travel of the indenter's length, 1 + r from twice it.
 
+    r = DEEP_PENALTY_RISE.
     ε acts per reference area, and the skin under a deep indenter stretches up to twenty times in area: with a uniform ε
     it would pierce the surface at depths beyond twice its length.
     """
@@ -515,4 +527,4 @@ def penalty_factor(surface: ContactSurface, body: Body, placement: Placement, tr
         return 1.0
     points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
     d = np.linalg.norm(points - placement.contact, axis=-1) / length
-    return 1.0 + RAISED * deep * np.exp(-((d / RAISED_WITHIN) ** 2))
+    return 1.0 + DEEP_PENALTY_RISE * deep * np.exp(-((d / DEEP_PENALTY_WIDTH_RATIO) ** 2))

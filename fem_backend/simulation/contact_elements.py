@@ -21,14 +21,15 @@ from fem_backend.indenters import Indenter
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
-PER_ZONE, PER_CONTACT = 6.0, 12.0  # elements along the annulus and along a₀, at unit fineness
-PER_RADIUS = 10.0  # elements along the radius of a small contact, at unit fineness
-BESIDE = 1.3  # of the deepest contact's radius: where elements begin to grow
-FAR = 100.0  # lengths of the indenter: a smaller specimen is no half-space
-GROWS = 0.25  # of the distance from there
-MOST = 800  # elements along the contact, at unit fineness
-SAMPLES = 40  # of a size, per finest element
-FEWEST_SAMPLES, MOST_SAMPLES = 400, 400_000
+# elements along the annulus and along a₀, at unit fineness
+N_ELEMENTS_PER_ANNULUS, N_ELEMENTS_PER_PULLED_CONTACT = 6.0, 12.0
+N_ELEMENTS_PER_SMALL_CONTACT = 10.0  # elements along the radius of a small contact, at unit fineness
+FINE_RADIUS_RATIO = 1.3  # of the deepest contact's radius: where elements begin to grow
+MIN_HALF_SPACE_RATIO = 100.0  # lengths of the indenter: a smaller specimen is no half-space
+ELEMENT_GROWTH_BESIDE_CONTACT = 0.25  # size of the elements per distance from there
+MAX_CONTACT_ELEMENTS = 800  # elements along the contact, at unit fineness
+N_SAMPLES_PER_ELEMENT = 40  # places at which a size is looked up, per finest element
+MIN_SIZE_SAMPLES, MAX_SIZE_SAMPLES = 400, 400_000  # the same along an interval, whatever its elements are
 
 
 class Unresolved(ValueError):
@@ -56,17 +57,20 @@ def resolved(settings: Settings, knobs: Knobs, deepest: float) -> Settings:
     )
     l, a0 = zone(knobs), (4.5 * math.pi * knobs.adhesion * R**2 / E) ** (1.0 / 3.0)
     unit = settings.indenter.length
-    h = min(l / PER_ZONE, a0 / PER_CONTACT)
+    h = min(l / N_ELEMENTS_PER_ANNULUS, a0 / N_ELEMENTS_PER_PULLED_CONTACT)
     if h >= float(settings.indenter.spacing(np.zeros(1))[0]):
         return settings
-    radius = BESIDE * _deepest_contact(settings, knobs, R, E, max(deepest, 0.0))
-    if radius > MOST * h:
-        # of the same contact: the range at which MOST elements are enough
-        least = knobs.adhesion_range * math.sqrt(radius / (MOST * min(l / PER_ZONE, radius / MOST)))
+    radius = FINE_RADIUS_RATIO * _deepest_contact(settings, knobs, R, E, max(deepest, 0.0))
+    if radius > MAX_CONTACT_ELEMENTS * h:
+        # of the same contact: the range at which MAX_CONTACT_ELEMENTS elements are enough
+        least = knobs.adhesion_range * math.sqrt(
+            radius / (MAX_CONTACT_ELEMENTS * min(l / N_ELEMENTS_PER_ANNULUS, radius / MAX_CONTACT_ELEMENTS))
+        )
         number = closed_forms.tabor(R, knobs.adhesion, E, knobs.adhesion_range)
         raise Unresolved(
             f"adhesion_range = {knobs.adhesion_range:.3g} mm: attraction acts on {l:.3g} mm beside a contact of "
-            f"{radius / BESIDE:.3g} mm (Tabor parameter {number:.3g}). {MOST} elements cannot resolve that; "
+            f"{radius / FINE_RADIUS_RATIO:.3g} mm (Tabor parameter {number:.3g}). "
+            f"{MAX_CONTACT_ELEMENTS} elements cannot resolve that; "
             f"{least:.2g} mm is the least"
         )
     return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(radius / unit, math.ceil)))
@@ -102,10 +106,12 @@ def shallow(settings: Settings, deepest: float, later: float = 0.0) -> Settings:
         return settings
     H, unit = settings.specimen.mean_curvature(*settings.point), settings.indenter.length
     first, a = (float(settings.indenter.contact_radius(np.array(d), H)) for d in (deepest, max(deepest, later)))
-    h = first / PER_RADIUS
+    h = first / N_ELEMENTS_PER_SMALL_CONTACT
     if h >= float(settings.indenter.spacing(np.zeros(1))[0]):
         return settings
-    return replace(settings, fine=(unit * _power(h / unit, math.floor), unit * _power(BESIDE * a / unit, math.ceil)))
+    return replace(
+        settings, fine=(unit * _power(h / unit, math.floor), unit * _power(FINE_RADIUS_RATIO * a / unit, math.ceil))
+    )
 
 
 def spacing(settings: Settings) -> Callable[[np.ndarray], np.ndarray]:
@@ -114,14 +120,21 @@ def spacing(settings: Settings) -> Callable[[np.ndarray], np.ndarray]:
     if settings.fine is None:
         return own
     h, radius = settings.fine
-    return lambda r: np.minimum(own(r), h + GROWS * np.maximum(np.asarray(r, float) - radius, 0.0))
+    return lambda r: np.minimum(
+        own(r), h + ELEMENT_GROWTH_BESIDE_CONTACT * np.maximum(np.asarray(r, float) - radius, 0.0)
+    )
 
 
 def samples(settings: Settings, length: float) -> int | None:
     """Places at which sizes are looked up along an interval of a `length` (mm), None where the usual ones do."""
     if settings.fine is None:
         return None
-    return int(min(max(SAMPLES * length / (settings.fineness * settings.fine[0]), FEWEST_SAMPLES), MOST_SAMPLES))
+    return int(
+        min(
+            max(N_SAMPLES_PER_ELEMENT * length / (settings.fineness * settings.fine[0]), MIN_SIZE_SAMPLES),
+            MAX_SIZE_SAMPLES,
+        )
+    )
 
 
 def _deepest_contact(settings: Settings, knobs: Knobs, R: float, E: float, depth: float) -> float:
@@ -129,7 +142,7 @@ def _deepest_contact(settings: Settings, knobs: Knobs, R: float, E: float, depth
     a = math.sqrt(R * depth)
     for _ in range(60):
         a = math.sqrt(R * (depth + math.sqrt(2.0 * math.pi * knobs.adhesion * max(a, 1e-12 * R) / E)))
-    layer = settings.specimen.smallest < FAR * settings.indenter.length
+    layer = settings.specimen.smallest < MIN_HALF_SPACE_RATIO * settings.indenter.length
     return a * (math.sqrt(2.0) if layer else 1.0)
 
 

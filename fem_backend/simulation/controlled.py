@@ -11,16 +11,16 @@ from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import indentation, rezoning
 from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
-from fem_backend.simulation.indentation import FINAL, Result
+from fem_backend.simulation.indentation import FINAL_CAUSES, Result
 from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.rezoning import MeshLeg
 from fem_backend.solver import controlled_steps
-from fem_backend.solver.controlled_steps import OUT_OF_REACH, Bench, Drive, Followed
+from fem_backend.solver.controlled_steps import UNREACHED_FORCE_CAUSE, Bench, Drive, Followed
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import Counters
 
-COARSER = 2.0  # times the size of the elements of a meridian, for its error
+COARSER_MERIDIAN_RATIO = 2.0  # times the size of the elements of a meridian, for its error
 
 
 def simulate_programme(
@@ -39,7 +39,7 @@ def simulate_programme(
     try:
         return _attempt(settings, knobs, placement, model, drive, started)
     except Stopped as stopped:
-        if stopped.cause in (*FINAL, OUT_OF_REACH):
+        if stopped.cause in (*FINAL_CAUSES, UNREACHED_FORCE_CAUSE):
             raise
         first = stopped
     patient = indentation.again(settings, first.reached)
@@ -93,7 +93,9 @@ def checked_programme(
     result, way = simulate_programme(settings, knobs, placement, model, drive)
     if not placement.meridian:
         return result
-    crude = replace(settings, fineness=COARSER * settings.fineness, h0=COARSER * settings.h0)
+    crude = replace(
+        settings, fineness=COARSER_MERIDIAN_RATIO * settings.fineness, h0=COARSER_MERIDIAN_RATIO * settings.h0
+    )
     try:
         other = modelling.model_for(crude, knobs, placement, None)
         first = indentation.simulate_indentation(crude, knobs, placement, other, way)

@@ -16,9 +16,10 @@ from fem_backend.solver import load_steps, newton
 from fem_backend.solver.newton import Load, System
 from fem_backend.specimens import own_laws
 
-DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
-REFINED, REFINEMENTS = 1e-4, 10  # of a derivative's residual, and how often at most
-STRESSES = ("N", "MPa")  # units of what grows with all moduli
+KNOB_DIFFERENCE_SHARE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
+# of a derivative's residual, and how often at most
+DERIVATIVE_RESIDUAL_TOLERANCE, MAX_DERIVATIVE_REFINEMENTS = 1e-4, 10
+UNITS_OF_STRESS = ("N", "MPa")  # units of what grows with all moduli
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
 
 
@@ -54,7 +55,9 @@ class Slopes:
         self._ends: dict[str, tuple[float, System]] = {}
         for name in dict.fromkeys([n for n in names if n != "mu"] + list(self._powers)):
             value = getattr(at.knobs, name)
-            h = DIFFERENCE * (abs(value) or (at.system.material.shear_modulus if name in stress_powers() else 1.0))
+            h = KNOB_DIFFERENCE_SHARE * (
+                abs(value) or (at.system.material.shear_modulus if name in stress_powers() else 1.0)
+            )
             end = replace(at.knobs, **{name: value + h})
             high = modelling.system(at.settings, end, at.placement, at.model, at.system)
             if name in ZONE_KNOBS:
@@ -81,15 +84,19 @@ class Slopes:
                 replace(t, multiplier=t.multiplier + h * d) for t, d in zip(stage.load.touches, dlambda, strict=True)
             )
             load, left = stage.load.touching(touches), np.inf
-            for k in range(REFINEMENTS + 1):  # the factor may be of an earlier iterate
+            for k in range(MAX_DERIVATIVE_REFINEMENTS + 1):  # the factor may be of an earlier iterate
                 change = (newton.evaluate_system(high, at.u + h * du, load).residual - at.residual) / h
                 before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
                 first = first or left
-                if left <= REFINED * first or left > 0.9 * before or k == REFINEMENTS:
+                if (
+                    left <= DERIVATIVE_RESIDUAL_TOLERANCE * first
+                    or left > 0.9 * before
+                    or k == MAX_DERIVATIVE_REFINEMENTS
+                ):
                     break
                 assert stage.equilibrium.linear is not None  # which was asked for
                 du = du - stage.equilibrium.linear(change)
-                if not last and before < np.inf and left**2 / before <= 0.3 * REFINED * first:
+                if not last and before < np.inf and left**2 / before <= 0.3 * DERIVATIVE_RESIDUAL_TOLERANCE * first:
                     break  # the step just made leaves about the share that the one before it left
             self._known[name] = du, first
             end = replace(at, u=at.u + h * du, contacts=newton.contact_states(high, at.u + h * du, load))
@@ -126,7 +133,7 @@ class Slopes:
         def others(c: str) -> float:
             return sum(p * getattr(knobs, n) * rows[n][c] for n, p in self._powers.items())
 
-        return {c: (float(unit[c] in STRESSES) * v - others(c)) / knobs.mu for c, v in here.items()}
+        return {c: (float(unit[c] in UNITS_OF_STRESS) * v - others(c)) / knobs.mu for c, v in here.items()}
 
     def at_travels(self, travels: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
         """Gradients (k,) in the order of the points."""

@@ -23,22 +23,24 @@ from fem_backend.laws import LAWS
 from fem_backend.laws.law import canonical_law as law_table
 from fem_backend.materials.permeability import HolmesMow
 from fem_backend.members import OpenSet, refused
-from fem_backend.meshing import LIMIT
+from fem_backend.meshing import LIMIT_LEVEL
 from fem_backend.solver.load_steps import Control
 from fem_backend.specimens import SPECIMENS, OfOnePlace, Specimen
 from fem_backend.supports import SUPPORTS, Support
 
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
 # loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
-OF_THE_MESH = {"follows": 1, "large_strain": 1}
-MARKS = {**OF_THE_MESH, **SUPPORTS.marks, **SPECIMENS.marks}
-LARGE = 2.0  # lengths of the indenter: travel from which large strains need another element and mesh
-THROUGH = 0.6  # of the thickness: the same of thin specimens
-OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
+MESH_MARKS = {"follows": 1, "large_strain": 1}
+MARKS = {**MESH_MARKS, **SUPPORTS.marks, **SPECIMENS.marks}
+# lengths of the indenter: travel from which large strains need another element and mesh
+LARGE_STRAIN_TRAVEL_RATIO = 2.0
+LARGE_STRAIN_THICKNESS_SHARE = 0.6  # of the thickness: the same of thin specimens
+MESHER_KEYS = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 SEALED, POROUS = DRAINAGE = "sealed", "porous"
-RESOLVED = 0.35  # radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
-SMOOTH_FROM, EDGED_FROM = 1.5, 0.1  # lengths of the indenter, see `remeshed_from`
-REMESHED = ("when_needed", "never")  # when the mesh of a meridian is made anew
+# radius at an edge over the element size: at 0.4 a flat end finds its equilibria, at 0.2 not all
+MIN_EDGE_RADIUS_RATIO = 0.35
+SMOOTH_REMESHING_TRAVEL_RATIO, EDGED_REMESHING_TRAVEL_RATIO = 1.5, 0.1  # lengths of the indenter, see `remeshed_from`
+REMESHING_CHOICES = ("when_needed", "never")  # when the mesh of a meridian is made anew
 SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
@@ -139,13 +141,13 @@ class MeshTable(members.MemberTable):
 
     mesher: Annotated[str, BeforeValidator(members.one_of(("tetwild", "mapped")))] = "tetwild"
     """tetwild: graded at the contact; mapped: the same to the bit everywhere."""
-    level: Annotated[str, BeforeValidator(members.one_of((*meshing.LEVELS, LIMIT)))] = "standard"
+    level: Annotated[str, BeforeValidator(members.one_of((*meshing.TEMPLATE_SIZINGS, LIMIT_LEVEL)))] = "standard"
     """coarse | standard | fine | reference | limit, of tetwild."""
     n: Annotated[int, BeforeValidator(_subdivisions)] = 12
     """Subdivisions of the mapped mesh."""
     slip: Annotated[float, BeforeValidator(_slip)] = 0.55
     """Grading of the mapped mesh."""
-    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHED))] = "when_needed"
+    remesh: Annotated[str, BeforeValidator(members.one_of(REMESHING_CHOICES))] = "when_needed"
     """when_needed | never: whether the mesh of a body of revolution is remade where it is worn out."""
 
     @model_validator(mode="before")
@@ -154,14 +156,14 @@ class MeshTable(members.MemberTable):
         """The table without the backend's mark; a key of the other mesher would be ignored."""
         if not isinstance(value, Mapping):
             raise refused(f": a table with the keys {', '.join(cls.model_fields)} is expected")
-        known = {name: MARKS[name] for name in OF_THE_MESH}
+        known = {name: MARKS[name] for name in MESH_MARKS}
         value = {k: v for k, v in value.items() if not members.is_revision_mark(k, v, known)}
         mesher = value.get("mesher", "tetwild")
-        for other, keys in OF_A_MESHER.items() if isinstance(mesher, str) and mesher in OF_A_MESHER else ():
+        for other, keys in MESHER_KEYS.items() if isinstance(mesher, str) and mesher in MESHER_KEYS else ():
             for key in (k for k in keys if other != mesher and k in value):
                 raise refused(
                     f' is for mesher = "{other}" and would be ignored by "{mesher}", which has '
-                    f"{', '.join(OF_A_MESHER[mesher])}",
+                    f"{', '.join(MESHER_KEYS[mesher])}",
                     key,
                     value[key],
                 )
@@ -292,10 +294,11 @@ def _settings(made: Mapping[str, Any], read: Any) -> Settings:
         specimen = specimen.touched_at(read.point)
     meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
     key, bends = indenter.finest
-    if not specimen.of_revolution and bends < RESOLVED * meshed.h0:  # a meridian is as fine as the indenter wants it
+    # a meridian is as fine as the indenter wants it
+    if not specimen.of_revolution and bends < MIN_EDGE_RADIUS_RATIO * meshed.h0:
         raise ValueError(
             f"indenter.{key}: elements of {meshed.h0:.3g} mm at the contact cannot resolve a radius of {bends:.3g} "
-            f"mm. Use at least {1.006 * RESOLVED * meshed.h0:.3g} mm, or a finer mesh"
+            f"mm. Use at least {1.006 * MIN_EDGE_RADIUS_RATIO * meshed.h0:.3g} mm, or a finer mesh"
         )
     control = Control().scaled(indenter.length)
     return Settings(
@@ -332,8 +335,11 @@ def for_travel(settings: Settings, deepest: float) -> Settings:
     """
     down = np.array([0.0, 0.0, -1.0])
     way = -settings.specimen.above(*settings.point)[1] if settings.direction == "normal" else down
-    least = min(LARGE * settings.indenter.length, THROUGH * settings.specimen.thickness_along(way))
-    return replace(settings, large_strain=deepest > least and settings.level != LIMIT)
+    least = min(
+        LARGE_STRAIN_TRAVEL_RATIO * settings.indenter.length,
+        LARGE_STRAIN_THICKNESS_SHARE * settings.specimen.thickness_along(way),
+    )
+    return replace(settings, large_strain=deepest > least and settings.level != LIMIT_LEVEL)
 
 
 def with_multipliers(settings: Settings) -> Settings:
@@ -359,7 +365,7 @@ def remeshed_from(settings: Settings) -> float:
 def watched_from(settings: Settings) -> float:
     """The same where a mesh is only looked at."""
     smooth = np.isinf(settings.indenter.finest[1])
-    return (SMOOTH_FROM if smooth else EDGED_FROM) * settings.indenter.length
+    return (SMOOTH_REMESHING_TRAVEL_RATIO if smooth else EDGED_REMESHING_TRAVEL_RATIO) * settings.indenter.length
 
 
 def element_size(settings: Settings, meridian: bool) -> float:

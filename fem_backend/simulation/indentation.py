@@ -28,9 +28,9 @@ from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
-FINAL = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
-SHORTEST = 2e-3  # of the length by which a ball is drawn up: where a jump is found
-SHORTER = 0.6  # of the steps, where a run is tried again
+FINAL_CAUSES = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
+JUMP_LENGTH_TOLERANCE = 2e-3  # of the length by which a ball is drawn up: where a jump is found
+SECOND_ATTEMPT_STEP_RATIO = 0.6  # of the steps, where a run is tried again
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def simulate_indentation(
     try:
         return _attempt(settings, knobs, placement, model, instants, guess, gradients, started, deadline)
     except Stopped as stopped:
-        if stopped.cause in FINAL:
+        if stopped.cause in FINAL_CAUSES:
             raise
         first = stopped
     patient = again(settings, first.reached)
@@ -139,7 +139,7 @@ def again(settings: Settings, reached: Result | None) -> Settings:
         if any(pair.friction for pair in reached.system.pairs):
             return replace(settings, remesh="never")
     control = settings.control
-    shorter = {n: SHORTER * getattr(control, n) for n in ("first", "largest", "path")}
+    shorter = {n: SECOND_ATTEMPT_STEP_RATIO * getattr(control, n) for n in ("first", "largest", "path")}
     return replace(settings, control=replace(control, **shorter))
 
 
@@ -209,7 +209,7 @@ def jumps_of(at: InitialState) -> JumpRecord | None:
     stiff = 4.0 * at.system.material.shear_modulus
     pull = 2.0 * np.pi * attracting.work * R / modelling.multiplicity(at.placement)
     length = (attracting.work**2 * R / stiff**2) ** (1.0 / 3.0)
-    return JumpRecord(pull, length, SHORTEST * length)
+    return JumpRecord(pull, length, JUMP_LENGTH_TOLERANCE * length)
 
 
 def _begin_at(instants: Sequence[Instant]) -> float:

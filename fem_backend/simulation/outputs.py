@@ -21,7 +21,7 @@ from fem_backend.solver import history_steps
 from fem_backend.solver.load_steps import LoadPoint
 from fem_backend.solver.newton import Evaluation, Load, System
 
-UNITS = {
+CHANNEL_UNITS = {
     "time": "s",
     "travel": "mm",
     "Fx": "N",
@@ -35,7 +35,7 @@ UNITS = {
     "slipping": "1",
 }
 FORCES = ("Fx", "Fy", "Fz")
-SOFTEST = 0.1  # of the force that a correction of the penalty may add
+MAX_PENALTY_CORRECTION_SHARE = 0.1  # of the force that a correction of the penalty may add
 
 
 def channels(
@@ -86,7 +86,7 @@ def channels(
 
 def units(settings: Settings) -> dict[str, str]:
     """Channel → unit of everything that an experiment returns."""
-    return UNITS | {profile_name(p, axis): "mm" for p in settings.profile for axis in "xyz"}
+    return CHANNEL_UNITS | {profile_name(p, axis): "mm" for p in settings.profile for axis in "xyz"}
 
 
 def _axis(at: InitialState) -> tuple[float, float]:
@@ -141,7 +141,7 @@ def softness(at: InitialState, points: Sequence[LoadPoint]) -> np.ndarray:
             slope = slope + at_s[:, None] * np.gradient(h, at_s, axis=0, edge_order=min(2, len(at_s) - 1))
         rise[way] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in way]
     along = np.array([np.abs(p.force @ at.placement.direction) for p in points])
-    return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
+    return np.clip(rise / np.maximum(along, 1e-300), 0.0, MAX_PENALTY_CORRECTION_SHARE)
 
 
 def _stretch(at: InitialState, pair: Pair, point: LoadPoint) -> np.ndarray | float:

@@ -28,17 +28,20 @@ from fem_backend.solver.jumps import JumpRecord
 from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch, Wear, Worn
 from fem_backend.solver.newton import Counters, Evaluation, NotConverged
 
-LONGER = 3.3  # times the wanted length: an edge of the first mesh that a smooth indenter may touch is too long
-AGAIN_LONGER = 2.2  # the same of later ones, without rows along the surface that thin out, and of all below an edge
-FINER = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
-FINER_AT_EDGES = 0.7  # the same below an indenter with an edge or a tip
-SIZES = (1.0, 0.8)  # times that length: meshes that are tried, as equilibrium may not be found on one
-GROWTH = 0.3  # of the length of new edges per distance from the surface
-AGAIN = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
-SERVED = 0.02  # lengths of the indenter that a mesh has served at least, where an equilibrium is lost on it
-NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
+# times the wanted length: an edge of the first mesh that a smooth indenter may touch is too long
+MAX_FIRST_EDGE_RATIO = 3.3
+# the same of later ones, without rows along the surface that thin out, and of all below an edge
+MAX_LATER_EDGE_RATIO = 2.2
+NEW_EDGE_RATIO = 0.5  # new edges over those of the first mesh: the stretch of the skin falls off fast below it
+NEW_EDGE_RATIO_BELOW_EDGES = 0.7  # the same below an indenter with an edge or a tip
+TRIED_EDGE_FACTORS = (1.0, 0.8)  # times that length: meshes that are tried, as equilibrium may not be found on one
+NEW_EDGE_GROWTH = 0.3  # of the length of new edges per distance from the surface
+REMESHING_RETRY_TRAVEL_RATIO = 0.1  # lengths of the indenter after which a mesh that was not made is tried again
+# lengths of the indenter that a mesh has served at least, where an equilibrium is lost on it
+MIN_MESH_TRAVEL_RATIO = 0.02
+N_CONTACT_NEIGHBOURS = 6  # points of contact of the old mesh among which those beside a new one are
 T = TypeVar("T")
-AROUND = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
+REZONED_RADIUS_RATIO = 2.5  # lengths of the indenter, or contact radii: what is meshed anew around its way
 
 
 @dataclass(frozen=True)
@@ -114,13 +117,13 @@ def follow_travel_rezoned(
 def _served(leg: MeshLeg, here: float) -> bool:
     """Whether a mesh has gone some way before a travel (mm), so that on a new one a run may find what it lost."""
     least = max(leg.began, watched_from(leg.at.settings))
-    return may_rezone(leg.at) and here > least + SERVED * leg.at.placement.indenter.length
+    return may_rezone(leg.at) and here > least + MIN_MESH_TRAVEL_RATIO * leg.at.placement.indenter.length
 
 
 def _kept(legs: list[MeshLeg], here: float) -> float:
     """Take note that a mesh outworn at a travel (mm) is kept; the travel from which a new one is tried again."""
     legs[-1] = replace(legs[-1], outworn=min(legs[-1].outworn, here))
-    return here + AGAIN * legs[-1].at.placement.indenter.length
+    return here + REMESHING_RETRY_TRAVEL_RATIO * legs[-1].at.placement.indenter.length
 
 
 def _noting(legs: list[MeshLeg]) -> Wear | None:
@@ -180,8 +183,8 @@ def _rescued(leg: MeshLeg, u: np.ndarray, here: float, counters: Counters) -> tu
 
 
 def _first_of_sizes(on_mesh: Callable[[float], T]) -> T:
-    """What is found on the first mesh of `SIZES` that has an equilibrium; raises what the last of them does."""
-    for size in SIZES[:-1]:
+    """What is found on the first of `TRIED_EDGE_FACTORS` whose mesh has an equilibrium; raises what the last does."""
+    for size in TRIED_EDGE_FACTORS[:-1]:
         try:
             return on_mesh(size)
         except NoMesh:
@@ -189,7 +192,7 @@ def _first_of_sizes(on_mesh: Callable[[float], T]) -> T:
         except NotConverged as error:
             if error.cause == "time_limit":
                 raise
-    return on_mesh(SIZES[-1])
+    return on_mesh(TRIED_EDGE_FACTORS[-1])
 
 
 def follow_rezoned(
@@ -292,7 +295,7 @@ def _carried_to(size: float, leg: MeshLeg, here: Reached, counters: Counters) ->
         here, u=u, rate=np.zeros_like(u), history=history,
         before=tuple(b for b, _ in rubbed), pressures=[p for _, p in rubbed],
     )  # fmt: skip
-    control, patient = at.settings.control, load_steps.PATIENT
+    control, patient = at.settings.control, load_steps.MAX_ITERATIONS_AS_LAST_RESORT
     found, load, _ = history_steps.attempt(new.system, new.start, begun, goal, u, control, counters, patient)
     reached = history_steps.arrived(new.system, load, found, goal)
     way = at.placement.direction
@@ -312,7 +315,7 @@ def rubbing(
     old, pair, before = at.system.pairs[k], new.system.pairs[k], here.before[k]
     X = tractions.contact_points(old.surface, at.model.body.nodes).reshape(-1, 3)
     places = tractions.contact_points(pair.surface, new.model.body.nodes)
-    near = cKDTree(X).query(places.reshape(-1, 3), min(NEIGHBOURS, len(X)))[1]
+    near = cKDTree(X).query(places.reshape(-1, 3), min(N_CONTACT_NEIGHBOURS, len(X)))[1]
     way, off = X[near[:, 1:]] - X[near[:, :1]], places.reshape(-1, 1, 3) - X[near[:, :1]]
     shares = (off * way).sum(-1) / np.maximum((way**2).sum(-1), 1e-300)
     rows, other = np.arange(len(near)), (shares > 0.0).argmax(1)
@@ -338,7 +341,7 @@ def wear(leg: MeshLeg, since: float = 0.0) -> Wear:
     at, since = leg.at, max(since, watched_from(leg.at.settings))
     body, facets = at.model.body, at.system.pressing.surface.facets
     begun = at.seated if leg.u is None else leg.u
-    longer = LONGER if leg.u is None and _smooth(at) else AGAIN_LONGER
+    longer = MAX_FIRST_EDGE_RATIO if leg.u is None and _smooth(at) else MAX_LATER_EDGE_RATIO
     limit = longer * np.maximum(_lengths(at, facets, body.nodes + begun), 1.0)
     upright = quality(body.nodes[:, [0, 2]][body.cells[:, :3]]) > 0.0
 
@@ -373,8 +376,8 @@ def renewed(at: InitialState, state: Evaluation, size: float = 1.0) -> tuple[Ini
     to it; raises NoMesh."""
     body = at.model.body
     section = _section(at, state.u)
-    finer = size * (FINER if _smooth(at) else FINER_AT_EDGES)
-    new = rezoned(section, _near(at, section, state), lambda x: finer * _wanted(at, x), GROWTH)
+    finer = size * (NEW_EDGE_RATIO if _smooth(at) else NEW_EDGE_RATIO_BELOW_EDGES)
+    new = rezoned(section, _near(at, section, state), lambda x: finer * _wanted(at, x), NEW_EDGE_GROWTH)
     try:
         model = modelling.remeshed_model(at.settings, at.knobs, at.placement, new)
         cell, xi = location.located(section.X, section.cells, new.points)
@@ -410,4 +413,4 @@ def _near(at: InitialState, section: DeformedMeridian, state: Evaluation) -> np.
     tip = float(touched[:, 2].min(initial=top))
     middle = section.x[section.cells[:, 6]]
     beside = middle[:, 1] - np.clip(middle[:, 1], tip, top)
-    return np.hypot(middle[:, 0], beside) < AROUND * radius
+    return np.hypot(middle[:, 0], beside) < REZONED_RADIUS_RATIO * radius

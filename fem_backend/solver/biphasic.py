@@ -37,18 +37,18 @@ from fem_backend.materials.stress import History
 from fem_backend.solver import load_steps, newton
 from fem_backend.solver.direct import Factor, NotPositiveDefinite, Solve
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Stage, Start
+from fem_backend.solver.mixed_newton import MAX_RESIDUAL_GROWTH, MIN_NEWTON_STEP_SHARE, NEW_CONTACT_PRESSURE
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
 
-LEAK = 100.0  # k over the length of an edge, times this: what leaves through it does so as through a hundredth of it
-FILM = 1e-3  # of the length of an edge: a gap that lets nothing pass
-EDGE_LEAK = 1.4  # the same beside a sealed contact: what elements there let out too early at the edge, of first order
-BESIDE = 2  # edges from it
-SETTLED = 4  # iterations after which the points that are sealed stay as they are
-SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
-AFAR = 1e4  # relative residual that grows beyond this will not come back
-NEW = 1e-300  # pressure of points that have come to touch: they count as active
-ITERATIONS = 25
-LEAST = 1 / 64  # of the way to an instant: a step that is given up
+# k over the length of an edge, times this: what leaves through it does so as through a hundredth of it
+OPEN_EDGE_LEAK_FACTOR = 100.0
+SEALED_GAP_RATIO = 1e-3  # of the length of an edge: a gap that lets nothing pass
+# the same beside a sealed contact: what elements there let out too early at the edge, of first order
+CONTACT_EDGE_LEAK_FACTOR = 1.4
+N_EDGES_BESIDE_CONTACT = 2  # edges from a sealed contact that count as beside it
+MAX_SEALING_ITERATIONS = 4  # iterations after which the points that are sealed stay as they are
+MAX_COUPLED_ITERATIONS = 25  # of Newton for displacements and pressures together, in a step
+MIN_DRAINAGE_STEP_SHARE = 1 / 64  # of the way to an instant: a step that is given up
 
 Pressures = tuple[np.ndarray | None, ...]  # (f, q) MPa of each pair that acts per current area, None of others
 
@@ -140,7 +140,7 @@ def follow_coupled(
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
-                lost = share * (instant.time - here.time) < LEAST * (instant.time - begin)
+                lost = share * (instant.time - here.time) < MIN_DRAINAGE_STEP_SHARE * (instant.time - begin)
                 if lost or error.cause == "time_limit":
                     raise load_steps.stopped_run(error, here.travel, points, counters) from error
                 here = replace(here, du=np.zeros_like(here.du), dp=np.zeros_like(here.dp))
@@ -221,9 +221,9 @@ def solve(
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     touching = _begun(system, load, here.at)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_COUPLED_ITERATIONS):
         history.append(_relative(pores, here))
-        if not history[-1] < AFAR * max(history[0], 1.0):
+        if not history[-1] < MAX_RESIDUAL_GROWTH * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
         if history[-1] <= tolerance or newton.at_round_off(history, partial(newton.round_off, system, here.at)):
             return here, tuple(history)
@@ -279,11 +279,11 @@ def _deformation(system: System, H: np.ndarray) -> np.ndarray:
 def _sealed(system: System, pores: Pores, contacts: Sequence[ContactState]) -> np.ndarray:
     """Points (f, q) of the surface under the indenter through which nothing passes: it is closed or glued there.
 
-    A gap of `FILM` of an edge is closed: between points that press, curved edges leave gaps of less.
+    A gap of `SEALED_GAP_RATIO` of an edge is closed: between points that press, curved edges leave gaps of less.
     """
     if pores.may_close is None:
         return np.zeros(contacts[0].gap.shape, bool)
-    held, sealed = system.pressing.held, contacts[0].gap < FILM * pores.may_close.length[:, None]
+    held, sealed = system.pressing.held, contacts[0].gap < SEALED_GAP_RATIO * pores.may_close.length[:, None]
     return sealed if held is None else sealed | glued(held)
 
 
@@ -292,9 +292,10 @@ def _leaks(system: System, pores: Pores, step: TimeStep, sealed: np.ndarray) -> 
 
         λ = c (k/h) min(1, k M t/h²),
 
-    of an edge of length h, 1/M = 1/(K + 4 μ/3) + S, t (s) since the body was at rest; c = LEAK, or EDGE_LEAK `beside`
-    what is sealed.  An element's pressure falls over all of its depth: as long as what has drained is thinner than h,
-    pressures held at zero would drain too much, and an undrained body would yield by a layer of elements.
+    of an edge of length h, 1/M = 1/(K + 4 μ/3) + S, t (s) since the body was at rest; c = OPEN_EDGE_LEAK_FACTOR,
+    or CONTACT_EDGE_LEAK_FACTOR `beside` what is sealed.  An element's pressure falls over all of its depth: as long as
+    what has drained is thinner than h, pressures held at zero would drain too much, and an undrained body would yield
+    by a layer of elements.
     """
     stuff = system.material
     modulus = 1.0 / (1.0 / (stuff.bulk_modulus + 4.0 / 3.0 * stuff.shear_modulus) + pores.storage)
@@ -303,16 +304,18 @@ def _leaks(system: System, pores: Pores, step: TimeStep, sealed: np.ndarray) -> 
     for edges, closed in ((pores.open, none), (pores.may_close, sealed)):
         if edges is not None:
             h = edges.length
-            factor = np.where(_beside(edges, closed, len(pores.space.vertices)), EDGE_LEAK, LEAK)
+            factor = np.where(
+                _beside(edges, closed, len(pores.space.vertices)), CONTACT_EDGE_LEAK_FACTOR, OPEN_EDGE_LEAK_FACTOR
+            )
             through = factor * flow / h * np.minimum(1.0, pores.permeability * modulus * step.end / h**2)
             found.append((edges, through[:, None, None] * (edges.products * ~closed[..., None, None]).sum(1)))
     return found
 
 
 def _beside(edges: OpenEdges, closed: np.ndarray, vertices: int) -> np.ndarray:
-    """Whether edges (e,) have closed points or lie within BESIDE edges of one that has."""
+    """Whether edges (e,) have closed points or lie within N_EDGES_BESIDE_CONTACT edges of one that has."""
     near = np.broadcast_to(closed.any(1), edges.length.shape)
-    for _ in range(BESIDE):
+    for _ in range(N_EDGES_BESIDE_CONTACT):
         at = np.zeros(vertices, bool)
         at[edges.ends[near]] = True
         near = at[edges.ends].any(1)
@@ -366,7 +369,9 @@ def _factorise(
 def _begun(system: System, load: Load, at: Evaluation) -> Pressures:
     """Pressures to begin with, of the points that overlap: their multipliers, or hardly any."""
     return tuple(
-        np.where(state.multiplier > 0.0, np.maximum(touch.multiplier, NEW), 0.0) if tractions.follows(pair) else None
+        np.where(state.multiplier > 0.0, np.maximum(touch.multiplier, NEW_CONTACT_PRESSURE), 0.0)
+        if tractions.follows(pair)
+        else None
         for pair, touch, state in zip(system.pairs, load.touches, at.contacts, strict=True)
     )
 
@@ -390,13 +395,13 @@ def _stepped(
     dp = pores.unit * change[space.number]
     while True:
         try:
-            sealed = here.sealed if len(history) > SETTLED else None
+            sealed = here.sealed if len(history) > MAX_SEALING_ITERATIONS else None
             new = evaluate_coupled(system, pores, here.at.u + alpha * du, here.p + alpha * dp, load, step, sealed)
             break
         except stress.Inverted as error:
             alpha *= 0.5
             counters.halvings += 1
-            if alpha < SHORTEST:
+            if alpha < MIN_NEWTON_STEP_SHARE:
                 raise NotConverged("inversion", str(error), tuple(history)) from None
     pressures: list[np.ndarray | None] = []
     x = space.body.nodes + here.at.u

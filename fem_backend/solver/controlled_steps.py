@@ -25,24 +25,27 @@ import numpy as np
 
 from fem_backend.materials.stress import History
 from fem_backend.solver import history_steps, load_steps, newton
-from fem_backend.solver.history_steps import ROUGH, Reached
+from fem_backend.solver.history_steps import LIGHT_CONTACT_ROUND_OFF_RESIDUAL, Reached
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
-TIGHT = 1e-7  # of a force: what is left where an answer is asked for; equilibria are found to 1e-8 of it
-BETWEEN = 1e-5  # the same on the way of a body with a history, whose answer hangs on it
-ANY = 1e-2  # the same of one without
-TRIALS = 25  # of a force, at most
-GROWS = 0.2  # of the time since a segment began is the next step of a body that relaxes, and that
-SOONEST = 0.02  # of its shortest relaxation time
-SHORTEST = 1e-3  # of a step at which the way is given up
-POWER = 1.5  # of the force over the travel where contact begins
-OUT_OF_REACH = "not_supported"  # cause of a way that ends before its force is met: no other path meets it
-ON_THE_WAY = 1e-6  # relative residual of a step that is no answer
-HARDLY = 10.0  # times what round-off leaves of a body that is hardly touched is the share to which a force is met
-MET = 1e-6  # of a force: where the way is at it
-CLOSE = 0.02  # of a force that is met on the way: from there on contact is exact, which adds up to that
-ROUND = 1e-12  # of a travel or a time
+# of a force: what is left where an answer is asked for; equilibria are found to 1e-8 of it
+ASKED_FORCE_TOLERANCE = 1e-7
+HISTORY_FORCE_TOLERANCE = 1e-5  # the same on the way of a body with a history, whose answer hangs on it
+PASSING_FORCE_TOLERANCE = 1e-2  # the same of one without
+MAX_FORCE_TRIALS = 25  # travels tried for a force, at most
+ELAPSED_TIME_STEP_SHARE = 0.2  # of the time since a segment began is the next step of a body that relaxes, and that
+RELAXATION_TIME_STEP_SHARE = 0.02  # of its shortest relaxation time
+MIN_CONTROLLED_STEP_SHARE = 1e-3  # of a step at which the way is given up
+FIRST_CONTACT_EXPONENT = 1.5  # F ∝ s^1.5 (Hertz): of the force over the travel where contact begins
+UNREACHED_FORCE_CAUSE = "not_supported"  # cause of a way that ends before its force is met: no other path meets it
+PASSING_RESIDUAL_TOLERANCE = 1e-6  # relative residual of a step that is no answer
+# times what round-off leaves of a body that is hardly touched is the share to which a force is met
+ROUND_OFF_FORCE_FACTOR = 10.0
+SAME_TARGET_TOLERANCE = 1e-6  # of a force or a travel asked for: where the way is at it
+# of a force that is met on the way: from there on contact is exact, which adds up to that
+EXACT_CONTACT_FORCE_SHARE = 0.02
+TRAVEL_TIME_ROUND_OFF = 1e-12  # of a travel or a time: what round-off leaves of it
 
 
 @dataclass(frozen=True)
@@ -210,7 +213,7 @@ class _Walk:
 
     def _travel_to(self, began: float, time: float, travel: float, asked: bool) -> None:
         share = 1.0
-        while time - self.here.time > ROUND * max(time, 1.0):
+        while time - self.here.time > TRAVEL_TIME_ROUND_OFF * max(time, 1.0):
             dt, ds = time - self.here.time, travel - self.here.travel
             part = min(share, self.bench.control.path / max(abs(ds), 1e-300), self._longest(began) / dt)
             last = part >= 0.95
@@ -228,7 +231,7 @@ class _Walk:
                 v = (goal.travel - here.travel) / (goal.time - here.time)
                 slope = (trial.force - self.force) / (goal.travel - here.travel)
                 wanted = Wanted(met, here.travel + (met - self.force) / slope, slope, here.time, v, here.travel)
-                self._arrive(self._solved(wanted, TIGHT), True, True)
+                self._arrive(self._solved(wanted, ASKED_FORCE_TOLERANCE), True, True)
                 continue
             self._arrive(trial, asked and last, False)
             share = 1.0
@@ -238,7 +241,9 @@ class _Walk:
         self._on_the_way = False
         trial = self._tried(goal)
         low, high = sorted((self.force, trial.force))
-        near = any(low * (1.0 - CLOSE) <= f <= high * (1.0 + CLOSE) for f in forces)
+        near = any(
+            low * (1.0 - EXACT_CONTACT_FORCE_SHARE) <= f <= high * (1.0 + EXACT_CONTACT_FORCE_SHARE) for f in forces
+        )
         return trial if goal.asked or not near else self._tried(replace(goal, asked=True), trial)
 
     def _met(self, trial: Trial) -> float | None:
@@ -246,7 +251,7 @@ class _Walk:
         between = [
             f
             for f in self.drive.asked_N
-            if (self.force - f) * (trial.force - f) < 0.0 and abs(self.force - f) > MET * abs(f)
+            if (self.force - f) * (trial.force - f) < 0.0 and abs(self.force - f) > SAME_TARGET_TOLERANCE * abs(f)
         ]
         return min(between, key=lambda f: abs(f - self.force), default=None)
 
@@ -261,7 +266,7 @@ class _Walk:
         while True:
             here = self.here
             left = (stops - here.travel) / v * abs(v)
-            if abs(left) <= ROUND * max(abs(here.travel), 1.0):
+            if abs(left) <= TRAVEL_TIME_ROUND_OFF * max(abs(here.travel), 1.0):
                 raise self._out_of_reach(leg.to_N)
             ds = float(np.clip(share * step, 0.0, abs(left))) * np.sign(v)
             t = here.time + ds / v
@@ -279,9 +284,11 @@ class _Walk:
             if met is not None:
                 slope = (trial.force - self.force) / (trial.goal.travel - here.travel)
                 ratio = max(met / trial.force, 0.0) if self.force == 0.0 and trial.force > 0.0 else None
-                p = here.travel + (ratio ** (1.0 / POWER) * ds if ratio is not None else (met - self.force) / slope)
+                p = here.travel + (
+                    ratio ** (1.0 / FIRST_CONTACT_EXPONENT) * ds if ratio is not None else (met - self.force) / slope
+                )
                 wanted = Wanted(met, p, slope, here.time, v, here.travel)
-                self._arrive(self._solved(wanted, TIGHT), met in self.drive.asked_N, True)
+                self._arrive(self._solved(wanted, ASKED_FORCE_TOLERANCE), met in self.drive.asked_N, True)
                 if met == leg.to_N:
                     return
                 continue
@@ -296,7 +303,7 @@ class _Walk:
         rate = (end - F0) / lasts if leg.to_N is not None else 0.0
         moments = {_of_end(t, lasts): (F0 + rate * t, True) for t in leg.asked}
         for f in self.drive.asked_N if rate else ():
-            if (min(F0, end) < f < max(F0, end) and abs(f - F0) > MET * abs(f)) or f == end:
+            if (min(F0, end) < f < max(F0, end) and abs(f - F0) > SAME_TARGET_TOLERANCE * abs(f)) or f == end:
                 moments[_of_end((f - F0) / rate, lasts)] = (f, True)
         moments[lasts] = (end, moments.get(lasts, (end, False))[1])
         for t in sorted(moments):
@@ -305,7 +312,7 @@ class _Walk:
 
     def _force_to(self, began: float, time: float, force: float, rate: float, asked: bool) -> None:
         share = 1.0
-        while time - self.here.time > ROUND * max(time, 1.0):
+        while time - self.here.time > TRAVEL_TIME_ROUND_OFF * max(time, 1.0):
             here, dt = self.here, time - self.here.time
             part = min(share, self._longest(began) / dt, self._by_travel_at_most(force, dt))
             last = part >= 0.95
@@ -319,7 +326,14 @@ class _Walk:
                     t, f, s = self._first_touch(time, force, rate, share)
                     last = t == time
                 wanted = Wanted(f, s, self.slope, t)
-                trial = self._solved(wanted, TIGHT if last else BETWEEN if self.bench.path_dependent else ANY)
+                trial = self._solved(
+                    wanted,
+                    ASKED_FORCE_TOLERANCE
+                    if last
+                    else HISTORY_FORCE_TOLERANCE
+                    if self.bench.path_dependent
+                    else PASSING_FORCE_TOLERANCE,
+                )
             except NotConverged as error:
                 share = self._cut(part, error)
                 continue
@@ -335,7 +349,7 @@ class _Walk:
         s = self.here.travel + share * self.bench.control.first
         tried = self._tried(Instant(time, s, False)).force
         if tried >= force or tried <= 0.0 or rate <= 0.0:
-            share = (force / tried) ** (1.0 / POWER) if tried > force > 0.0 else 1.0
+            share = (force / tried) ** (1.0 / FIRST_CONTACT_EXPONENT) if tried > force > 0.0 else 1.0
             return time, force, self.here.travel + share * (s - self.here.travel)
         return self.here.time + (tried - self.force) / rate, tried, s
 
@@ -351,7 +365,7 @@ class _Walk:
     def _met_travel(self, trial: Trial) -> float | None:
         """The first asked travel that a step of force passes."""
         a, b = self.here.travel, trial.goal.travel
-        between = [s for s in self.drive.asked_mm if (a - s) * (b - s) < 0.0 and abs(a - s) > MET * s]
+        between = [s for s in self.drive.asked_mm if (a - s) * (b - s) < 0.0 and abs(a - s) > SAME_TARGET_TOLERANCE * s]
         return min(between, key=lambda s: abs(s - a), default=None)
 
     def _at_travel(self, travel: float, trial: Trial, rate: float) -> None:
@@ -361,10 +375,10 @@ class _Walk:
         at_low, at_high = np.inf, -np.inf
         t = low + (travel - here.travel) / (trial.goal.travel - here.travel) * (high - low)
         sign = np.sign(trial.goal.travel - here.travel)
-        for _ in range(2 * TRIALS):
+        for _ in range(2 * MAX_FORCE_TRIALS):
             found = self._tried(Instant(t, travel, True))
             off = sign * (found.force - (F0 + rate * (t - here.time)))
-            if abs(off) <= TIGHT * max(abs(found.force), 1e-300) or high - low <= 1e-9 * max(high, 1.0):
+            if abs(off) <= ASKED_FORCE_TOLERANCE * max(abs(found.force), 1e-300) or high - low <= 1e-9 * max(high, 1.0):
                 self._arrive(found, True, True)
                 return
             if off > 0.0:
@@ -382,12 +396,12 @@ class _Walk:
         """The longest next step (s): a body that relaxes is followed evenly in the logarithm of time."""
         if not np.isfinite(self.bench.tau):
             return np.inf
-        return GROWS * (self.here.time - began) + SOONEST * self.bench.tau
+        return ELAPSED_TIME_STEP_SHARE * (self.here.time - began) + RELAXATION_TIME_STEP_SHARE * self.bench.tau
 
     def _tried(self, goal: Instant, near: Trial | None = None) -> Trial:
         """The state at an instant, from where the way is or from one nearby; raises NotConverged, Stopped."""
         b, here = self.bench, self.here
-        if goal.travel > self.drive.deepest * (1.0 + ROUND):
+        if goal.travel > self.drive.deepest * (1.0 + TRAVEL_TIME_ROUND_OFF):
             raise self._out_of_reach(self._aim)
         u, rate, s = here.u, here.rate, here.travel
         if near is not None:
@@ -406,42 +420,52 @@ class _Walk:
         What round-off leaves is a share of the force that falls as that grows: it is not sought again each time.
         """
         b = self.bench
-        least = b.control.tight if goal.asked and not self._on_the_way else max(b.control.tight, ON_THE_WAY)
+        least = (
+            b.control.tight if goal.asked and not self._on_the_way else max(b.control.tight, PASSING_RESIDUAL_TOLERANCE)
+        )
         floor = self._floor[0] * min(self._floor[1] / max(abs(self.force), 1e-300), 1.0) if self.force else 0.0
-        for tight in dict.fromkeys((max(least, floor), ROUGH)):
+        for tight in dict.fromkeys((max(least, floor), LIGHT_CONTACT_ROUND_OFF_RESIDUAL)):
             control = replace(b.control, tight=tight, medium=max(b.control.medium, tight))
-            limit = load_steps.BRISK if tight < ROUGH else load_steps.PATIENT
+            limit = (
+                load_steps.MAX_ITERATIONS_ON_THE_WAY
+                if tight < LIGHT_CONTACT_ROUND_OFF_RESIDUAL
+                else load_steps.MAX_ITERATIONS_AS_LAST_RESORT
+            )
             try:
                 answer = history_steps.attempt(b.system, b.start, self.here, goal, guess, control, b.counters, limit)
                 return answer, tight if tight > least else 0.0
             except NotConverged as error:
-                near = error.history and min(error.history) < ROUGH
-                if tight == ROUGH or error.cause == "time_limit" or not (near and goal.asked):
+                near = error.history and min(error.history) < LIGHT_CONTACT_ROUND_OFF_RESIDUAL
+                if (
+                    tight == LIGHT_CONTACT_ROUND_OFF_RESIDUAL
+                    or error.cause == "time_limit"
+                    or not (near and goal.asked)
+                ):
                     raise
                 self._floor = 2.0 * min(error.history), abs(self.force)
         raise AssertionError("the last of the tolerances returns or raises")
 
     def _solved(self, wanted: Wanted, exact: float) -> Trial:
         """The state that obeys a scalar equation, to a share of its force; raises NotConverged, Stopped."""
-        self._on_the_way = exact > TIGHT
+        self._on_the_way = exact > ASKED_FORCE_TOLERANCE
         here = self.here
         p, slope, target, most = wanted.first, wanted.slope, wanted.force, self.bench.control.largest
         near: Trial | None = None
         ends: dict[bool, tuple[float, float]] = {}  # whether F ≥ F*: (p, F − F*) nearest to the root
-        for _ in range(TRIALS):
+        for _ in range(MAX_FORCE_TRIALS):
             p = min(p, self.drive.deepest) if p > self.drive.deepest and False not in ends else p
             trial = self._tried(Instant(wanted.moment(p), p, True), near)
             off = trial.force - target
-            if abs(off) <= max(exact, HARDLY * trial.rough) * max(abs(target), 1e-300):
+            if abs(off) <= max(exact, ROUND_OFF_FORCE_FACTOR * trial.rough) * max(abs(target), 1e-300):
                 return trial
-            if off < 0.0 and p >= self.drive.deepest * (1.0 - ROUND):
+            if off < 0.0 and p >= self.drive.deepest * (1.0 - TRAVEL_TIME_ROUND_OFF):
                 raise self._out_of_reach(self._aim, trial.force)
             ends[off >= 0.0] = (p, off)
             slope, near = _steepness(trial, near, slope), trial
             if trial.force <= 0.0 < target:  # not touched yet
                 new = p + self.bench.control.first
             elif self.force <= 0.0 and off > 0.0 and p > here.travel:
-                new = here.travel + (p - here.travel) * (target / trial.force) ** (1.0 / POWER)
+                new = here.travel + (p - here.travel) * (target / trial.force) ** (1.0 / FIRST_CONTACT_EXPONENT)
             elif slope > 0.0:
                 new = p - off / slope
             else:
@@ -467,7 +491,7 @@ class _Walk:
             self.out.points.append(replace(history_steps.light(trial.point), leg=self._meshes))
             self.out.given.append(given)
             self.out.slopes.append(trial.slope)
-            self.out.left.append(max(TIGHT, HARDLY * trial.rough))
+            self.out.left.append(max(ASKED_FORCE_TOLERANCE, ROUND_OFF_FORCE_FACTOR * trial.rough))
         new = None if b.renew is None else b.renew(self.here)
         if new is not None:  # a force that is held is met again by the next step
             self.bench = replace(b, system=new.system, start=new.start)
@@ -477,7 +501,7 @@ class _Walk:
     def _cut(self, share: float, error: NotConverged) -> float:
         """The share of a step to try after one without equilibrium; raises it where that is too short."""
         self.bench.counters.cutbacks += 1
-        if error.cause == "time_limit" or share < SHORTEST:
+        if error.cause == "time_limit" or share < MIN_CONTROLLED_STEP_SHARE:
             raise error
         self.here = replace(self.here, rate=np.zeros_like(self.here.rate)) if share < 0.1 else self.here
         return 0.4 * share
@@ -489,7 +513,7 @@ class _Walk:
             f"a force of {force:.4g} N is not met: the way ends at {self.drive.deepest:.4g} mm ({self.drive.why}), "
             f"with {reached:.4g} N"
         )
-        return Stopped(OUT_OF_REACH, text, self.out.points, (), self.bench.counters)
+        return Stopped(UNREACHED_FORCE_CAUSE, text, self.out.points, (), self.bench.counters)
 
 
 def _of_end(t: float, lasts: float) -> float:

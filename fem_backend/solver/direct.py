@@ -19,10 +19,10 @@ from scipy.sparse.linalg import splu
 
 from fem_backend.kinematics.numbering import Pattern
 
-EXACT = 1e-12  # relative correction at which a solution counts as that of double precision
-ROUGH = 1e-2  # accuracy that a factor in single precision has without a check
-SLOW = 0.1  # ratio of two corrections beyond which a matrix is factorised in double
-POOR = 2  # such matrices after which single precision is given up
+DOUBLE_PRECISION_TOLERANCE = 1e-12  # relative correction at which a solution counts as that of double precision
+SINGLE_PRECISION_TOLERANCE = 1e-2  # accuracy that a factor in single precision has without a check
+MAX_CORRECTION_RATIO = 0.1  # ratio of two corrections beyond which a matrix is factorised in double
+MAX_SINGLE_PRECISION_FAILURES = 2  # such matrices after which single precision is given up
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -131,7 +131,7 @@ class _Mixed:
         self._pattern, self._factor, self._poor = pattern, factor, 0
 
     def factor(self, data: np.ndarray) -> Solve:
-        if self._poor >= POOR:
+        if self._poor >= MAX_SINGLE_PRECISION_FAILURES:
             return _exactly(self._factor(data))
         size = float(np.abs(data).max()) or 1.0
         try:
@@ -143,7 +143,7 @@ class _Mixed:
         upper = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
         double: Solve | None = None
 
-        def solve(b: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
+        def solve(b: np.ndarray, accuracy: float = DOUBLE_PRECISION_TOLERANCE) -> np.ndarray:
             nonlocal double
             if double is None:
                 x = self._refined(upper, rough, size, b, accuracy)
@@ -168,9 +168,10 @@ class _Mixed:
             now, whole = float(np.linalg.norm(step)), float(np.linalg.norm(x))
             if last:
                 rate = now / last
-                if not rate <= SLOW:
+                if not rate <= MAX_CORRECTION_RATIO:
                     return None
-            if accuracy >= ROUGH or now * rate <= accuracy * whole:  # the next correction would be this small
+            # the next correction would be this small
+            if accuracy >= SINGLE_PRECISION_TOLERANCE or now * rate <= accuracy * whole:
                 return x
             last = now
             r = upper @ x

@@ -17,12 +17,13 @@ from fem_backend.solver.jumps import JumpRecord, OnBranch
 from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped, Wear, Worn
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
-PASSES = 8  # of friction limited by the pressure of the pass before, at most
-AGREE = 0.05  # of the force: limits that are near enough
-LETTING_GO = (1.0, 30.0, 15.0, 8.0, 5.0, 3.5, 2.5, 1.8, 1.4, 1.2, 1.0)  # times the friction that a pressure allows
-ROUGH = 1e-5  # relative residual that round-off may leave of a body so hardly touched
-LONGER = (16.0, 8.0, 4.0, 2.0)  # times the range of an attraction, from which a body is drawn in
-STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
+MAX_FRICTION_PASSES = 8  # of friction limited by the pressure of the pass before, at most
+FRICTION_LIMIT_TOLERANCE = 0.05  # of the force: limits that are near enough
+# times the friction that a pressure allows
+FRICTION_RELEASE_FACTORS = (1.0, 30.0, 15.0, 8.0, 5.0, 3.5, 2.5, 1.8, 1.4, 1.2, 1.0)
+LIGHT_CONTACT_ROUND_OFF_RESIDUAL = 1e-5  # relative residual that round-off may leave of a body so hardly touched
+ATTRACTION_RANGE_FACTORS = (16.0, 8.0, 4.0, 2.0)  # times the range of an attraction, from which a body is drawn in
+STICKING_PRESSURE_RATIO = 1e6  # times the shear modulus: a pressure whose friction holds everything
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Gait:
     longest step (mm) that is likely to succeed."""
 
     control: Control
-    limit: int = load_steps.BRISK
+    limit: int = load_steps.MAX_ITERATIONS_ON_THE_WAY
     share: float = 1.0
     longest: float = np.inf
 
@@ -177,7 +178,7 @@ def _insisting(
     rough = rougher_control(gait.control, error) if goal.asked else None
     if rough is None and not load_steps.may_go_on(system, gait.limit, error):
         raise load_steps.stopped_run(error, here.travel, points, counters) from error
-    return Gait(rough or gait.control, load_steps.PATIENT)
+    return Gait(rough or gait.control, load_steps.MAX_ITERATIONS_AS_LAST_RESORT)
 
 
 def _beyond(
@@ -209,7 +210,7 @@ def rougher_control(control: Control, error: NotConverged) -> Control | None:
     and so is the round-off of their sums: residuals stay at 1e-7 to 1e-5 of the force there.
     """
     least = 2.0 * min(error.history, default=np.inf)
-    if error.cause == "time_limit" or not control.tight < least <= ROUGH:
+    if error.cause == "time_limit" or not control.tight < least <= LIGHT_CONTACT_ROUND_OFF_RESIDUAL:
         return None
     return replace(control, tight=least, medium=max(control.medium, least))
 
@@ -231,7 +232,7 @@ def _attracted(
 
 def _drawn_in(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
     """Displacement (n, 3) near that under the attraction, from a long range of it on down: a long one draws gently."""
-    for longer in LONGER:
+    for longer in ATTRACTION_RANGE_FACTORS:
         wide = system.each(functools.partial(_wider, longer))
         u = load_steps.find_equilibrium(wide, u, load, control.loose, counters).evaluation.u
     return u
@@ -245,7 +246,7 @@ def _landed(
     system: System, start: Start, rest: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters
 ) -> tuple[Equilibrium, Load, LoadPoint | None]:
     """What a body comes to beyond the end of its branch: as at `rest` (n, 3), or drawn in; raises NotConverged."""
-    patient = load_steps.PATIENT
+    patient = load_steps.MAX_ITERATIONS_AS_LAST_RESORT
     try:
         return attempt(system, start, here, goal, rest, control, counters, patient)
     except NotConverged as error:
@@ -361,7 +362,7 @@ def _step(
         guess = crude.evaluation.u
         load = _rubbing(system, load, here, [c.pressure for c in crude.evaluation.contacts])
     if goal.asked:
-        patient = limit == load_steps.PATIENT
+        patient = limit == load_steps.MAX_ITERATIONS_AS_LAST_RESORT
         point = load_steps.equilibrate(system, [guess], load, goal.travel, control, counters, goal.time, loose=patient)
         found = point.stages[0].equilibrium
         return replace(found, rate=crude.rate) if rolls and crude is not None else found, load, point
@@ -389,7 +390,7 @@ def arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> Re
 
 def _stuck(system: System, load: Load) -> list[np.ndarray]:
     """Pressures (MPa) by which friction holds everything that touches."""
-    return [np.full_like(t.multiplier, STUCK * system.material.shear_modulus) for t in load.touches]
+    return [np.full_like(t.multiplier, STICKING_PRESSURE_RATIO * system.material.shear_modulus) for t in load.touches]
 
 
 def _rubbing(system: System, load: Load, here: Reached, pressures: Sequence[np.ndarray] | None = None) -> Load:
@@ -414,7 +415,7 @@ def _let_go(
     sticks in one ring and slips in the next, which Newton does not find from afar.
     """
     limits = _stuck(system, load)
-    for k, more in enumerate(LETTING_GO):
+    for k, more in enumerate(FRICTION_RELEASE_FACTORS):
         bounded = _rubbing(system, load, here, [more * p for p in limits])
         try:
             at = load_steps.find_equilibrium(system, u, bounded, control.loose, counters, limit).evaluation
@@ -440,11 +441,11 @@ def _rested(
 
     A body that may turn is looked for again with the pressures found, from everything stuck on down, until these and
     the limits agree: what is at rest stays there where it can, and what slides does so under its own pressure.  Where
-    they do not in PASSES, the step counts as a loose one.  The rate is that of the first of them: the next step begins
-    with everything stuck again, and what it would be while sliding leads that far astray.
+    they do not in MAX_FRICTION_PASSES, the step counts as a loose one.  The rate is that of the first of them: the next
+    step begins with everything stuck again, and what it would be while sliding leads that far astray.
     """
     turns, rate = rigid_motions.rolls(system), None
-    for _ in range(PASSES if turns else 1):
+    for _ in range(MAX_FRICTION_PASSES if turns else 1):
         load = _rubbing(system, load, here, limits)
         found = load_steps.find_equilibrium(system, u, load, control.loose, counters, limit)
         rate = found.rate if rate is None else rate
@@ -452,7 +453,7 @@ def _rested(
         u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]
         weights = [p.surface.weights for p in system.pairs]
         off = sum(float((w * np.abs(p - q)).sum()) for w, p, q in zip(weights, limits, last, strict=True))
-        if off <= AGREE * sum(float((w * p).sum()) for w, p in zip(weights, limits, strict=True)):
+        if off <= FRICTION_LIMIT_TOLERANCE * sum(float((w * p).sum()) for w, p in zip(weights, limits, strict=True)):
             break
     else:
         counters.loose += turns

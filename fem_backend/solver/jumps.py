@@ -20,11 +20,11 @@ import numpy as np
 from fem_backend.contact import tractions
 from fem_backend.solver.newton import Equilibrium, Load, System
 
-SMOOTH = 0.1  # of the pull that a step along a branch may be off by, with
-CURVED = 0.02  # of the force: what the curvature of a long step may do
-PACES = ((4, 1.7), (6, 1.2), (9, 0.8))  # iterations of a step, and how much longer the next one is
-NEARER = 0.6  # of the way to the fold that a step goes at most,
-STEEP = 0.5  # once its slope is beyond this share of the pull over the length by which a ball is drawn up
+PULL_DEVIATION_SHARE = 0.1  # of the pull that a step along a branch may be off by, with
+FORCE_DEVIATION_SHARE = 0.02  # of the force: what the curvature of a long step may do
+STEP_GROWTH_BY_ITERATIONS = ((4, 1.7), (6, 1.2), (9, 0.8))  # iterations of a step, and how much longer the next one is
+MAX_FOLD_APPROACH_SHARE = 0.6  # of the way to the fold that a step goes at most,
+FOLD_SLOPE_RATIO = 0.5  # once its slope is beyond this share of the pull over the length by which a ball is drawn up
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,12 @@ def is_unexplained(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> bool:
     if a is None:
         return False
     off = abs(b.force - a.force - 0.5 * (a.slope + b.slope) * (b.travel - a.travel))
-    return not off <= SMOOTH * jumps.pull + CURVED * max(abs(a.force), abs(b.force))
+    return not off <= PULL_DEVIATION_SHARE * jumps.pull + FORCE_DEVIATION_SHARE * max(abs(a.force), abs(b.force))
 
 
 def at_fold(jumps: JumpRecord, at: OnBranch | None) -> bool:
     """Whether the slope is as steep as it gets near a fold."""
-    return at is not None and min(at.slope, at.trend) <= -STEEP * jumps.pull / jumps.length
+    return at is not None and min(at.slope, at.trend) <= -FOLD_SLOPE_RATIO * jumps.pull / jumps.length
 
 
 def longest_step(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> float:
@@ -115,12 +115,12 @@ def longest_step(jumps: JumpRecord, a: OnBranch | None, b: OnBranch) -> float:
         return np.inf
     q, before = 1.0 / b.trend**2, 1.0 / a.trend**2
     left = abs(b.middle - a.middle) * q / (before - q) - abs(b.travel - b.middle)
-    return max(NEARER * left, jumps.least)
+    return max(MAX_FOLD_APPROACH_SHARE * left, jumps.least)
 
 
 def longer(iterations: float) -> float:
     """How many times as long the next step may be: the annulus where a surface is drawn up moves by its width or so."""
-    return next((k for most, k in PACES if iterations <= most), 0.5)
+    return next((k for most, k in STEP_GROWTH_BY_ITERATIONS if iterations <= most), 0.5)
 
 
 def jump(time: float, a: OnBranch, b: OnBranch) -> Jump:

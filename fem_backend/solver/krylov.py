@@ -16,11 +16,14 @@ from scipy import sparse
 from fem_backend.kinematics.numbering import Pattern
 from fem_backend.solver.direct import NotPositiveDefinite, Solve, precise, raw_factors
 
-SHIFTS = (1e-7, 1e-5)  # of the diagonal, added in the factor only: above the noise of single precision
-CLOSEST = 1e-7  # relative correction asked for at best: what the shift hides of it is beyond a Newton step's need
-SKEW = 1e-3  # share of the skew part in a matrix below which the symmetric part says whether there is a minimum
-OLD, NEW = 10, 60  # steps with a factor of an earlier matrix, with its own
-EARLY, POOR = 3, 0.1  # step at which an earlier one is given up if what is left is more than this
+DIAGONAL_SHIFTS = (1e-7, 1e-5)  # of the diagonal, added in the factor only: above the noise of single precision
+# relative correction asked for at best: what the shift hides of it is beyond a Newton step's need
+MIN_KRYLOV_TOLERANCE = 1e-7
+# share of the skew part in a matrix below which the symmetric part says whether there is a minimum
+MAX_SKEW_SHARE = 1e-3
+MAX_OLD_FACTOR_STEPS, MAX_OWN_FACTOR_STEPS = 10, 60  # steps with a factor of an earlier matrix, with its own
+# step at which an earlier one is given up if what is left is more than this
+OLD_FACTOR_CHECK_STEP, MAX_REMAINDER_AT_CHECK = 3, 0.1
 
 Rough = Callable[[np.ndarray], np.ndarray]
 
@@ -29,7 +32,7 @@ class KrylovSolver:
     """Factors of one pattern as :func:`fem_backend.solver.direct.solver` makes them; only one is alive at a time.
 
     A symmetric matrix with a negative direction raises NotPositiveDefinite when it is solved with, a general one is
-    not looked at.  The factor of an earlier matrix serves as long as it needs no more than OLD steps.
+    not looked at.  The factor of an earlier matrix serves as long as it needs no more than MAX_OLD_FACTOR_STEPS steps.
     """
 
     def __init__(self, pattern: Pattern, prefer: str) -> None:
@@ -55,15 +58,15 @@ class KrylovSolver:
         apart = _apart(times, stored.T.__matmul__ if not self._pattern.symmetric else times, modes)
         iterate = _conjugate if self._pattern.symmetric else _gmres
 
-        def solve(b: np.ndarray, accuracy: float = CLOSEST) -> np.ndarray:
-            accuracy = max(accuracy, CLOSEST)
+        def solve(b: np.ndarray, accuracy: float = MIN_KRYLOV_TOLERANCE) -> np.ndarray:
+            accuracy = max(accuracy, MIN_KRYLOV_TOLERANCE)
             if not b.any():
                 return np.zeros_like(b)
             if self._rough is not None:
-                x = iterate(times, apart(self._rough), b, accuracy, OLD)
+                x = iterate(times, apart(self._rough), b, accuracy, MAX_OLD_FACTOR_STEPS)
                 if x is not None:
                     return x
-            x = iterate(times, apart(self._renew(data)), b, accuracy, NEW)
+            x = iterate(times, apart(self._renew(data)), b, accuracy, MAX_OWN_FACTOR_STEPS)
             if x is None:  # what no iteration solves
                 self._forget()
                 x = precise(self._pattern, self._prefer)(data)(b)
@@ -79,7 +82,7 @@ class KrylovSolver:
             upper += data[self._mirror[1]]
             upper *= 0.5
         size = float(np.abs(upper).max()) or 1.0
-        for shift in SHIFTS:
+        for shift in DIAGONAL_SHIFTS:
             shifted = (upper / size).astype(np.float32)
             shifted[self._upper.diagonal] *= np.float32(1.0 + shift)
             try:
@@ -91,7 +94,7 @@ class KrylovSolver:
             raise NotPositiveDefinite("negative pivot")
         assert self._mirror is not None  # as no half of the matrix is stored
         mirrored = data[self._mirror[1]]
-        if np.linalg.norm(upper - mirrored) <= SKEW * np.linalg.norm(mirrored):
+        if np.linalg.norm(upper - mirrored) <= MAX_SKEW_SHARE * np.linalg.norm(mirrored):
             self._rough = None
             raise NotPositiveDefinite("negative pivot of the symmetric part")
         # Coulomb's friction: the caller looks at the step
@@ -176,7 +179,7 @@ def _conjugate(times: Rough, rough: Rough, b: np.ndarray, accuracy: float, limit
         now = float(np.linalg.norm(z) / np.linalg.norm(x))
         if now <= accuracy:
             return x
-        if limit == OLD and k == EARLY and now > POOR:
+        if limit == MAX_OLD_FACTOR_STEPS and k == OLD_FACTOR_CHECK_STEP and now > MAX_REMAINDER_AT_CHECK:
             return None
         before, along = along, float(r @ z)
         d = z + along / before * d
@@ -204,7 +207,7 @@ def _gmres(times: Rough, rough: Rough, b: np.ndarray, accuracy: float, limit: in
         now = left / float(np.linalg.norm(y))  # |x| = |y|: the basis is orthonormal
         if now <= accuracy:
             return np.array(basis).T @ y
-        if limit == OLD and k == EARLY and now > POOR:
+        if limit == MAX_OLD_FACTOR_STEPS and k == OLD_FACTOR_CHECK_STEP and now > MAX_REMAINDER_AT_CHECK:
             return None
         if H[k + 1, k] == 0.0:
             return None

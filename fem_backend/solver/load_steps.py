@@ -12,13 +12,18 @@ from fem_backend.solver import mixed_newton, modified_newton, newton, rigid_moti
 from fem_backend.solver.condensation import Kept
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
-BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
-BOLD = 0.25  # of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
-EASY = 9  # evaluations of a step on a meridian, most of them with old factors, after which the next may be longer
-NOTHING: Known = (None, None)  # no factor is known, old ones may be used
-LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
-CARRYING = 4  # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
-SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
+# iterations of Newton at most: on the way, and where nothing else is left to try
+MAX_ITERATIONS_ON_THE_WAY, MAX_ITERATIONS_AS_LAST_RESORT = 15, 40
+# of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
+MIN_HALVED_STEP_RATIO = 0.25
+# evaluations of a step on a meridian, most of them with old factors, after which the next may be longer
+MAX_EASY_STEP_EVALUATIONS = 9
+NO_KNOWN_FACTOR: Known = (None, None)  # no factor is known, old ones may be used
+SEATED_RESIDUAL_FACTORS = (1.0, 10.0, 100.0)  # times the residual that is left when seated
+# augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
+N_WEIGHT_AUGMENTATIONS = 4
+# factors of the grounding springs until the support carries the body
+GROUNDING_SPRING_FACTORS = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)
 
 
 @dataclass(frozen=True)
@@ -149,8 +154,8 @@ Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is
 
 
 def find_equilibrium(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
-    known: Known | None = None, before: Evaluation | None = None,
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters,
+    limit: int = MAX_ITERATIONS_AS_LAST_RESORT, known: Known | None = None, before: Evaluation | None = None,
 ) -> Equilibrium:  # fmt: skip
     """Equilibrium from u (n, 3) by Newton in `limit` iterations; an unconstrained body that is lost rolls there.
 
@@ -187,9 +192,9 @@ def find_tight(
         except NotConverged as error:
             if error.cause == "time_limit":
                 raise
-        known = NOTHING
+        known = NO_KNOWN_FACTOR
     assert known is None or isinstance(known, tuple)  # only a condensed system keeps something else
-    return find_equilibrium(system, u, load, tolerance, counters, PATIENT, known, before)
+    return find_equilibrium(system, u, load, tolerance, counters, MAX_ITERATIONS_AS_LAST_RESORT, known, before)
 
 
 def predicted_displacement(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -208,7 +213,7 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
     Raises Stopped.
     """
     try:
-        for factor in SEATING:
+        for factor in GROUNDING_SPRING_FACTORS:
             u = find_equilibrium(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
         return _resting(system, load, u, control.seating, control, counters).evaluation.u
     except NotConverged as error:
@@ -225,7 +230,7 @@ def augmented_equilibrium(
     tolerance = min(control.medium, control.seating)
     try:
         at = newton.evaluate_system(system, u, load)
-        for _ in range(CARRYING):
+        for _ in range(N_WEIGHT_AUGMENTATIONS):
             load = newton.augmented(system, load, at)
             at = _resting(system, load, at.u, tolerance, control, counters).evaluation
     except NotConverged as error:
@@ -238,7 +243,10 @@ def _resting(
 ) -> Equilibrium:
     """Equilibrium as tight as a body that may turn is found at all; raises NotConverged."""
     wanted = max(tolerance, control.seating) if rigid_motions.rolls(system) else tolerance
-    allowed = [min(k * wanted, max(control.loose, wanted)) for k in (LOOSER if rigid_motions.rolls(system) else (1.0,))]
+    allowed = [
+        min(k * wanted, max(control.loose, wanted))
+        for k in (SEATED_RESIDUAL_FACTORS if rigid_motions.rolls(system) else (1.0,))
+    ]
     for allow in dict.fromkeys(allowed):
         try:
             return find_equilibrium(system, u, load, allow, counters)
@@ -261,7 +269,7 @@ def follow_travel(
     answer at an asked travel does not depend on the way there, and `guess(s)` may offer states to start from.
     Raises Stopped with what was reached, and Worn after a step to a state that is `worn`.
     """
-    limit = BRISK
+    limit = MAX_ITERATIONS_ON_THE_WAY
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, step, last = np.zeros_like(u), control.first, None
     swift = mixed_newton.applies(system, start(0.0))
@@ -272,7 +280,9 @@ def follow_travel(
         if offered is not None:
             near = [state + amiss for state in offered]
             try:
-                points.append(equilibrate(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
+                points.append(
+                    equilibrate(system, near, start(target), target, control, counters, 0.0, watch, NO_KNOWN_FACTOR)
+                )
             except NotConverged as error:
                 if error.cause == "time_limit":
                     raise stopped_run(error, target, points, counters) from error
@@ -281,7 +291,7 @@ def follow_travel(
                 u, rate, here = _end(points[-1], target)
                 amiss = u - offered[0]
                 continue
-        known: Known | Kept | None = NOTHING
+        known: Known | Kept | None = NO_KNOWN_FACTOR
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
@@ -293,8 +303,8 @@ def follow_travel(
                     control.loose,
                     counters,
                     limit,
-                    NOTHING,
-                    last if step > BOLD * control.first else None,
+                    NO_KNOWN_FACTOR,
+                    last if step > MIN_HALVED_STEP_RATIO * control.first else None,
                 )
             except NotConverged as error:
                 counters.cutbacks += 1
@@ -302,14 +312,14 @@ def follow_travel(
                 if step < control.smallest * control.first or error.cause == "time_limit":
                     if not may_go_on(system, limit, error):
                         raise stopped_run(error, here, points, counters, u) from error
-                    limit, step = PATIENT, control.first
+                    limit, step = MAX_ITERATIONS_AS_LAST_RESORT, control.first
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
             counters.steps += 1
             proper(system, found, here, goal, points, counters)
             easy = len(found.history) <= 5
             step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
-            if swift and len(found.history) <= EASY:
+            if swift and len(found.history) <= MAX_EASY_STEP_EVALUATIONS:
                 step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
@@ -351,7 +361,7 @@ def proper(
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
     """Whether an unconstrained body that is lost after `limit` iterations may be looked for with more patience."""
-    return system.loose and limit < PATIENT and error.cause != "time_limit"
+    return system.loose and limit < MAX_ITERATIONS_AS_LAST_RESORT and error.cause != "time_limit"
 
 
 def _end(point: LoadPoint, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -387,7 +397,12 @@ def equilibrate(
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
         if mixed_newton.applies(system, load):  # what is left moves the answer by no more than its share
-            tolerance = max(tolerance, mixed_newton.BEFORE if k < control.augmentations else mixed_newton.TIGHT)
+            tolerance = max(
+                tolerance,
+                mixed_newton.RESIDUAL_TOLERANCE_BEFORE_MULTIPLIERS
+                if k < control.augmentations
+                else mixed_newton.ASKED_RESIDUAL_TOLERANCE,
+            )
         try:
             found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:

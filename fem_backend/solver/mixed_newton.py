@@ -21,18 +21,20 @@ from fem_backend.contact import tractions
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.materials import response, stress
 from fem_backend.solver import newton
-from fem_backend.solver.direct import EXACT, NotPositiveDefinite, Solve
+from fem_backend.solver.direct import DOUBLE_PRECISION_TOLERANCE, NotPositiveDefinite, Solve
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
-BEFORE = 1e-6  # relative residual before multipliers, of which the answer keeps a thousandth: its differences must show
-TIGHT = 1e-8  # relative residual at an asked travel
-CHORD = 0.3  # of the residual may be left by a step with an old factor
-SHORTEST = 1e-3  # share of a step at which turned-over elements are given up
-NEW = 1e-300  # pressure of points that have come to touch: they count as active
-NEAR = 0.1  # relative residual below which an old factor is tried
-OLD = 8  # steps with one factor
-FLAT = 1e-6  # relative residual below which none gained in four iterations ends the search; errors state what is left
-AFAR = 1e4  # relative residual that grows beyond this will not come back
+# relative residual before multipliers, of which the answer keeps a thousandth: its differences must show
+RESIDUAL_TOLERANCE_BEFORE_MULTIPLIERS = 1e-6
+ASKED_RESIDUAL_TOLERANCE = 1e-8  # relative residual at an asked travel
+MAX_MIXED_CHORD_RESIDUAL_RATIO = 0.3  # of the residual may be left by a step with an old factor
+MIN_NEWTON_STEP_SHARE = 1e-3  # share of a step at which turned-over elements are given up
+NEW_CONTACT_PRESSURE = 1e-300  # pressure of points that have come to touch: they count as active
+MAX_MIXED_CHORD_START_RESIDUAL = 0.1  # relative residual below which an old factor is tried
+MAX_FACTOR_AGE = 8  # steps with one factor
+# relative residual below which none gained in four iterations ends the search; errors state what is left
+STAGNANT_RESIDUAL = 1e-6
+MAX_RESIDUAL_GROWTH = 1e4  # relative residual that grows beyond this will not come back
 
 Pressures = tuple[np.ndarray, ...]  # (f, q) MPa of each pair
 
@@ -86,12 +88,14 @@ def solve(
         raise NotConverged("time_limit", "the time of the run is used up", ())
     while limit > 0:
         history.append(_relative(body, at))
-        if not history[-1] < AFAR * max(history[0], 1.0):
+        if not history[-1] < MAX_RESIDUAL_GROWTH * max(history[0], 1.0):
             raise NotConverged("contact", "the residual grows", tuple(history))
         found = history[-1] <= tolerance or _flat(history)
         found = found or (fresh and newton.at_round_off(history, partial(newton.round_off, system, at)))
-        lazy = frame is not None and age < OLD and (not sizes or history[-1] < NEAR)
-        lazy = lazy and (len(sizes) < 2 or sizes[-1] < CHORD * sizes[-2])
+        lazy = (
+            frame is not None and age < MAX_FACTOR_AGE and (not sizes or history[-1] < MAX_MIXED_CHORD_START_RESIDUAL)
+        )
+        lazy = lazy and (len(sizes) < 2 or sizes[-1] < MAX_MIXED_CHORD_RESIDUAL_RATIO * sizes[-2])
         if found and frame is not None and (fresh or not attracted):
             linear = frame.exactly(carried.contact)
             moving = newton.contact_tangent(system, at, load)[1]
@@ -133,13 +137,13 @@ class Frame:
         self._normals, self._stiff, self._active = normals, stiff, active
         self._known: dict[tuple[int, int, int], tuple[np.ndarray, np.ndarray]] = {}
 
-    def __call__(self, b: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
+    def __call__(self, b: np.ndarray, accuracy: float = DOUBLE_PRECISION_TOLERANCE) -> np.ndarray:
         """x (f,) of the matrix as it was factorised."""
         return self._factor(b, accuracy)
 
     def solve(self, b: np.ndarray, contact: Pressures) -> np.ndarray:
         """x (f,) of the matrix whose contact is at the points of positive pressure."""
-        y = self._factor(b, EXACT)
+        y = self._factor(b, DOUBLE_PRECISION_TOLERANCE)
         V, Z, W = [], [], []
         for k, p in enumerate(contact):
             now = p > 0.0
@@ -159,7 +163,7 @@ class Frame:
             v = np.zeros_like(body.nodes)
             v[surface.facets[f]] = surface.N[q][:, None] * self._normals[k][f, q]
             one = newton.reduced(body, v)
-            self._known[k, f, q] = one, self._factor(one, EXACT)
+            self._known[k, f, q] = one, self._factor(one, DOUBLE_PRECISION_TOLERANCE)
         return self._known[k, f, q]
 
     def exactly(self, contact: Pressures) -> Callable[[np.ndarray], np.ndarray]:
@@ -171,7 +175,7 @@ class Frame:
 def _flat(history: list[float]) -> bool:
     """Whether four residuals in a row, small enough, have gained nothing: round-off of a large body hardly touched."""
     last = history[-4:]
-    return len(last) == 4 and max(last) < FLAT and min(last) > 0.5 * max(last)
+    return len(last) == 4 and max(last) < STAGNANT_RESIDUAL and min(last) > 0.5 * max(last)
 
 
 def _relative(body: MeridianBody, at: Evaluation) -> float:
@@ -182,7 +186,10 @@ def _relative(body: MeridianBody, at: Evaluation) -> float:
 def _expected(before: Evaluation, at: Evaluation) -> Pressures:
     """Pressures of a predicted state: as before where it touched, the rest touches where it has come to overlap."""
     pairs = zip(before.contacts, at.contacts, strict=True)
-    return tuple(np.where(b.multiplier > 0.0, b.multiplier, np.where(a.multiplier > 0.0, NEW, 0.0)) for b, a in pairs)
+    return tuple(
+        np.where(b.multiplier > 0.0, b.multiplier, np.where(a.multiplier > 0.0, NEW_CONTACT_PRESSURE, 0.0))
+        for b, a in pairs
+    )
 
 
 def _begun(load: Load, at: Evaluation, near: bool) -> Pressures:
@@ -192,7 +199,7 @@ def _begun(load: Load, at: Evaluation, near: bool) -> Pressures:
     """
 
     def of(multiplier: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        known = pressure if near and not multiplier.any() else np.maximum(multiplier, NEW)
+        known = pressure if near and not multiplier.any() else np.maximum(multiplier, NEW_CONTACT_PRESSURE)
         return np.where(pressure > 0.0, known, 0.0)
 
     return tuple(of(t.multiplier, a.multiplier) for t, a in zip(load.touches, at.contacts, strict=True))
@@ -232,7 +239,7 @@ def _stepped(
         except stress.Inverted as error:
             alpha *= 0.5
             counters.halvings += 1
-            if alpha < SHORTEST:
+            if alpha < MIN_NEWTON_STEP_SHARE:
                 raise NotConverged("inversion", str(error), tuple(history)) from None
     pressures = []
     for pair, touch, state, n, old in zip(

@@ -19,12 +19,14 @@ from fem_backend.solver.condensation import Kept, OutOfReach
 from fem_backend.solver.direct import NotPositiveDefinite, Solve
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
-LIMIT = 60  # iterations
-KEPT = 0.5  # of the residual may be left by a step with a kept tangent
-FLAT = 1e-8  # relative residual at which a step that leaves more than that ends the iteration: round-off
-CALM = 0.1  # relative residual below which contact hardly changes and pairs are worth remembering
-PAIRS = 5
-SLOW, EARLY = 0.2, 1e-5  # of the residual left by two steps each, and the residual above which a new tangent pays then
+MAX_KEPT_TANGENT_ITERATIONS = 60  # of an equilibrium
+MAX_KEPT_TANGENT_RESIDUAL_RATIO = 0.5  # of the residual may be left by a step with a kept tangent
+# relative residual at which a step that leaves more than that ends the iteration: round-off
+KEPT_TANGENT_ROUND_OFF_RESIDUAL = 1e-8
+CALM_CONTACT_RESIDUAL = 0.1  # relative residual below which contact hardly changes and pairs are worth remembering
+N_REMEMBERED_PAIRS = 5  # pairs of change and residual that the quasi-Newton update uses
+# of the residual left by two steps each, and the residual above which a new tangent pays then
+SLOW_STEP_RESIDUAL_RATIO, MIN_NEW_TANGENT_RESIDUAL = 0.2, 1e-5
 
 Pair = tuple[np.ndarray, np.ndarray]  # s, y
 
@@ -39,21 +41,25 @@ def solve(
     body = system.body
     history: list[float] = []
     kept, fresh, age = known if callable(known) else None, False, 0
-    pairs: deque[Pair] = deque(maxlen=PAIRS)
+    pairs: deque[Pair] = deque(maxlen=N_REMEMBERED_PAIRS)
     try:
         at = newton.evaluate_system(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     R = newton.reduced(body, at.residual)
-    while len(history) < LIMIT:
+    while len(history) < MAX_KEPT_TANGENT_ITERATIONS:
         norm = float(np.linalg.norm(R))
         history.append(norm / at.scale if at.scale > 0 else float(norm > 0))
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
-        slow = len(history) > 1 and history[-1] > KEPT * history[-2]
-        if age > 2 and EARLY < history[-1] < CALM:
-            slow = slow or history[-1] > SLOW**2 * history[-3]
-        found = history[-1] <= tolerance or (slow and history[-1] < FLAT) or (fresh and newton.at_round_off(history))
+        slow = len(history) > 1 and history[-1] > MAX_KEPT_TANGENT_RESIDUAL_RATIO * history[-2]
+        if age > 2 and MIN_NEW_TANGENT_RESIDUAL < history[-1] < CALM_CONTACT_RESIDUAL:
+            slow = slow or history[-1] > SLOW_STEP_RESIDUAL_RATIO**2 * history[-3]
+        found = (
+            history[-1] <= tolerance
+            or (slow and history[-1] < KEPT_TANGENT_ROUND_OFF_RESIDUAL)
+            or (fresh and newton.at_round_off(history))
+        )
         if slow and not (fresh or found):
             kept = None
         fresh = kept is None
@@ -61,7 +67,9 @@ def solve(
         if fresh:
             pairs.clear()
         try:
-            kept, solution, moving = _tangent(system, at, load, counters, kept, history[-1] < newton.FAR)
+            kept, solution, moving = _tangent(
+                system, at, load, counters, kept, history[-1] < newton.MAX_CONTACT_GEOMETRY_RESIDUAL
+            )
         except OutOfReach as error:
             raise NotConverged("contact", str(error), tuple(history)) from error
         solution = _corrected(solution, tuple(pairs))
@@ -73,9 +81,9 @@ def solve(
         at = newton.line_search(system, at, newton.full(body, step), float(R @ step), load, counters, history)
         R = newton.reduced(body, at.residual)
         s, y = newton.reduced(body, at.u - before[0]), R - before[1]
-        if history[-1] < CALM and s @ y > 0.0:
+        if history[-1] < CALM_CONTACT_RESIDUAL and s @ y > 0.0:
             pairs.append((s, y))
-    raise NotConverged("contact", f"no equilibrium after {LIMIT} iterations", tuple(history))
+    raise NotConverged("contact", f"no equilibrium after {MAX_KEPT_TANGENT_ITERATIONS} iterations", tuple(history))
 
 
 def _tangent(

@@ -17,14 +17,23 @@ from fem_backend.materials import response, stress
 from fem_backend.materials.regions import Substance
 from fem_backend.materials.stress import History
 from fem_backend.solver.condensation import Condense, Kept
-from fem_backend.solver.direct import EXACT, ROUGH, Factor, NotPositiveDefinite, Solve
+from fem_backend.solver.direct import (
+    DOUBLE_PRECISION_TOLERANCE,
+    SINGLE_PRECISION_TOLERANCE,
+    Factor,
+    NotPositiveDefinite,
+    Solve,
+)
 
-FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
+# relative residual above which the negative contact term is left out: it would only spoil the matrix
+MAX_CONTACT_GEOMETRY_RESIDUAL = 0.3
 
-CHORD = 0.1  # of the residual may be left by a step with an old factor
-NEAR = 0.05  # relative residual below which an old factor is tried
-ABOVE, HIGHEST = 10.0, 1e-4  # times the guessed round-off, and the residual that it never excuses
-ROUND = 1e-7  # relative residual below which a step with a new factor that gains nothing has met round-off
+MAX_CHORD_RESIDUAL_RATIO = 0.1  # of the residual may be left by a step with an old factor
+MAX_CHORD_START_RESIDUAL = 0.05  # relative residual below which an old factor is tried
+# times the guessed round-off, and the residual that it never excuses
+ROUND_OFF_FACTOR, MAX_EXCUSED_RESIDUAL = 10.0, 1e-4
+# relative residual below which a step with a new factor that gains nothing has met round-off
+NEWTON_ROUND_OFF_RESIDUAL = 1e-7
 Make = Callable[[np.ndarray, np.ndarray], Any]
 Known = tuple[Solve | None, np.ndarray | None]  # a factor and ∂R/∂s that went with it
 
@@ -298,15 +307,15 @@ def solve(
     """Equilibrium from the start u (n, 3): |R| ≤ tolerance · |outer forces|, over free dofs.
 
     With `known`, the factor of a state nearby, and close to the solution a factor is used as long as each step with it
-    leaves less than `CHORD` of the residual (chord method: a solution costs a twentieth of a factorisation).  Only for
-    bodies whose answer does not depend on the iterates.
+    leaves less than `MAX_CHORD_RESIDUAL_RATIO` of the residual (chord method: a solution costs a twentieth of a
+    factorisation).  Only for bodies whose answer does not depend on the iterates.
     Raises NotConverged (instability, contact, inversion or time_limit) after `limit` factorisations or a failed line
     search.
     """
     body = system.body
     history: list[float] = []
     factor, moving = known or (None, None)
-    fresh, allowed, accuracy = False, limit, EXACT if known is None else ROUGH
+    fresh, allowed, accuracy = False, limit, DOUBLE_PRECISION_TOLERANCE if known is None else SINGLE_PRECISION_TOLERANCE
     try:
         at = evaluate_system(system, u, load)
     except stress.Inverted as error:
@@ -320,10 +329,13 @@ def solve(
         found = history[-1] <= tolerance or (fresh and at_round_off(history, partial(round_off, system, at)))
         lazy = known is not None and factor is not None
         if lazy and len(history) > 1:
-            lazy = history[-1] < (CHORD if not fresh else 0.3) * history[-2] and history[-1] < NEAR
+            lazy = (
+                history[-1] < (MAX_CHORD_RESIDUAL_RATIO if not fresh else 0.3) * history[-2]
+                and history[-1] < MAX_CHORD_START_RESIDUAL
+            )
         if not lazy and (not found or len(history) == 1):
             factor = None  # a matrix is tens of megabytes: the old one goes first
-            factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
+            factor, moving = factorise(system, at, load, counters, history[-1] < MAX_CONTACT_GEOMETRY_RESIDUAL)
             limit -= 1
         assert factor is not None and moving is not None  # at least of an iteration before
         fresh = not lazy
@@ -348,7 +360,9 @@ def at_round_off(history: Sequence[float], noise: Callable[[], float] = lambda: 
     the ball, and so is the round-off of their sums.  `noise` shows that of a body, see `round_off`.
     """
     gained = len(history) < 2 or history[-1] <= 0.5 * history[-2]
-    return not gained and (history[-1] < ROUND or history[-1] < min(ABOVE * noise(), HIGHEST))
+    return not gained and (
+        history[-1] < NEWTON_ROUND_OFF_RESIDUAL or history[-1] < min(ROUND_OFF_FACTOR * noise(), MAX_EXCUSED_RESIDUAL)
+    )
 
 
 def round_off(system: System, at: Evaluation) -> float:

@@ -17,15 +17,15 @@ from scipy.spatial.transform import Rotation
 from fem_backend.kinematics.bodies import Body
 from fem_backend.materials import stress
 from fem_backend.solver import newton
-from fem_backend.solver.direct import EXACT, NotPositiveDefinite, Solve
+from fem_backend.solver.direct import DOUBLE_PRECISION_TOLERANCE, NotPositiveDefinite, Solve
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
 
-LIMIT = 120  # factorisations
-LEAST, MOST = 1e-3, 1e8  # damping over μR
-FARTHEST = 1.0  # strides on its support that a step should not surpass by lengthening
-ROUND = 1e-10  # of that: a full step this short ends the iteration, whatever the residual of round-off is
-NOISE = 1e-13  # of μ times the volume: gains of energy below are round-off
-TRIALS = 10  # of a line search
+MAX_RIGID_MOTION_FACTORISATIONS = 120  # of an equilibrium
+MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 1e-3, 1e8  # damping over μR
+MAX_STEP_STRIDES = 1.0  # strides on its support that a step should not surpass by lengthening
+MIN_STEP_STRIDES = 1e-10  # of that: a full step this short ends the iteration, whatever the residual of round-off is
+ENERGY_ROUND_OFF_RATIO = 1e-13  # of μ times the volume: gains of energy below are round-off
+MAX_LINE_SEARCH_TRIALS = 10  # states tried by a line search
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,12 @@ def stride(system: System) -> float:
 
 
 def solve(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = LIMIT
+    system: System,
+    u: np.ndarray,
+    load: Load,
+    tolerance: float,
+    counters: Counters,
+    limit: int = MAX_RIGID_MOTION_FACTORISATIONS,
 ) -> Equilibrium:
     """Equilibrium from the start u (n, 3), |R| ≤ tolerance · |outer forces| or as far as round-off lets it go.
 
@@ -118,29 +123,30 @@ def solve(
                 break
             except NotPositiveDefinite:
                 counters.shifts += 1
-                if len(history) == 1 and history[0] > newton.FAR:  # a guess that lies deep in the ball
+                # a guess that lies deep in the ball
+                if len(history) == 1 and history[0] > newton.MAX_CONTACT_GEOMETRY_RESIDUAL:
                     data, moving = newton.system_tangent(system, at, load, geometric=False)
                     plain = data[diagonal]
-                damping = max(5.0 * damping, LEAST)
-                if damping > MOST:
+                damping = max(5.0 * damping, MIN_DAMPING_RATIO)
+                if damping > MAX_DAMPING_RATIO:
                     raise NotConverged("instability", "the tangent stays indefinite", tuple(history)) from None
-        if history[-1] <= tolerance or np.abs(step).max() < ROUND * unit:
+        if history[-1] <= tolerance or np.abs(step).max() < MIN_STEP_STRIDES * unit:
             return _found(body, at, history, factor, moving)
         counters.iterations += 1
         found, alpha = _search(system, how, at, load, step, g, damping > 0.0, counters)
         if found is None:
-            if damping > 1.0 and np.abs(step).max() < 1e-3 * FARTHEST * unit:
+            if damping > 1.0 and np.abs(step).max() < 1e-3 * MAX_STEP_STRIDES * unit:
                 raise NotConverged("instability", "the line search found no descent", tuple(history))
-            damping = max(10.0 * damping, LEAST)
+            damping = max(10.0 * damping, MIN_DAMPING_RATIO)
             continue
         at, last = found, (factor, moving) if loose and damping == 0.0 else None
         if alpha > 2.0:
             damping /= min(alpha, 10.0)
         elif alpha < 0.3:
-            damping = max(4.0 * damping, LEAST)
+            damping = max(4.0 * damping, MIN_DAMPING_RATIO)
         elif before[1] == counters.shifts:  # the last damping was not found too small
             damping /= 10.0
-        damping = damping if damping > 0.1 * LEAST else 0.0
+        damping = damping if damping > 0.1 * MIN_DAMPING_RATIO else 0.0
     raise NotConverged("contact", f"no equilibrium after {limit} factorisations", tuple(history))
 
 
@@ -155,7 +161,7 @@ def modes(how: Motion, u: np.ndarray) -> np.ndarray:
 
 def _found(body: Body, at: Evaluation, history: list[float], factor: Solve, moving: np.ndarray) -> Equilibrium:
     def linear(v: np.ndarray) -> np.ndarray:
-        return newton.full(body, factor(newton.reduced(body, v), EXACT))
+        return newton.full(body, factor(newton.reduced(body, v), DOUBLE_PRECISION_TOLERANCE))
 
     try:
         rate = -linear(moving)
@@ -174,7 +180,7 @@ def _step(
     pattern = system.body.pattern
     data[pattern.diagonal] += damping
     factor = system.factor(data) if easy is None else system.factor(data, easy)
-    step = factor(-g, EXACT)
+    step = factor(-g, DOUBLE_PRECISION_TOLERANCE)
     if not pattern.symmetric and not -float(g @ step) > max(float(damping @ step**2), 0.0):
         raise NotPositiveDefinite("no descent")  # a general factorisation does not tell
     return factor, step
@@ -196,12 +202,12 @@ def _search(
     are too short, are lengthened threefold and more.
     """
     slope, largest = float(g @ step), float(np.abs(step).max()) / stride(system)
-    noise = NOISE * system.material.shear_modulus * float(system.body.w.sum())
+    noise = ENERGY_ROUND_OFF_RATIO * system.material.shear_modulus * float(system.body.w.sum())
     rubs = any(t.before is not None for t in load.touches)
     field = newton.full(system.body, step)
     alpha, low, high, at_low, at_high = 1.0, 0.0, np.inf, slope, np.inf
     best: tuple[Evaluation | None, float] = (None, 0.0)
-    for _ in range(TRIALS):
+    for _ in range(MAX_LINE_SEARCH_TRIALS):
         try:
             trial = newton.evaluate_system(system, moved_rigidly(how, at.u, alpha * field), load)
             work = float(step @ newton.reduced(system.body, trial.residual))
@@ -210,7 +216,7 @@ def _search(
             work, worse = np.inf, True
         if not worse and work < -0.7 * slope:
             best = trial, alpha
-            if work > 0.7 * slope or alpha * largest > FARTHEST or not damped or alpha > 1e3:
+            if work > 0.7 * slope or alpha * largest > MAX_STEP_STRIDES or not damped or alpha > 1e3:
                 break
         if worse or work > 0.0:
             high, at_high = alpha, work

@@ -11,15 +11,14 @@ from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
-from fem_backend.specimens.flat import ON, FlatTopped
+from fem_backend.specimens.flat import ON_PLANE_TOLERANCE, FlatTopped
 from fem_backend.specimens.layers import LAYERED, Layers, canonical_layers, fitting, laws_of, thicknesses_and_ratios
 from fem_backend.specimens.own_laws import OwnLaw
-from fem_backend.specimens.specimen import SPECIMENS
+from fem_backend.specimens.specimen import MIN_SIZE_RATIO, SPECIMENS
 from rso.contract import knob
 
-USUAL = (20.0, 20.0, 5.0)  # sizes (mm) that declared ranges of knobs are meant for
-SMALLEST = 0.2  # of a size over that of the settings
-AXES = "x", "y", "z"
+USUAL_SIZES_MM = (20.0, 20.0, 5.0)  # sizes (mm) that declared ranges of knobs are meant for
+AXIS_NAMES = "x", "y", "z"  # of the three sizes
 
 
 @SPECIMENS.register
@@ -39,7 +38,7 @@ class Cuboid(FlatTopped):
 
         shape: Literal["block"] = "block"
         """A block with a flat top and four sides."""
-        size: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL
+        size: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL_SIZES_MM
         """Lengths along x, y and z, mm."""
         layers: Layers = ()
         """Layers from the top down; the rest has ratio 1 and the law of the table material."""
@@ -142,12 +141,12 @@ class Cuboid(FlatTopped):
     def actual(self, knobs: Any) -> Cuboid:
         """The block with the errors of its sizes, layers in proportion; ValueError where hardly anything is left."""
         was = np.array([self.lx, self.ly, self.lz])
-        now = was + [getattr(knobs, f"delta_l{a}") for a in AXES]
-        for a, one, old in zip(AXES, now, was, strict=True):
-            if one <= SMALLEST * old:
+        now = was + [getattr(knobs, f"delta_l{a}") for a in AXIS_NAMES]
+        for a, one, old in zip(AXIS_NAMES, now, was, strict=True):
+            if one <= MIN_SIZE_RATIO * old:
                 raise ValueError(
                     f"delta_l{a} = {getattr(knobs, f'delta_l{a}'):g} mm: a block of {one:g} mm along {a}, must be "
-                    f"larger than {SMALLEST * old:g} mm ({SMALLEST:g} of that asked for)"
+                    f"larger than {MIN_SIZE_RATIO * old:g} mm ({MIN_SIZE_RATIO:g} of that asked for)"
                 )
         k = now[2] / was[2]
         return replace(
@@ -156,13 +155,13 @@ class Cuboid(FlatTopped):
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""
-        sizes = zip(AXES, (self.lx, self.ly, self.lz), USUAL, strict=True)
+        sizes = zip(AXIS_NAMES, (self.lx, self.ly, self.lz), USUAL_SIZES_MM, strict=True)
         return {**{f"delta_l{a}": v / u for a, v, u in sizes}, **self.upper()}
 
     @property
     def ratio(self) -> float:
         """Cube root of the volume over the usual one."""
-        return float((self.volume() / np.prod(USUAL)) ** (1.0 / 3.0))
+        return float((self.volume() / np.prod(USUAL_SIZES_MM)) ** (1.0 / 3.0))
 
     # ------------------------------------------------------------------------------------------------- surface
 
@@ -181,7 +180,7 @@ class Cuboid(FlatTopped):
 
     def on_surface(self, X: np.ndarray) -> np.ndarray:
         """Nodes of the top or a side."""
-        return np.abs(self.depth(X)) < ON * self.lz
+        return np.abs(self.depth(X)) < ON_PLANE_TOLERANCE * self.lz
 
     def volume(self) -> float:
         """lx ly lz."""

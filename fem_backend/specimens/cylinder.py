@@ -13,14 +13,13 @@ from skfem import MeshTet2
 
 from fem_backend import members
 from fem_backend.meshing import Mesh, grids, halved
-from fem_backend.specimens.flat import ON, FlatTopped
+from fem_backend.specimens.flat import ON_PLANE_TOLERANCE, FlatTopped
 from fem_backend.specimens.layers import LAYERED, Layers, canonical_layers, fitting, laws_of, thicknesses_and_ratios
 from fem_backend.specimens.own_laws import OwnLaw
-from fem_backend.specimens.specimen import SPECIMENS
+from fem_backend.specimens.specimen import MIN_SIZE_RATIO, SPECIMENS
 from rso.contract import knob
 
-USUAL = (10.0, 5.0)  # radius and height (mm) that declared ranges of knobs are meant for
-SMALLEST = 0.2  # of a size over that of the settings
+USUAL_RADIUS_HEIGHT_MM = (10.0, 5.0)  # radius and height (mm) that declared ranges of knobs are meant for
 
 
 @SPECIMENS.register
@@ -41,9 +40,9 @@ class Cylinder(FlatTopped):
 
         shape: Literal["cylinder"] = "cylinder"
         """An upright cylinder, a puck."""
-        radius: members.Length = USUAL[0]
+        radius: members.Length = USUAL_RADIUS_HEIGHT_MM[0]
         """Radius, mm."""
-        height: members.Length = USUAL[1]
+        height: members.Length = USUAL_RADIUS_HEIGHT_MM[1]
         """Height, mm."""
         fillet: Annotated[float, BeforeValidator(members.at_least(0.0, "the radius of the upper edge, at least 0"))] = (
             0.0
@@ -133,10 +132,10 @@ class Cylinder(FlatTopped):
         """The cylinder with the errors of its sizes, layers and edge in proportion."""
         radius, tall = self.radius + knobs.delta_radius, self.tall + knobs.delta_height
         for name, now, was in (("delta_radius", radius, self.radius), ("delta_height", tall, self.tall)):
-            if now <= SMALLEST * was:
+            if now <= MIN_SIZE_RATIO * was:
                 raise ValueError(
                     f"{name} = {getattr(knobs, name):g} mm: a cylinder of {now:g} mm, must be larger than "
-                    f"{SMALLEST * was:g} mm ({SMALLEST:g} of that asked for)"
+                    f"{MIN_SIZE_RATIO * was:g} mm ({MIN_SIZE_RATIO:g} of that asked for)"
                 )
         k = tall / self.tall
         fillet = self.fillet * min(k, radius / self.radius)
@@ -150,13 +149,16 @@ class Cylinder(FlatTopped):
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""
-        own = {"delta_radius": self.radius / USUAL[0], "delta_height": self.tall / USUAL[1]}
+        own = {
+            "delta_radius": self.radius / USUAL_RADIUS_HEIGHT_MM[0],
+            "delta_height": self.tall / USUAL_RADIUS_HEIGHT_MM[1],
+        }
         return {**own, **self.upper()}
 
     @property
     def ratio(self) -> float:
         """Cube root of the volume over the usual one."""
-        return ((self.radius / USUAL[0]) ** 2 * self.tall / USUAL[1]) ** (1.0 / 3.0)
+        return ((self.radius / USUAL_RADIUS_HEIGHT_MM[0]) ** 2 * self.tall / USUAL_RADIUS_HEIGHT_MM[1]) ** (1.0 / 3.0)
 
     def rings(self) -> list[float]:
         """Axis, where the rounding begins, side."""
@@ -178,7 +180,7 @@ class Cylinder(FlatTopped):
         """
         turn = 0.0 if any(planes) else math.atan2(point[1], point[0])
         at = point if any(planes) else (math.hypot(*point), 0.0)
-        beyond = (self.radius - self.fillet) * (1.0 - ON)
+        beyond = (self.radius - self.fillet) * (1.0 - ON_PLANE_TOLERANCE)
         made = grids.on_grid(mesh, recipe, self.grid_planes(), at, planes, self.on_disc, beyond)
         if turn == 0.0:
             return made

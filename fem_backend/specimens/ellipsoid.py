@@ -11,12 +11,11 @@ from pydantic import BeforeValidator
 
 from fem_backend import members
 from fem_backend.specimens.ellipsoidal import Ellipsoidal
-from fem_backend.specimens.specimen import SPECIMENS
+from fem_backend.specimens.in_space import HALF_SIZE_TO_CAVITY
+from fem_backend.specimens.specimen import MIN_SIZE_RATIO, SPECIMENS
 from rso.contract import knob
 
-USUAL = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
-THINNEST = 0.2  # smallest semi-axis over that of the settings
-HOLLOW = (4.0, 3.5, 3.5)  # semi-axes over those of the cavity where nobody says otherwise
+USUAL_SEMI_AXES_MM = (60.0, 35.0, 35.0)  # semi-axes (mm) that declared ranges of knobs are meant for
 
 
 @SPECIMENS.register
@@ -29,14 +28,14 @@ class Ellipsoid(Ellipsoidal):
 
         shape: Literal["ellipsoid"] = "ellipsoid"
         """A solid ellipsoid, its origin at the centre."""
-        semi_axes: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL
+        semi_axes: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL_SEMI_AXES_MM
         """Semi-axes along x, y and z, mm."""
         cavity: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] | None = None
         """Semi-axes of a cavity around the lowest point, mm: the knob `cavity` is its size over these."""
 
         def build(self) -> Ellipsoid:
             """The specimen of these settings."""
-            hollow = tuple(v / k for v, k in zip(self.semi_axes, HOLLOW, strict=True))
+            hollow = tuple(v / k for v, k in zip(self.semi_axes, HALF_SIZE_TO_CAVITY, strict=True))
             return Ellipsoid(*self.semi_axes, hollow if self.cavity is None else self.cavity)
 
     @dataclass(frozen=True)
@@ -94,12 +93,12 @@ class Ellipsoid(Ellipsoidal):
     def actual(self, knobs: Any) -> Ellipsoid:
         """The body with the errors of its semi-axes; ValueError for sizes that describe none."""
         axes = self.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
-        least = THINNEST * self.semi_axes.min()
+        least = MIN_SIZE_RATIO * self.semi_axes.min()
         if axes.min() <= least:
             errors = ", ".join(f"{n} = {getattr(knobs, n):g}" for n in ("delta_a", "delta_b", "delta_c"))
             raise ValueError(
                 f"{errors} mm: semi-axes {axes.tolist()} mm, all must be larger than {least:g} mm "
-                f"({THINNEST:g} of the smallest asked for)"
+                f"({MIN_SIZE_RATIO:g} of the smallest asked for)"
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
 
@@ -109,7 +108,7 @@ class Ellipsoid(Ellipsoidal):
 
     @property
     def _relative(self) -> np.ndarray:
-        return self.semi_axes / np.array(USUAL)
+        return self.semi_axes / np.array(USUAL_SEMI_AXES_MM)
 
     @property
     def ratio(self) -> float:

@@ -12,14 +12,12 @@ from skfem import MeshTet2
 
 from fem_backend import closed_forms, geometry, members, meshing
 from fem_backend.meshing import Mesh
-from fem_backend.specimens.in_space import InSpace
+from fem_backend.specimens.in_space import MAX_SIZE_TO_INDENTER, PROPOSED_PLACE_SHARE, InSpace
 from fem_backend.specimens.specimen import Meshing
 from rso.contract import Drawn
 
-LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
-FATTEST = 0.6  # size of the indenter with its errors, over the smallest semi-axis
-SEEN = 0.8  # squared distance from the top in semi-axes within which a camera from above sees a mark
-PLACES = 0.35  # of a semi-axis
+MAX_INDENTER_SIZE_SHARE = 0.6  # size of the indenter with its errors, over the smallest semi-axis
+MAX_SEEN_OFF_TOP = 0.8  # squared distance from the top in semi-axes within which a camera from above sees a mark
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
     @property
     def fattest(self) -> float:
         """0.6 of the smallest semi-axis (mm): settings say 0.5, errors may exceed it."""
-        return FATTEST * self.smallest
+        return MAX_INDENTER_SIZE_SHARE * self.smallest
 
     @property
     def described(self) -> str:
@@ -80,7 +78,7 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
         Its meshes are fine in proportion to the indenter's length, of which `size` may be a share.
         """
         out, (key, size) = [], indenter.size
-        least = self.largest / LARGEST * size / indenter.length
+        least = self.largest / MAX_SIZE_TO_INDENTER * size / indenter.length
         if size > 0.5 * self.smallest:
             out.append(
                 f"indenter.{key} = {size} mm: this specimen is meshed for indenters much smaller than it, at most "
@@ -92,9 +90,10 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
                 f"least {least:.3g} mm is needed (1/{self.largest / least:.3g} of its largest semi-axis); a smaller "
                 "specimen is the same half-space"
             )
-        if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.FARTHEST:
+        if math.hypot(point[0] / self.a, point[1] / self.b) > meshing.MAX_SHARE_FROM_TOP:
             out.append(
-                f"point = {list(point)} mm: off the top by at most {meshing.FARTHEST:g} of the semi-axes is modelled"
+                f"point = {list(point)} mm: "
+                f"off the top by at most {meshing.MAX_SHARE_FROM_TOP:g} of the semi-axes is modelled"
             )
         return out
 
@@ -122,18 +121,18 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
             own = (("mesher", mesher), ("n", n), ("slip", slip))
             return Meshing(meshing.mapped_recipe(self, n, slip), own, float(h0), "")
         made = (
-            "reference" if level == meshing.LIMIT else level
+            "reference" if level == meshing.LIMIT_LEVEL else level
         )  # its forces are extrapolated from that and a coarse one
-        h0 = meshing.SIZINGS[made].h0 * (length / meshing.RADIUS)
+        h0 = meshing.ALL_TEMPLATE_SIZINGS[made].h0 * (length / meshing.TEMPLATE_RADIUS_MM)
         used = (("mesher", mesher), ("level", level))
         if meshing.template_fits(self, length):
             return Meshing(meshing.template_recipe(made, self), used, h0, level)
-        if level == meshing.LIMIT:
+        if level == meshing.LIMIT_LEVEL:
             raise ValueError(f"mesh.level = {level!r}: only for specimens and indenters that the shipped meshes fit")
         # similar specimens share one mesh, made for the size that levels are tuned for: the mesher knows millimetres
-        axes = self.semi_axes * (meshing.RADIUS / length)
+        axes = self.semi_axes * (meshing.TEMPLATE_RADIUS_MM / length)
         similar = geometry.EllipsoidShape(*(float(f"{v:.12g}") for v in axes))
-        sizing = replace(meshing.SIZINGS[made], hmax=1.15 * similar.smallest)
+        sizing = replace(meshing.ALL_TEMPLATE_SIZINGS[made], hmax=1.15 * similar.smallest)
         return Meshing(meshing.tetwild_recipe(similar, sizing), used, h0, level)
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
@@ -153,7 +152,7 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
 
     def places(self) -> tuple[tuple[float, float], ...]:
         """A third of the way down both axes."""
-        x, y = (float(f"{PLACES * v:.3g}") for v in (self.a, self.b))
+        x, y = (float(f"{PROPOSED_PLACE_SHARE * v:.3g}") for v in (self.a, self.b))
         return (x, 0.0), (0.0, y)
 
     def lines(self, point: tuple[float, float], beside: float, unit: float) -> dict[str, list[list[float]]]:
@@ -167,4 +166,4 @@ class Ellipsoidal(geometry.EllipsoidShape, InSpace):
             "surface marks along x": [mark(x + s * self.a, y + beside) for s in share],
             "surface marks along y": [mark(x + beside, y + s * self.b) for s in share],
         }
-        return {words: [m for m in row if self.off_top(m[0], m[1]) < SEEN] for words, row in rows.items()}
+        return {words: [m for m in row if self.off_top(m[0], m[1]) < MAX_SEEN_OFF_TOP] for words, row in rows.items()}

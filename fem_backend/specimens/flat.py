@@ -11,20 +11,22 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import members
-from fem_backend.meshing import CRUDE, MeridianMesh, Mesh, Size, graded_coordinates, grids, triangulated
+from fem_backend.meshing import CRUDE_LEVEL, MeridianMesh, Mesh, Size, graded_coordinates, grids, triangulated
 from fem_backend.specimens import own_laws
 from fem_backend.specimens.own_laws import OwnLaw
-from fem_backend.specimens.specimen import LAYER, PLACE, Meshing
+from fem_backend.specimens.specimen import LAYER_KNOBS, PLACE_KNOBS, Meshing
 from rso.contract import Drawn
 
-LEVELS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}  # of a meridian: factor on all sizes
-GROWTH = 0.3  # of the element size per distance from the contact, in depth
-FIRST = 1.5  # height of the first elements over the least width
-ACROSS = 5.0  # elements through the height at least, at unit fineness
-WALL = 20.0  # elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
-BEYOND = 3.0  # heights beside the contact from which elements grow twice as fast
-USUAL_LAYER = 0.5  # thickness (mm) that the declared range of its error is meant for
-ON = 1e-9  # of the height: what lies this near a plane lies in it
+# of a meridian: factor on all sizes
+MERIDIAN_SIZE_FACTORS = {"coarse": 2.0, "standard": 1.4, "fine": 1.0, "reference": 0.7}
+DEPTH_ELEMENT_GROWTH = 0.3  # of the element size per distance from the contact, in depth
+FIRST_ELEMENT_RATIO = 1.5  # height of the first elements over the least width
+MIN_ELEMENTS_THROUGH_HEIGHT = 5.0  # elements through the height at least, at unit fineness
+# elements from the axis to a wall at least, at unit fineness: what is squeezed up beside the contact
+MIN_ELEMENTS_TO_WALL = 20.0
+FAST_GROWTH_HEIGHTS = 3.0  # heights beside the contact from which elements grow twice as fast
+USUAL_LAYER_MM = 0.5  # thickness (mm) that the declared range of its error is meant for
+ON_PLANE_TOLERANCE = 1e-9  # of the height: what lies this near a plane lies in it
 
 
 class FlatTopped:
@@ -37,7 +39,7 @@ class FlatTopped:
 
     name: ClassVar[str]
     gauges: ClassVar[Mapping[str, float]] = {}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.NAME: grids.made_grid}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {grids.GRID_MESHER: grids.made_grid}
     parts: ClassVar[tuple[str, ...]] = ("upper", "lower", "base", "side")
     of_revolution: ClassVar[bool] = True
     rests: ClassVar[str] = "bonded"
@@ -105,8 +107,8 @@ class FlatTopped:
 
     def absent(self) -> frozenset[str]:
         """Those of a layer where it has none, of laws that layers do not have, and of a place where all are alike."""
-        none = own_laws.absent(self.laws) | frozenset(() if self.layers else LAYER)
-        return none | frozenset(PLACE if self.alike else ())
+        none = own_laws.absent(self.laws) | frozenset(() if self.layers else LAYER_KNOBS)
+        return none | frozenset(PLACE_KNOBS if self.alike else ())
 
     def within(self, radius: float) -> FlatTopped | None:
         """Itself in a round well of a radius (mm); None where it has no side to be held."""
@@ -158,7 +160,10 @@ class FlatTopped:
 
     def part(self, name: str, X: np.ndarray) -> np.ndarray:
         """`upper` is the top with its rounded edge, `lower` and `base` are the base, `side` is the rest."""
-        base, top = X[:, 2] <= ON * self.height, X[:, 2] >= self.height * (1.0 - ON) - self.edge
+        base, top = (
+            X[:, 2] <= ON_PLANE_TOLERANCE * self.height,
+            X[:, 2] >= self.height * (1.0 - ON_PLANE_TOLERANCE) - self.edge,
+        )
         return {"upper": top, "lower": base, "base": base, "side": ~(base | top)}[name]
 
     def closest(self, x: np.ndarray) -> np.ndarray:
@@ -190,7 +195,7 @@ class FlatTopped:
 
     def on_surface(self, X: np.ndarray) -> np.ndarray:
         """Nodes of the top or the side."""
-        return np.abs(self.depth(X)) < ON * self.height
+        return np.abs(self.depth(X)) < ON_PLANE_TOLERANCE * self.height
 
     def mean_curvature(self, x: float, y: float) -> float:
         """None."""
@@ -242,10 +247,14 @@ class FlatTopped:
         """A level of the meridian and of the grid in three dimensions; other meshers and levels are refused."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a {self.name} has its own meshes; leave the key out")
-        if level not in (*LEVELS, CRUDE):
-            raise ValueError(f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(LEVELS)}")
+        if level not in (*MERIDIAN_SIZE_FACTORS, CRUDE_LEVEL):
+            raise ValueError(
+                f"mesh.level = {level!r}: not for a {self.name}; choose from {', '.join(MERIDIAN_SIZE_FACTORS)}"
+            )
         recipe = grids.grid_recipe(*self.grid_planes(), length, level, self.grid_edges)
-        return Meshing(recipe, (("level", level),), grids.first_size(length, level), level, LEVELS.get(level, 1.0))
+        return Meshing(
+            recipe, (("level", level),), grids.first_size(length, level), level, MERIDIAN_SIZE_FACTORS.get(level, 1.0)
+        )
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The grid of a recipe as a box, its finest elements at the point; raises BadMesh."""
@@ -274,15 +283,17 @@ class FlatTopped:
 
     def meridian(self, actual: FlatTopped, spacing: Size, fineness: float, samples: int | None = None) -> MeridianMesh:
         """A graded grid of its own sizes, moved to those of `actual` layer by layer."""
-        widest = self.half_width / WALL if self.walled else math.inf
-        near = FIRST * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
-        reach = BEYOND * self.height
+        widest = self.half_width / MIN_ELEMENTS_TO_WALL if self.walled else math.inf
+        near = FIRST_ELEMENT_RATIO * float(spacing(np.linspace(0.0, self.half_width, 2001)).min())
+        reach = FAST_GROWTH_HEIGHTS * self.height
 
         def across(r: np.ndarray) -> np.ndarray:
-            return fineness * np.minimum(spacing(r) + GROWTH * np.maximum(r - reach, 0.0), widest)
+            return fineness * np.minimum(spacing(r) + DEPTH_ELEMENT_GROWTH * np.maximum(r - reach, 0.0), widest)
 
         def down(z: np.ndarray) -> np.ndarray:
-            return fineness * np.minimum(near + GROWTH * (self.height - z), self.height / ACROSS)
+            return fineness * np.minimum(
+                near + DEPTH_ELEMENT_GROWTH * (self.height - z), self.height / MIN_ELEMENTS_THROUGH_HEIGHT
+            )
 
         met = tuple(a or b for a, b in zip(self.unlike, actual.unlike, strict=True))
         both: list[Any] = [self, actual]
@@ -320,7 +331,7 @@ class FlatTopped:
         if not self.layers:
             return {}
         t = self.layers[0][0]
-        return {"delta_layer": min(t, self.height - sum(v for v, _ in self.layers)) / USUAL_LAYER}
+        return {"delta_layer": min(t, self.height - sum(v for v, _ in self.layers)) / USUAL_LAYER_MM}
 
     def changed(self, knobs: Any, k: float) -> tuple[tuple[float, float], ...]:
         """Layers of a specimen `k` times as high, the uppermost with its own errors; ValueError where one vanishes."""

@@ -10,12 +10,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from fem_backend import members
-from fem_backend.specimens.flat import ON, FlatTopped
+from fem_backend.specimens.flat import ON_PLANE_TOLERANCE, FlatTopped
 from fem_backend.specimens.specimen import SPECIMENS
 
-FAR = 400.0  # lengths of the indenter that are modelled, see `HalfSpace`
-FAR_SOLID = 200.0  # of a model in three dimensions, see `HalfSpace`
-USUAL = 3.0  # length (mm) of the indenter where none is known yet
+MODELLED_LENGTHS = 400.0  # lengths of the indenter that are modelled, see `HalfSpace`
+MODELLED_LENGTHS_IN_SPACE = 200.0  # of a model in three dimensions, see `HalfSpace`
+UNKNOWN_INDENTER_LENGTH_MM = 3.0  # length (mm) of the indenter where none is known yet
 
 
 @SPECIMENS.register
@@ -28,7 +28,7 @@ class HalfSpace(FlatTopped):
     200 L deep and as wide to each side: it misses less than 0.5 %.
     """
 
-    height: float = FAR * USUAL
+    height: float = MODELLED_LENGTHS * UNKNOWN_INDENTER_LENGTH_MM
 
     class Table(members.MemberTable):
         """{ shape = "half_space" }"""
@@ -62,20 +62,23 @@ class HalfSpace(FlatTopped):
 
     def under(self, indenter: Any) -> HalfSpace:
         """Deep enough for an indenter."""
-        return replace(self, height=FAR * indenter.length)
+        return replace(self, height=MODELLED_LENGTHS * indenter.length)
 
     def beyond(self, length: float) -> float:
         """What it would give way by, see above: 16/(6π · 400), as the force grows with the travel to 3/2 at most."""
-        return 1.5 * 16.0 / (6.0 * math.pi * FAR)
+        return 1.5 * 16.0 / (6.0 * math.pi * MODELLED_LENGTHS)
 
     def part(self, name: str, X: np.ndarray) -> np.ndarray:
         """As of all flat specimens, with the base where the model ends below."""
-        base, top = X[:, 2] <= X[:, 2].min() + ON * self.height, X[:, 2] >= self.height * (1.0 - ON)
+        base, top = (
+            X[:, 2] <= X[:, 2].min() + ON_PLANE_TOLERANCE * self.height,
+            X[:, 2] >= self.height * (1.0 - ON_PLANE_TOLERANCE),
+        )
         return {"upper": top, "lower": base, "base": base, "side": ~(base | top)}[name]
 
     def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
         """Those of a box as deep as it reaches to each side; its base lies above that of the meridian."""
-        far = FAR_SOLID / FAR * self.height
+        far = MODELLED_LENGTHS_IN_SPACE / MODELLED_LENGTHS * self.height
         return [0.0, far], [0.0, far], [self.height - far, self.height]
 
     def plain(self) -> dict[str, Any]:
@@ -98,7 +101,7 @@ class HalfSpace(FlatTopped):
     @property
     def ratio(self) -> float:
         """That of the indenter it was made for."""
-        return self.height / (FAR * USUAL)
+        return self.height / (MODELLED_LENGTHS * UNKNOWN_INDENTER_LENGTH_MM)
 
     def thickness_along(self, direction: np.ndarray) -> float:
         """No end."""

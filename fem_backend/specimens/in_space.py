@@ -9,7 +9,14 @@ import numpy as np
 
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
 from fem_backend.specimens import own_laws
-from fem_backend.specimens.specimen import LAYER
+from fem_backend.specimens.specimen import LAYER_KNOBS
+
+# semi-axes, or half extents, over the semi-axes of the cavity where nobody says otherwise
+HALF_SIZE_TO_CAVITY = (4.0, 3.5, 3.5)
+# largest semi-axis, or half length, over the radius of the ball: finer meshes are not made, and of a body three times
+# as large fTetWild makes no sound one
+MAX_SIZE_TO_INDENTER = 70
+PROPOSED_PLACE_SHARE = 0.35  # of a semi-axis, or of half an extent: where further tests are proposed
 
 
 class InSpace:
@@ -37,7 +44,7 @@ class InSpace:
 
     def absent(self) -> frozenset[str]:
         """It has no layers."""
-        return frozenset(LAYER) | own_laws.everything()
+        return frozenset(LAYER_KNOBS) | own_laws.everything()
 
     def meridian(self, actual: Any, spacing: Size, fineness: float) -> MeridianMesh:
         """None is made."""

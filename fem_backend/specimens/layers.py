@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
-from fem_backend.specimens.own_laws import PREFIXES, OwnLaw, OwnMaterial
+from fem_backend.specimens.own_laws import LAYER_PREFIXES, OwnLaw, OwnMaterial
 
 
 class Layer(members.MemberTable):
@@ -34,9 +34,10 @@ def _listed(value: Any) -> Any:
     """A list of tables, the uppermost ones of which may have a law of their own."""
     if not isinstance(value, list | tuple):
         raise members.refused(": a list of { thickness, ratio } from the top down is expected")
-    for k, layer in enumerate(value[len(PREFIXES) :], len(PREFIXES)):
+    for k, layer in enumerate(value[len(LAYER_PREFIXES) :], len(LAYER_PREFIXES)):
         if isinstance(layer, Mapping) and layer.get("material") is not None:
-            why = f": the first {len(PREFIXES)} layers from the top may have laws of their own, this is number {k + 1}"
+            many = len(LAYER_PREFIXES)
+            why = f": the first {many} layers from the top may have laws of their own, this is number {k + 1}"
             raise members.refused(why, "material", layer["material"])
     return tuple(value)
 

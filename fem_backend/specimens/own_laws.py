@@ -15,8 +15,8 @@ from fem_backend import members
 from fem_backend.laws import LAWS, Law
 from rso.contract import knob
 
-PREFIXES = ("layer", "layer2", "layer3")  # what names of knobs begin with, from the uppermost layer down
-WORDS = ("the uppermost layer", "the second layer", "the third layer")
+LAYER_PREFIXES = ("layer", "layer2", "layer3")  # what names of knobs begin with, from the uppermost layer down
+LAYER_WORDS = ("the uppermost layer", "the second layer", "the third layer")
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def knobs() -> list[type]:
 
 @functools.cache
 def _knobs(laws: tuple[type, ...]) -> tuple[type, ...]:
-    return tuple(_of_layer(prefix, words, laws) for prefix, words in zip(PREFIXES, WORDS, strict=True))
+    return tuple(_of_layer(prefix, words, laws) for prefix, words in zip(LAYER_PREFIXES, LAYER_WORDS, strict=True))
 
 
 def _of_layer(prefix: str, words: str, laws: tuple[type, ...]) -> type:
@@ -125,31 +125,31 @@ def everything() -> frozenset[str]:
 @functools.lru_cache(maxsize=16)
 def _everything(laws: tuple[str, ...]) -> frozenset[str]:
     """The same as long as the registered `laws` are: every run of a study asks for it."""
-    return frozenset().union(*map(own_knob_names, PREFIXES))
+    return frozenset().union(*map(own_knob_names, LAYER_PREFIXES))
 
 
 def absent(laws: Sequence[OwnLaw | None]) -> frozenset[str]:
     """Names of the knobs that say nothing of a body whose layers have these laws."""
-    present = [own_knob_names(p, own.law) for p, own in zip(PREFIXES, laws, strict=False) if own]
+    present = [own_knob_names(p, own.law) for p, own in zip(LAYER_PREFIXES, laws, strict=False) if own]
     return everything().difference(*present)
 
 
 def always(laws: Sequence[OwnLaw | None]) -> frozenset[str]:
     """Names of those that keep their influence at their neutral value."""
-    own = [(p, v) for p, v in zip(PREFIXES, laws, strict=False) if v and LAWS.members[v.law].own_at_neutral]
+    own = [(p, v) for p, v in zip(LAYER_PREFIXES, laws, strict=False) if v and LAWS.members[v.law].own_at_neutral]
     return frozenset(own_knob_name(p, name) for p, v in own for name in LAWS.own(v.law))
 
 
 def own_law_powers() -> dict[str, int]:
     """Power of a stress in the knobs that have one."""
     each = {"mu": 1, "D1": -1, **{k: p for law in LAWS.members.values() for k, p in law.powers.items()}}
-    return {own_knob_name(prefix, name): p for prefix in PREFIXES for name, p in each.items()}
+    return {own_knob_name(prefix, name): p for prefix in LAYER_PREFIXES for name, p in each.items()}
 
 
 def law_of_layer(own: OwnLaw, prefix: str, knobs: Any, ratio: float) -> Law:
     """The law of a layer: μ from its knob or `ratio` times that of the rest, K/μ likewise, other constants its own."""
     mu = (getattr(knobs, own_knob_name(prefix, "mu")) or ratio * knobs.mu) * (
-        knobs.layer_ratio if prefix == PREFIXES[0] else 1.0
+        knobs.layer_ratio if prefix == LAYER_PREFIXES[0] else 1.0
     )
     D1 = getattr(knobs, own_knob_name(prefix, "D1")) or knobs.D1 * knobs.mu / mu
     rest = {name: getattr(knobs, own_knob_name(prefix, name)) for name in LAWS.own(own.law)}

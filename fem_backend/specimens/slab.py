@@ -14,13 +14,13 @@ from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.specimens.flat import FlatTopped
 from fem_backend.specimens.layers import LAYERED, Layers, canonical_layers, fitting, laws_of, thicknesses_and_ratios
 from fem_backend.specimens.own_laws import OwnLaw
-from fem_backend.specimens.specimen import SPECIMENS
+from fem_backend.specimens.specimen import MIN_SIZE_RATIO, SPECIMENS
 from rso.contract import knob
 
-USUAL = 5.0  # thickness (mm) that declared ranges of knobs are meant for
-WIDE, BESIDE = 20.0, 8.0  # thicknesses and lengths of the indenter from the axis that are modelled: see `Slab`
-WIDE_SOLID, BESIDE_SOLID = 4.0, 4.0  # the same of a model in three dimensions
-THINNEST = 0.2  # thickness over that of the settings
+USUAL_THICKNESS_MM = 5.0  # thickness (mm) that declared ranges of knobs are meant for
+# thicknesses and lengths of the indenter from the axis that are modelled: see `Slab`
+WIDTH_IN_THICKNESSES, WIDTH_IN_LENGTHS = 20.0, 8.0
+SOLID_WIDTH_IN_THICKNESSES, SOLID_WIDTH_IN_LENGTHS = 4.0, 4.0  # the same of a model in three dimensions
 
 
 @SPECIMENS.register
@@ -45,7 +45,7 @@ class Slab(FlatTopped):
 
         shape: Literal["slab"] = "slab"
         """A slab, wide beside its thickness and the indenter."""
-        thickness: members.Length = USUAL
+        thickness: members.Length = USUAL_THICKNESS_MM
         """Thickness, mm."""
         layers: Layers = ()
         """Layers from the top down; the rest has ratio 1 and the law of the table material."""
@@ -105,15 +105,18 @@ class Slab(FlatTopped):
     @property
     def half_width(self) -> float:  # type: ignore[override]
         """How far the model reaches (mm)."""
-        return self.wide or WIDE * self.thickness + self.around
+        return self.wide or WIDTH_IN_THICKNESSES * self.thickness + self.around
 
     def under(self, indenter: Any) -> Slab:
         """Wide enough for an indenter."""
-        return replace(self, around=BESIDE * indenter.length)
+        return replace(self, around=WIDTH_IN_LENGTHS * indenter.length)
 
     def grid_planes(self) -> tuple[list[float], list[float], list[float]]:
         """Those of a square that reaches 4 thicknesses and 4 lengths of the indenter from its middle."""
-        reach = [0.0, WIDE_SOLID * self.thickness + BESIDE_SOLID / BESIDE * self.around]
+        reach = [
+            0.0,
+            SOLID_WIDTH_IN_THICKNESSES * self.thickness + SOLID_WIDTH_IN_LENGTHS / WIDTH_IN_LENGTHS * self.around,
+        ]
         return reach, reach, self.interfaces()
 
     def within(self, radius: float) -> Slab:
@@ -134,10 +137,10 @@ class Slab(FlatTopped):
     def actual(self, knobs: Any) -> Slab:
         """The slab with the error of its thickness, layers in proportion; ValueError where hardly any is left."""
         thickness = self.thickness + knobs.delta_thickness
-        if thickness <= THINNEST * self.thickness:
+        if thickness <= MIN_SIZE_RATIO * self.thickness:
             raise ValueError(
                 f"delta_thickness = {knobs.delta_thickness:g} mm: a slab of {thickness:g} mm, must be thicker than "
-                f"{THINNEST * self.thickness:g} mm ({THINNEST:g} of that asked for)"
+                f"{MIN_SIZE_RATIO * self.thickness:g} mm ({MIN_SIZE_RATIO:g} of that asked for)"
             )
         return replace(
             self, thickness=thickness, layers=self.changed(knobs, thickness / self.thickness), met=self.unlike
@@ -155,4 +158,4 @@ class Slab(FlatTopped):
     @property
     def ratio(self) -> float:
         """The thickness over the usual one."""
-        return self.thickness / USUAL
+        return self.thickness / USUAL_THICKNESS_MM

@@ -30,8 +30,9 @@ class Specimens(OpenSet):
 
 SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 9})
 
-LAYER = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
-PLACE = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
+LAYER_KNOBS = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
+PLACE_KNOBS = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
+MIN_SIZE_RATIO = 0.2  # of a size with its error over that of the settings: with less hardly anything is left
 
 
 @dataclass(frozen=True)

@@ -16,19 +16,18 @@ from skfem import MeshTet2
 
 from fem_backend import members, meshing
 from fem_backend.meshing import Mesh, scans
-from fem_backend.specimens.in_space import InSpace
+from fem_backend.specimens.in_space import HALF_SIZE_TO_CAVITY, MAX_SIZE_TO_INDENTER, PROPOSED_PLACE_SHARE, InSpace
 from fem_backend.specimens.specimen import SPECIMENS, Meshing
 from rso.contract import Drawn, knob
 
-UNITS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}  # mm
-USUAL = (60.0, 35.0, 35.0)  # half extents (mm) of the body that declared ranges of knobs are meant for
-LARGEST = 70  # half the length of the body over the radius of the indenter: finer meshes are not made
-HOLLOW = (4.0, 3.5, 3.5)  # half extents over the semi-axes of the cavity
-PLACES = 0.35  # of half the extents
-STEEPEST = 0.2  # upward part of the normal: the indenter glides off steeper places
-WITHIN = 0.01  # of half the smallest extent: so near to a second surface a scan is held where nobody says otherwise
-FINE = 1e-6  # of the size: nodes this near lie on the surface
-GRID, CANDIDATES, ZOOMS = 8, 8, 40  # points along a facet, facets looked at closely, halvings of the grid there
+SURFACE_UNITS_MM = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}  # mm
+USUAL_HALF_EXTENTS_MM = (60.0, 35.0, 35.0)  # half extents (mm) of the body that declared ranges of knobs are meant for
+MIN_UPWARD_NORMAL = 0.2  # upward part of the normal: the indenter glides off steeper places
+# of half the smallest extent: so near to a second surface a scan is held where nobody says otherwise
+HELD_WITHIN_SHARE = 0.01
+ON_SURFACE_TOLERANCE = 1e-6  # of the size: nodes this near lie on the surface
+# points along a facet, facets looked at closely, halvings of the grid there
+N_GRID_ALONG_FACET, N_CANDIDATE_FACETS, N_GRID_HALVINGS = 8, 8, 40
 
 
 class HeldTable(members.MemberTable):
@@ -94,7 +93,7 @@ class Surface(InSpace):
         """The body inside a closed surface, in the frame of its file, z up."""
         file: str
         """STL, PLY or OBJ; a relative path is that from the study file."""
-        unit: Annotated[str, BeforeValidator(members.one_of(UNITS))]
+        unit: Annotated[str, BeforeValidator(members.one_of(SURFACE_UNITS_MM))]
         """Unit of the file's numbers: nm | um | mm | cm | m | in."""
         held: HeldTable | None = None
         """What a support holds, mm; the lower half where it says nothing."""
@@ -104,9 +103,9 @@ class Surface(InSpace):
         @model_validator(mode="after")
         def _readable(self) -> Surface.Table:
             """Both files hold what is asked for; the region holds some of the surface and not all."""
-            body = _read("file", self.file, UNITS[self.unit], self.sha256)
+            body = _read("file", self.file, SURFACE_UNITS_MM[self.unit], self.sha256)
             if self.held is not None and self.held.file is not None:
-                _read("held.file", self.held.file, UNITS[self.unit], self.held.sha256)
+                _read("held.file", self.held.file, SURFACE_UNITS_MM[self.unit], self.held.sha256)
             below = scans.held_level(_region(self, body), body.vertices) <= 0.0
             if below.all() or not below.any():
                 z = f"z from {body.low[2]:.4g} to {body.high[2]:.4g} mm"
@@ -117,7 +116,7 @@ class Surface(InSpace):
 
         def build(self) -> Surface:
             """The specimen of these settings."""
-            body = scans.scan(_path(self.file), UNITS[self.unit])
+            body = scans.scan(_path(self.file), SURFACE_UNITS_MM[self.unit])
             return Surface(body.sha256, tuple(_region(self, body).items()), _path(self.file), self.unit)
 
     @dataclass(frozen=True)
@@ -149,13 +148,13 @@ class Surface(InSpace):
         ),
     )
     gauges: ClassVar[Mapping[str, float]] = {"delta_scan": 0.002}
-    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.MESHER: scans.make_scan_mesh}
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]] = {scans.SCAN_MESHER: scans.make_scan_mesh}
     smallest_words: ClassVar[str] = "half the smallest extent"
 
     @property
     def scan(self) -> scans.Scan:
         """The surface with its smooth surface; ValueError where the file has changed since."""
-        found = scans.scan(self.file, UNITS[self.unit])
+        found = scans.scan(self.file, SURFACE_UNITS_MM[self.unit])
         if found.sha256 != self.sha256:
             raise ValueError(f"specimen.file = {self.file!r}: has changed since the run was set up")
         return found
@@ -187,7 +186,7 @@ class Surface(InSpace):
     @property
     def ratio(self) -> float:
         """Cube root of the product of the extents over that of the usual ones."""
-        return float(np.prod(self.half / np.array(USUAL))) ** (1.0 / 3.0)
+        return float(np.prod(self.half / np.array(USUAL_HALF_EXTENTS_MM))) ** (1.0 / 3.0)
 
     # ------------------------------------------------------------------------------------------------- surface
 
@@ -290,7 +289,7 @@ class Surface(InSpace):
 
     @property
     def _rim(self) -> float:
-        return 10.0 * scans.ON * float(np.abs(self.scan.vertices).max())
+        return 10.0 * scans.ON_RIM_TOLERANCE * float(np.abs(self.scan.vertices).max())
 
     def distance(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Distance (mm) of a point x (3,) outside and the unit normal N (3,) that is its gradient."""
@@ -316,7 +315,7 @@ class Surface(InSpace):
         """Whether nodes X (…, 3) lie on the surface."""
         flat = self._in(X).reshape(-1, 3)
         f, gradient = self.scan.smooth.level(flat)
-        on = np.abs(f) <= FINE * self.largest * np.linalg.norm(gradient, axis=1)
+        on = np.abs(f) <= ON_SURFACE_TOLERANCE * self.largest * np.linalg.norm(gradient, axis=1)
         return on.reshape(np.shape(X)[:-1])
 
     def mean_curvature(self, x: float, y: float) -> float:
@@ -342,7 +341,7 @@ class Surface(InSpace):
 
     def hole(self, size: float) -> tuple[np.ndarray, np.ndarray]:
         """Centre (3,) and semi-axes (3,) mm of the cavity: around the lowest point."""
-        return self.lowest, size * self.half / np.array(HOLLOW)
+        return self.lowest, size * self.half / np.array(HALF_SIZE_TO_CAVITY)
 
     def first_contact(self, indenter: Any, through: ArrayLike, direction: ArrayLike) -> np.ndarray:
         """Reference point (3,) mm where an indenter first touches on its way, of any shape on any surface.
@@ -370,22 +369,23 @@ class Surface(InSpace):
                 f"of {self.smallest_words}). The surface measures {self._extents} with specimen.unit = "
                 f"{self.unit!r}: is that its unit?"
             )
-        if size < self.largest / LARGEST:
+        if size < self.largest / MAX_SIZE_TO_INDENTER:
             out.append(
-                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen. At "
-                f"least {self.largest / LARGEST:.3g} mm is needed (1/{LARGEST} of half its length). The surface "
-                f"measures {self._extents} with specimen.unit = {self.unit!r}: is that its unit?"
+                f"indenter.{key} = {size} mm: no mesh is made for so small a {indenter.noun} on this specimen. "
+                f"At least {self.largest / MAX_SIZE_TO_INDENTER:.3g} mm is needed "
+                f"(1/{MAX_SIZE_TO_INDENTER} of half its length). "
+                f"The surface measures {self._extents} with specimen.unit = {self.unit!r}: is that its unit?"
             )
         try:
             on, normal = self.above(*point)
         except ValueError as error:
             reach = " and ".join(f"{n} from {a:.4g} to {b:.4g} mm" for n, a, b in self._outline)
             return [*out, f"point = {list(point)} mm: {str(error).split(' mm ')[-1]}, which has {reach}"]
-        if normal[2] < STEEPEST:
+        if normal[2] < MIN_UPWARD_NORMAL:
             steep = math.degrees(math.acos(max(float(normal[2]), 0.0)))
             out.append(
                 f"point = {list(point)} mm: the surface is {steep:.0f} degrees steep there, at most "
-                f"{math.degrees(math.acos(STEEPEST)):.0f} are modelled"
+                f"{math.degrees(math.acos(MIN_UPWARD_NORMAL)):.0f} are modelled"
             )
         if self.part("lower", on[None])[0]:
             out.append(f"point = {list(point)} mm: lies in the region that is held")
@@ -426,19 +426,21 @@ class Surface(InSpace):
         """A mesh of its own for each place and size of the indenter, by fTetWild."""
         if mesher != "tetwild":
             raise ValueError(f"mesh.mesher = {mesher!r}: a scanned surface is meshed by tetwild alone")
-        if level not in meshing.SIZINGS:
-            known = ", ".join(meshing.LEVELS)
+        if level not in meshing.ALL_TEMPLATE_SIZINGS:
+            known = ", ".join(meshing.TEMPLATE_SIZINGS)
             raise ValueError(f"mesh.level = {level!r}: not for a scanned surface; choose from {known}")
-        sizing = replace(meshing.SIZINGS[level].scaled(length / meshing.RADIUS), hmax=1.15 * self.smallest)
+        sizing = replace(
+            meshing.ALL_TEMPLATE_SIZINGS[level].scaled(length / meshing.TEMPLATE_RADIUS_MM), hmax=1.15 * self.smallest
+        )
         on, _ = self.above(*self.place)
-        recipe = scans.scan_recipe(self.file, UNITS[self.unit], self.sha256, self.region, on, sizing)
+        recipe = scans.scan_recipe(self.file, SURFACE_UNITS_MM[self.unit], self.sha256, self.region, on, sizing)
         return Meshing(recipe, (("mesher", mesher), ("level", level)), sizing.h0, level)
 
     def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
         """The mesh of the recipe, fine elements at `point`, edges curved, in the size of the body; raises BadMesh."""
         smooth, place = self.scan.smooth, np.array(scans.fine_place(recipe))
         to = self._in(self.above(*point)[0])
-        if np.linalg.norm(to - place) > FINE * self.largest:
+        if np.linalg.norm(to - place) > ON_SURFACE_TOLERANCE * self.largest:
             mesh = scans.carried_mesh(smooth, self.region, mesh, place, to)
         made = scans.quadratic_on_scan(smooth, self.region, mesh)
         worst = float(meshing.scaled_jacobian(made).min())
@@ -453,7 +455,7 @@ class Surface(InSpace):
         found = []
         for k, sign in ((0, 1.0), (1, 1.0), (0, -1.0), (1, -1.0)):
             at = self.middle.copy()
-            at[k] += sign * PLACES * self.half[k]
+            at[k] += sign * PROPOSED_PLACE_SHARE * self.half[k]
             x, y = (float(f"{v:.3g}") for v in at[:2])
             try:
                 on, normal = self.above(x, y)
@@ -507,11 +509,11 @@ def _region(table: Surface.Table, body: scans.Scan) -> dict[str, Any]:
         return {"below": float(f"{0.5 * (body.low[2] + body.high[2]):.12g}")}
     if held.file is None:
         return {"below": held.below} if held.below is not None else {"box": held.box}
-    near = WITHIN * 0.5 * float((body.high - body.low).min())
-    other = scans.scan(_path(held.file), UNITS[table.unit])
+    near = HELD_WITHIN_SHARE * 0.5 * float((body.high - body.low).min())
+    other = scans.scan(_path(held.file), SURFACE_UNITS_MM[table.unit])
     return {
         "file": _path(held.file),
-        "scale": UNITS[table.unit],
+        "scale": SURFACE_UNITS_MM[table.unit],
         "sha256": other.sha256,
         "within": near if held.within is None else held.within,
     }
@@ -526,7 +528,10 @@ def _first_contact(
     corners = body._out(body.scan.smooth.tree.corners)
     away = 4.0 * (body.largest + indenter.length) + float(np.linalg.norm(origin - body.middle))
     start = origin - ((origin - body.middle) @ d + away) * d
-    grid = np.array([(i, j) for i in range(GRID + 1) for j in range(GRID + 1 - i)]) / GRID
+    grid = (
+        np.array([(i, j) for i in range(N_GRID_ALONG_FACET + 1) for j in range(N_GRID_ALONG_FACET + 1 - i)])
+        / N_GRID_ALONG_FACET
+    )
     weights = np.column_stack([1.0 - grid.sum(1), grid])
     flat = np.einsum("qa,fai->fqi", weights, corners)
     travel = indenter.travel(flat, start, d).min(1)
@@ -538,11 +543,11 @@ def _first_contact(
         )
     on = body.project(flat[near].reshape(-1, 3)).reshape(len(near), -1, 3)
     travel = indenter.travel(on, start, d)
-    best = np.argsort(travel.min(1), kind="stable")[:CANDIDATES]
+    best = np.argsort(travel.min(1), kind="stable")[:N_CANDIDATE_FACETS]
     at, nodes, least = weights[travel[best].argmin(1), 1:], corners[near[best]], float(travel.min())
     touched = on.reshape(-1, 3)[travel.argmin()]
-    offsets, width = np.indices((7, 7)).reshape(2, -1).T / 3.0 - 1.0, 2.0 / GRID
-    for _ in range(ZOOMS):
+    offsets, width = np.indices((7, 7)).reshape(2, -1).T / 3.0 - 1.0, 2.0 / N_GRID_ALONG_FACET
+    for _ in range(N_GRID_HALVINGS):
         finer = np.maximum(at[:, None] + width * offsets, 0.0)
         finer /= np.maximum(finer.sum(-1, keepdims=True), 1.0)
         points = np.einsum("fqa,fai->fqi", np.concatenate([1.0 - finer.sum(-1, keepdims=True), finer], axis=-1), nodes)

@@ -13,15 +13,16 @@ from pydantic import BeforeValidator
 
 from fem_backend import members
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
-from fem_backend.geometry import STILL, EllipsoidShape, closest_point, kernel_arrays
+from fem_backend.geometry import NO_MOTION, EllipsoidShape, closest_point, kernel_arrays
 from fem_backend.kinematics.bodies import Body
 from fem_backend.supports.support import SUPPORTS
 from rso.contract import Drawn, knob
 
-PENALTY = 8.0  # ε R/μ; pressures are far smaller than below the indenter, a stiff one would be felt point by point
-ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
-FLAT = 35.0  # vertical semi-axis over the lip of a bowl: 1 mm for the usual body
-CLEARANCE, FRICTION = 1.0, 0.2  # where nobody says otherwise
+# ε R/μ; pressures are far smaller than below the indenter, a stiff one would be felt point by point
+BOWL_PENALTY_RATIO = 8.0
+BOWL_QUADRATURE_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
+SEMI_AXIS_TO_LIP = 35.0  # vertical semi-axis over the lip of a bowl: 1 mm for the usual body
+USUAL_CLEARANCE_MM, USUAL_BOWL_FRICTION = 1.0, 0.2  # mm, 1: where nobody says otherwise
 
 
 @SUPPORTS.register
@@ -55,7 +56,7 @@ class BowlSupport:
             "mm",
             1e-8,
             1e6,
-            default=CLEARANCE,
+            default=USUAL_CLEARANCE_MM,
             group="bowl",
             scope="mounting",
             typical=1.0,
@@ -68,7 +69,7 @@ class BowlSupport:
             "1",
             0.0,
             5.0,
-            default=FRICTION,
+            default=USUAL_BOWL_FRICTION,
             group="bowl",
             plausible=(0.1, 0.4),
             label="friction in the bowl",
@@ -81,7 +82,7 @@ class BowlSupport:
             ("CLEARANCE",),
             ("mm",),
             "it lies in a bowl so much larger in each semi-axis",
-            settings=lambda c: {"support": {"kind": "bowl", "clearance": c, "friction": FRICTION}},
+            settings=lambda c: {"support": {"kind": "bowl", "clearance": c, "friction": USUAL_BOWL_FRICTION}},
             guess="its friction",
         ),
     )
@@ -102,13 +103,13 @@ class BowlSupport:
     @property
     def described(self) -> str:
         """Its clearance and friction."""
-        clearance = members.length_words(CLEARANCE if self.wide is None else self.wide)
-        friction = FRICTION if self.friction_of is None else self.friction_of
+        clearance = members.length_words(USUAL_CLEARANCE_MM if self.wide is None else self.wide)
+        friction = USUAL_BOWL_FRICTION if self.friction_of is None else self.friction_of
         return f"in a bowl {clearance} larger all round, friction {friction:.3g}"
 
     def drawn(self, specimen: Any, way: np.ndarray, wide: float) -> list[Drawn]:
         """The lower half of its ellipse."""
-        room = CLEARANCE if self.wide is None else self.wide
+        room = USUAL_CLEARANCE_MM if self.wide is None else self.wide
         s = specimen.semi_axes + room
         turn = np.linspace(-np.pi, 0.0, 61)
         x, z = np.cos(turn) / np.linalg.norm(way / s[:2]), room + s[2] * np.sin(turn)
@@ -157,7 +158,7 @@ class BowlSupport:
     def surfaces(self, specimen: Any, body: Body, facets: np.ndarray) -> tuple[ContactSurface, ...]:
         """The lower part of the specimen."""
         lower = specimen.part("lower", body.nodes[facets].mean(1))
-        return (contact_surface(body, facets[lower], specimen, ORDER),)
+        return (contact_surface(body, facets[lower], specimen, BOWL_QUADRATURE_ORDER),)
 
     def pairs(
         self,
@@ -171,13 +172,13 @@ class BowlSupport:
     ) -> tuple[Pair, ...]:
         """The bowl touches the lowest point of the specimen as it is; its lip is that of the nominal one."""
         inner, centre = tuple(specimen.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance)
-        epsilon = np.full(surfaces[0].weights.shape, PENALTY * mu / length)
-        bowl = Bowl(inner, centre, lip=nominal.c / FLAT)
+        epsilon = np.full(surfaces[0].weights.shape, BOWL_PENALTY_RATIO * mu / length)
+        bowl = Bowl(inner, centre, lip=nominal.c / SEMI_AXIS_TO_LIP)
         return (Pair(surfaces[0], bowl, epsilon, knobs.bowl_friction, None, soft),)
 
     def friction(self, values: Mapping[str, float]) -> float:
         """Coulomb coefficient of the wall."""
-        return values.get("bowl_friction", FRICTION)
+        return values.get("bowl_friction", USUAL_BOWL_FRICTION)
 
     def holding(self) -> BowlSupport:
         """Any bowl: it holds no node."""
@@ -201,7 +202,7 @@ class BowlSupport:
 
     def revised(self, specimen: Any) -> bool:
         """The lip of every bowl used to be 1 mm."""
-        return specimen.c != FLAT
+        return specimen.c != SEMI_AXIS_TO_LIP
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,7 @@ class Bowl:
         return self.lip
 
     def gap(
-        self, x: np.ndarray, centre: ArrayLike = STILL, direction: ArrayLike = STILL
+        self, x: np.ndarray, centre: ArrayLike = NO_MOTION, direction: ArrayLike = NO_MOTION
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap g (…), its gradient n (…, 3), which points to the body, and Hessian (…, 3, 3) at points x (…, 3).
 

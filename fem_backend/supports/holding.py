@@ -12,7 +12,7 @@ from fem_backend.kinematics.bodies import Body
 from fem_backend.members import SettingsOption
 from rso.contract import Drawn
 
-LOOKED_AT = 200  # points of the surface by which two supports are compared
+N_COMPARED_POINTS = 200  # points of the surface by which two supports are compared
 
 
 class Holding:
@@ -118,8 +118,8 @@ class Holding:
 
 def _around(specimen: Any) -> np.ndarray:
     """Points (n, 3) mm of the surface: the lowest, and those nearest to a Fibonacci lattice on a sphere around."""
-    k = np.arange(LOOKED_AT) + 0.5
-    z, turn = 1.0 - 2.0 * k / LOOKED_AT, np.pi * (1.0 + np.sqrt(5.0)) * k
+    k = np.arange(N_COMPARED_POINTS) + 0.5
+    z, turn = 1.0 - 2.0 * k / N_COMPARED_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
     r = np.sqrt(1.0 - z**2)
     directions = np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
     middle = 0.5 * (specimen.top + specimen.lowest)

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
-from fem_backend.geometry import STILL
+from fem_backend.geometry import NO_MOTION
 from fem_backend.kinematics.bodies import Body
 from fem_backend.supports.holding import Holding
 from rso.contract import Drawn, knob
 
-PENALTY = 2e4  # ε h/μ, h the smallest size of the specimen: a base rests on few elements of a fifth of that
-TOUCHING = 1e-9  # of that size, by which a plane that lets go is above the base: seated, its whole base presses first
-ON = 1e-9  # of the half width: nodes this near the side are on its rims
+WALL_PENALTY_RATIO = 2e4  # ε h/μ, h the smallest size of the specimen: a base rests on few elements of a fifth of that
+# of that size, by which a plane that lets go is above the base: seated, its whole base presses first
+LIFTED_PLANE_SHARE = 1e-9
+ON_SIDE_TOLERANCE = 1e-9  # of the half width: nodes this near the side are on its rims
 BONDED, SLIP, GAP = "bonded", "slip", "gap"  # held in all directions; in the normal one; touched from one side
 
 
@@ -29,7 +30,7 @@ class Plane:
     stride: float = 1.0
 
     def gap(
-        self, x: np.ndarray, centre: ArrayLike = STILL, direction: ArrayLike = STILL
+        self, x: np.ndarray, centre: ArrayLike = NO_MOTION, direction: ArrayLike = NO_MOTION
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap g = z − height, its gradient e_z and its Hessian 0 at points x (…, 3)."""
         n = np.zeros(x.shape)
@@ -50,7 +51,7 @@ class Wall:
     stride: float = 1.0
 
     def gap(
-        self, x: np.ndarray, centre: ArrayLike = STILL, direction: ArrayLike = STILL
+        self, x: np.ndarray, centre: ArrayLike = NO_MOTION, direction: ArrayLike = NO_MOTION
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap g = radius − r, its gradient −e_r and its Hessian −e_t⊗e_t/r at points x (…, 3)."""
         r = np.maximum(np.hypot(x[..., 0], x[..., 1]), 1e-300)
@@ -165,8 +166,10 @@ class Walls(Holding):
         grips, parts = self.grips(), self._touching(surfaces[0].N.shape[1] == 3) if surfaces else []
         for surface, part in zip(surfaces, parts, strict=True):
             how, founded = grips[part], part == "base" and self.yields > 0.0
-            epsilon = np.full(surface.weights.shape, 1.0 / self.yields if founded else PENALTY * mu / specimen.smallest)
-            above = TOUCHING * specimen.smallest if how == GAP else 0.0
+            epsilon = np.full(
+                surface.weights.shape, 1.0 / self.yields if founded else WALL_PENALTY_RATIO * mu / specimen.smallest
+            )
+            above = LIFTED_PLANE_SHARE * specimen.smallest if how == GAP else 0.0
             rigid = Plane(above) if part == "base" else Wall(self.wall(specimen))
             rubs = 0.0 if how == BONDED else self.rubs
             out.append(Pair(surface, rigid, epsilon, rubs, None, soft or founded, bilateral=how != GAP))
@@ -191,7 +194,7 @@ def _nodes(specimen: Any, part: str, X: np.ndarray) -> np.ndarray:
     """Which of the nodes X (n, 3) of the surface lie on a part, its rims included."""
     on = specimen.part(part, X)
     if part == "side":
-        on = on | (np.hypot(X[:, 0], X[:, 1]) >= specimen.half_width * (1.0 - ON))
+        on = on | (np.hypot(X[:, 0], X[:, 1]) >= specimen.half_width * (1.0 - ON_SIDE_TOLERANCE))
     return on
 
 

@@ -10,10 +10,10 @@ from pydantic import BeforeValidator, model_validator
 
 from fem_backend import members
 from fem_backend.supports.support import SUPPORTS
-from fem_backend.supports.walls import BONDED, GAP, ON, SLIP, Walls
+from fem_backend.supports.walls import BONDED, GAP, ON_SIDE_TOLERANCE, SLIP, Walls
 from rso.contract import knob
 
-SMALLEST = 0.2  # of the radius over that of the settings
+MIN_WELL_RATIO = 0.2  # of the radius over that of the settings
 
 
 @SUPPORTS.register
@@ -130,10 +130,10 @@ class Well(Walls):
 
     def actual(self, knobs: Any) -> Well:
         """The friction, and the error of its radius; ValueError where hardly any of that is left."""
-        if self.radius and self.radius + knobs.delta_well <= SMALLEST * self.radius:
+        if self.radius and self.radius + knobs.delta_well <= MIN_WELL_RATIO * self.radius:
             raise ValueError(
                 f"delta_well = {knobs.delta_well:g} mm: a well of radius {self.radius + knobs.delta_well:g} mm, must "
-                f"be larger than {SMALLEST * self.radius:g} mm ({SMALLEST:g} of that asked for)"
+                f"be larger than {MIN_WELL_RATIO * self.radius:g} mm ({MIN_WELL_RATIO:g} of that asked for)"
             )
         return replace(self, rubs=knobs.well_friction, off=knobs.delta_well if self.radius else 0.0)
 
@@ -154,14 +154,14 @@ class Well(Walls):
             self.off
             and self.side == GAP
             and not self._cast(specimen)
-            and specimen.half_width > self.wall(specimen) * (1.0 + ON)
+            and specimen.half_width > self.wall(specimen) * (1.0 + ON_SIDE_TOLERANCE)
         ):
             raise ValueError(
                 f"delta_well = {self.off:g} mm: the specimen, of radius {specimen.half_width:g} mm, is wider than a "
                 f"well of {self.wall(specimen):g} mm"
             )
         own_width = not specimen.alike and not (self.off and self._cast(specimen))
-        room = own_width and self.wall(specimen) > specimen.half_width * (1.0 + ON)
+        room = own_width and self.wall(specimen) > specimen.half_width * (1.0 + ON_SIDE_TOLERANCE)
         return specimen if room else specimen.within(self.wall(specimen))
 
     def offered(self, specimen: Any) -> bool:
@@ -180,9 +180,9 @@ class Well(Walls):
         if not self.radius:
             return None
         own = specimen.within(self.radius).half_width
-        if own > self.radius * (1.0 + ON):
+        if own > self.radius * (1.0 + ON_SIDE_TOLERANCE):
             return f"support.radius = {self.radius:g} mm: the specimen, of radius {own:g} mm, is wider than the well"
-        if own < self.radius * (1.0 - ON) and self.side != GAP:
+        if own < self.radius * (1.0 - ON_SIDE_TOLERANCE) and self.side != GAP:
             return (
                 f"support.radius = {self.radius:g} mm: wall = {self.side!r} touches the specimen, whose radius is "
                 f'{own:g} mm; leave the radius out, or take wall = "gap"'

@@ -19,7 +19,7 @@ import pytest
 
 from fem_backend.indenters import INDENTERS
 from fem_backend.specimens import SPECIMENS, own_laws
-from fem_backend.specimens.specimen import LAYER, PLACE
+from fem_backend.specimens.specimen import LAYER_KNOBS, PLACE_KNOBS
 from fem_backend.supports import SUPPORTS
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
 from rso.evaluation import Source
@@ -70,7 +70,7 @@ SUBJECTS = {
         inert=SPECIMENS.of_others("ellipsoid")
         | INDENTERS.of_others("sphere")
         | SUPPORTS.of_others("fixed")
-        | {*LAYER}
+        | {*LAYER_KNOBS}
         | own_laws.everything(),
     ),
     "finite elements of a slab": Subject(
@@ -82,7 +82,7 @@ SUBJECTS = {
         inert=SPECIMENS.of_others("slab")
         | INDENTERS.of_others("sphere")
         | SUPPORTS.of_others("bonded")
-        | {*PLACE, *LAYER}
+        | {*PLACE_KNOBS, *LAYER_KNOBS}
         | own_laws.everything(),
     ),
 }

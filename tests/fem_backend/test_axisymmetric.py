@@ -160,7 +160,7 @@ def test_a_thin_bonded_layer_does_not_lock(monkeypatch: pytest.MonkeyPatch) -> N
         kappa = np.sqrt(12.0 * 25.0 / ratio)
         expected = ratio * (1.0 - 2.0 * iv(1, kappa) / (kappa * iv(0, kappa))) + 3.0
         assert squeezed(ratio) == pytest.approx(expected, rel=0.1)
-    monkeypatch.setattr(response, "LOCAL", 1e9)
+    monkeypatch.setattr(response, "MAX_LOCAL_BULK_RATIO", 1e9)
     response.split.cache_clear()
     try:
         assert squeezed(1e4) > 3.0 * expected

@@ -116,8 +116,9 @@ def anchored(case: Case, folder) -> Case:
 def test_a_kept_tangent_leads_to_the_same_equilibria(tmp_path, monkeypatch):
     """All channels and derivatives as by Newton, for a fraction of its factorisations; the control has none to keep."""
     case = anchored(Case("kept", Programme.ramp((0.5, 1.0, 2.0)), {"mesh": {"level": "coarse"}}), tmp_path)
-    monkeypatch.setattr(slopes_of, "REFINED", 1e-8)  # as they are left otherwise, at 1e-5, they differ by 1e-4
-    monkeypatch.setattr(slopes_of, "REFINEMENTS", 40)
+    # as they are left otherwise, at 1e-5, they differ by 1e-4
+    monkeypatch.setattr(slopes_of, "DERIVATIVE_RESIDUAL_TOLERANCE", 1e-8)
+    monkeypatch.setattr(slopes_of, "MAX_DERIVATIVE_REFINEMENTS", 40)
     quick = BACKEND(VALUES, case)
     monkeypatch.setattr(modelling, "condensing", lambda system, model, start, end: system)
     plain = BACKEND(VALUES, case)
@@ -227,6 +228,6 @@ def test_a_nearly_incompressible_body_hardly_touched_has_an_answer(monkeypatch):
     hertz = 4.0 / 3.0 * 4.0 * 0.01 * np.sqrt(3.0) * 0.03**1.5  # E* = 4 μ where ν = 1/2 (Johnson 1985, eq. 4.23)
     assert 0.5 * hertz < F < 2.0 * hertz  # one element under the ball: no more is to be had of that mesh
     monkeypatch.setattr(newton, "at_round_off", lambda *told: False)
-    monkeypatch.setattr(modified_newton, "FLAT", 0.0)
+    monkeypatch.setattr(modified_newton, "KEPT_TANGENT_ROUND_OFF_RESIDUAL", 0.0)
     with pytest.raises(SimulationFailed, match="no equilibrium"):
         BACKEND(values, case)

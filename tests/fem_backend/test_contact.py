@@ -9,7 +9,7 @@ from scipy import integrate, optimize, sparse
 from skfem import MeshTet, MeshTet2
 
 from fem_backend.contact import tractions
-from fem_backend.contact.pointwise import LAG, TANGENTIAL
+from fem_backend.contact.pointwise import LAG_SHARE, TANGENTIAL_PENALTY_RATIO
 from fem_backend.contact.tractions import Adhesion, Before, ContactState, Pair, Touch
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.indenters.sphere import Sphere
@@ -326,8 +326,10 @@ def test_every_point_by_its_definition(name):
             counted = 1.0 if b.gap[f, q] <= 0 else max(-gap, 0.0) / (b.gap[f, q] - gap) if gap < 0 else 0.0
             if b.met is not None and b.gap[f, q] > 0:
                 counted = b.met[f, q]
-                slip = slip + LAG * (1.0 - counted) * (touch.centre - b.centre)
-            t = (np.eye(3) - np.outer(unit, unit)) @ (b.traction[f, q] - TANGENTIAL * epsilon * counted * slip)
+                slip = slip + LAG_SHARE * (1.0 - counted) * (touch.centre - b.centre)
+            t = (np.eye(3) - np.outer(unit, unit)) @ (
+                b.traction[f, q] - TANGENTIAL_PENALTY_RATIO * epsilon * counted * slip
+            )
             t *= 0.0 if p == 0 or not case.pair.friction else min(1.0, case.pair.friction * p / np.linalg.norm(t))
             W, l = (STICKY.work, STICKY.range) if case.pair.adhesion else (0.0, 1.0)
             pull = W / l * (np.exp(-gap / l) if gap > 0 else 2.0 - np.exp(gap / l))
@@ -364,7 +366,7 @@ def test_large_friction_sticks():
     n = (points - case.touch.centre) / np.linalg.norm(points - case.touch.centre, axis=-1)[..., None]
     slip = points - b.points - (case.touch.centre - b.centre)
     slip *= np.where(b.gap <= 0, 1.0, np.where(at.gap < 0, at.gap / (at.gap - b.gap), 0.0))[..., None]
-    t = b.traction - (TANGENTIAL * case.pair.epsilon * case.touch.raised)[..., None] * slip
+    t = b.traction - (TANGENTIAL_PENALTY_RATIO * case.pair.epsilon * case.touch.raised)[..., None] * slip
     t -= (t * n).sum(-1, keepdims=True) * n
     assert not at.slipping.any()
     np.testing.assert_allclose(at.traction[closed], t[closed], atol=1e-13)
@@ -416,12 +418,12 @@ def test_ball_on_a_still_plate_makes_the_loop_of_coulomb():
     np.testing.assert_allclose(np.abs(force).max(), friction * N, rtol=1e-6)
     assert force[1] < 0 < s[1]  # friction holds the ball back
     loop = -np.trapezoid(force[400:], s[400:])
-    give = friction * depth / TANGENTIAL
+    give = friction * depth / TANGENTIAL_PENALTY_RATIO
     np.testing.assert_allclose(loop, 4 * friction * N * (amplitude - give), rtol=1e-3)
     assert 0.1 * amplitude < give < 0.9 * amplitude
     # sticking throughout: a spring ε_T times the area, no loop
     s, force, *_ = sliding(amplitude, 10.0)
-    np.testing.assert_allclose(force, -TANGENTIAL * 3.0 * 16.0 * s, atol=1e-9)  # ε = 3 MPa/mm on 16 mm²
+    np.testing.assert_allclose(force, -TANGENTIAL_PENALTY_RATIO * 3.0 * 16.0 * s, atol=1e-9)  # ε = 3 MPa/mm on 16 mm²
 
 
 def test_what_is_remembered_is_the_end_of_the_step():

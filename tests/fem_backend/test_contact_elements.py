@@ -85,7 +85,7 @@ def test_only_a_small_contact_that_begins_in_a_point_asks_for_other_elements():
     assert contact_elements.shallow(ball, 0.3 * R) is ball and contact_elements.shallow(ball, 0.0) is ball
     h, radius = contact_elements.shallow(ball, 0.1 * R).fine
     a = np.sqrt(0.1) * R
-    assert h <= a / contact_elements.PER_RADIUS < 2.0**0.5 * h and a < radius
+    assert h <= a / contact_elements.N_ELEMENTS_PER_SMALL_CONTACT < 2.0**0.5 * h and a < radius
     assert contact_elements.shallow(ball, 0.101 * R).fine == (h, radius)  # like runs share a grid
     flat = settings({"shape": "flat", "radius": R, "fillet": 0.3})
     assert contact_elements.shallow(flat, 0.1) is flat

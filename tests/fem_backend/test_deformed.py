@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem_backend.adapter.deformed import MOST, _cut, _loading
+from fem_backend.adapter.deformed import MAX_FRAMES, _cut, _loading
 from fem_backend.backend import BACKEND
 from fem_backend.materials.zones import divided
 from rso.contract import Case, Programme
@@ -79,5 +79,5 @@ def test_a_cut_through_tetrahedra_has_no_holes():
 def test_frames_are_those_of_the_first_loading():
     assert _loading([0.5, 1.0, 0.4, 1.5, 1.5, 0.2]) == [0, 1, 3]
     many = _loading(list(np.linspace(0.1, 4.0, 40)))
-    assert len(many) <= MOST and many[-1] == 39
+    assert len(many) <= MAX_FRAMES and many[-1] == 39
     assert _loading([]) == []

@@ -10,10 +10,10 @@ import pytest
 
 from fem_backend import closed_forms
 from fem_backend.accuracy import error_estimate
-from fem_backend.accuracy.calibration import UNKNOWN, calibrated_pairs, calibration, uncalibrated
+from fem_backend.accuracy.calibration import UNFITTED_ERROR_FACTOR, calibrated_pairs, calibration, uncalibrated
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
-from fem_backend.meshing import LEVELS
+from fem_backend.meshing import TEMPLATE_SIZINGS
 from fem_backend.simulation import assembly, experiment, indentation
 from fem_backend.simulation.experiment import profile_name
 from fem_backend.simulation.indentation import Result
@@ -146,8 +146,8 @@ def test_where_a_surface_sticks_creep_and_steps_take_from_each_other(monkeypatch
         monkeypatch.setattr(error_estimate, "friction_creep", lambda *_, on=creep: much if on else nothing)
         monkeypatch.setattr(error_estimate, "sticking", lambda *_, on=stick: much if on else nothing)
         left[creep, stick] = stated(aside, slope, friction=0.4)["Fx"]
-    np.testing.assert_allclose(left[1, 1], 2 * error_estimate.CANCELS * 0.1, rtol=1e-3)
-    np.testing.assert_allclose(left[1, 0], np.hypot(1, error_estimate.CANCELS) * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(left[1, 1], 2 * error_estimate.UNCANCELLED_SHARE * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(left[1, 0], np.hypot(1, error_estimate.UNCANCELLED_SHARE) * 0.1, rtol=1e-3)
     np.testing.assert_allclose(left[0, 1], left[1, 0], rtol=1e-9)
 
 
@@ -214,7 +214,7 @@ def test_facets_misplace_the_wall_by_a_share_of_the_clearance_and_the_force_with
     off = {c: (in_bowl(bowl(clearance=c))["Fz"] - stated()["Fz"]) * d / (1.5 * F) for c in (1.0, 3.0)}
     np.testing.assert_allclose(off[1.0], off[1.0][0], rtol=1e-9)
     np.testing.assert_allclose(off[3.0], 3 * off[1.0], rtol=1e-9)
-    of_level = {lv: in_bowl(bowl(mesh={"level": lv}))["Fz"] - stated(at=settings(lv))["Fz"] for lv in LEVELS}
+    of_level = {lv: in_bowl(bowl(mesh={"level": lv}))["Fz"] - stated(at=settings(lv))["Fz"] for lv in TEMPLATE_SIZINGS}
     assert (of_level["fine"] > of_level["coarse"]).all() and (of_level["reference"] < of_level["coarse"]).all()
     assert (in_bowl(weight=1e-5)["Fz"] - stated(weight=1e-5)["Fz"] < 0.6 * off[1.0] * 1.5 * F / d).all()
 
@@ -251,7 +251,9 @@ def test_a_heavy_body_sinks_less_under_the_ball():
 
 
 def test_the_level_fine_has_the_largest_facets_on_the_bowl():
-    added = {lv: in_bowl(bowl(mesh={"level": lv}))["bulge"] - stated(at=settings(lv))["bulge"] for lv in LEVELS}
+    added = {
+        lv: in_bowl(bowl(mesh={"level": lv}))["bulge"] - stated(at=settings(lv))["bulge"] for lv in TEMPLATE_SIZINGS
+    }
     assert (added["fine"] > added["coarse"]).all() and (added["reference"] < added["coarse"]).all()
 
 
@@ -276,7 +278,7 @@ def test_longer_steps_are_rougher_for_friction():
 
 
 def test_finer_levels_state_less():
-    found = [stated(at=settings(level), friction=0.3) for level in LEVELS]
+    found = [stated(at=settings(level), friction=0.3) for level in TEMPLATE_SIZINGS]
     for coarse, fine in pairwise(found):
         for name in set(coarse) - {"time", "travel", "Fx", "Fy", "slipping"}:
             assert (fine[name] < coarse[name]).all(), name
@@ -582,8 +584,8 @@ def test_what_round_off_leaves_out_of_balance_is_stated(more, left, monkeypatch)
             return tight(system, starts, load, target, replace(control, tight=left, medium=left), *rest, **named)
 
         monkeypatch.setattr(load_steps, "equilibrate", stuck)
-        monkeypatch.setattr(mixed_newton, "TIGHT", left)
-        monkeypatch.setattr(mixed_newton, "BEFORE", left)
+        monkeypatch.setattr(mixed_newton, "ASKED_RESIDUAL_TOLERANCE", left)
+        monkeypatch.setattr(mixed_newton, "RESIDUAL_TOLERANCE_BEFORE_MULTIPLIERS", left)
         return indentation.simulate_indentation(at, values, place, model, [Instant(s, s, True) for s in asked])
 
     exact, rough = run(1e-9), run(left)
@@ -680,11 +682,11 @@ def test_what_a_mesh_misses_is_foretold_from_the_contact_radius():
 
 
 def test_a_pair_that_nobody_fitted_states_more_and_says_so(monkeypatch):
-    """The same run as if its indenter had another name: every stated error is UNKNOWN times as large."""
+    """The same run as if its indenter had another name: every stated error is UNFITTED_ERROR_FACTOR times as large."""
     at, other = settings(), replace(settings())
     own = error_estimate.stated_errors(at, knobs(), result())
     assert uncalibrated(at) is None and ("ellipsoid", "sphere") in calibrated_pairs()
     monkeypatch.setattr(type(other.indenter), "name", "cone")
     more = error_estimate.stated_errors(other, knobs(), result())
-    assert all(np.array_equal(more[name], UNKNOWN * v) for name, v in own.items())
-    assert "'cone'" in uncalibrated(other) and f"{UNKNOWN:g} times" in uncalibrated(other)
+    assert all(np.array_equal(more[name], UNFITTED_ERROR_FACTOR * v) for name, v in own.items())
+    assert "'cone'" in uncalibrated(other) and f"{UNFITTED_ERROR_FACTOR:g} times" in uncalibrated(other)

@@ -11,7 +11,7 @@ from fem_backend import meshing
 from fem_backend.accuracy import calibration
 from fem_backend.backend import BACKEND
 from fem_backend.laws import LAWS
-from fem_backend.meshing import LIMIT
+from fem_backend.meshing import LIMIT_LEVEL
 from fem_backend.simulation.experiment import MARKS, read_settings
 from fem_backend.simulation.knobs import Knobs
 from rso.contract import Case, Programme, Segment, SimulationFailed
@@ -259,7 +259,7 @@ def test_a_mesh_of_a_similar_body_is_that_of_the_specimen(monkeypatch):
     np.testing.assert_allclose(force[1], force[0] / 4.0, rtol=1e-8)
 
 
-@pytest.mark.parametrize("level", meshing.LEVELS)
+@pytest.mark.parametrize("level", meshing.TEMPLATE_SIZINGS)
 def test_the_reference_specimen_has_a_mesh_that_is_the_same_everywhere(level):
     recipe = json.loads(read_settings({"mesh": {"level": level}}).recipe)
     assert recipe["mesher"] == "template" and recipe["level"] == level
@@ -373,8 +373,8 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 def test_levels_exist_for_every_stated_error():
     for c in calibration.calibrated_pairs().values():
-        assert set(c.level) == {*meshing.LEVELS, LIMIT}
-        assert {name for name, level in c.level.items() if level.extrapolated != 1.0} == {LIMIT}
+        assert set(c.level) == {*meshing.TEMPLATE_SIZINGS, LIMIT_LEVEL}
+        assert {name for name, level in c.level.items() if level.extrapolated != 1.0} == {LIMIT_LEVEL}
 
 
 @pytest.mark.parametrize("point", [[0.0, 0.0], [20.0, 0.0], [40.0, 5.0]])

@@ -16,7 +16,7 @@ from fem_backend.meshing.placing import scaled_jacobian
 from fem_backend.simulation import assembly, experiment
 from fem_backend.specimens.block import Cuboid
 from fem_backend.specimens.cylinder import Cylinder
-from fem_backend.specimens.half_space import FAR, FAR_SOLID, HalfSpace
+from fem_backend.specimens.half_space import MODELLED_LENGTHS, MODELLED_LENGTHS_IN_SPACE, HalfSpace
 from fem_backend.specimens.slab import Slab
 from rso.contract import Case, Programme, SimulationFailed
 
@@ -31,7 +31,7 @@ BLOCK = {"shape": "block", "size": [20.0, 16.0, 6.0]}
 @pytest.fixture
 def crude(monkeypatch):
     """The level coarse with elements of nearly twice the size: quick, and as symmetric as the others."""
-    monkeypatch.setitem(grids.FINENESS, "coarse", 4.0)
+    monkeypatch.setitem(grids.GRID_SIZE_FACTORS, "coarse", 4.0)
     experiment._read_again.cache_clear()
     yield
     experiment._read_again.cache_clear()
@@ -167,7 +167,7 @@ def test_a_half_space_is_held_below_and_nowhere_else():
     X = mesh.doflocs.T
     base = specimen.part("base", X)
     assert np.ptp(X[base, 2]) == 0.0
-    assert X[base, 2].max() == pytest.approx(3000.0 * (1.0 - FAR_SOLID / FAR))
+    assert X[base, 2].max() == pytest.approx(3000.0 * (1.0 - MODELLED_LENGTHS_IN_SPACE / MODELLED_LENGTHS))
     assert specimen.part("upper", X)[X[:, 2] == 3000.0].all()
 
 
@@ -175,7 +175,7 @@ def test_recipes_are_cut_from_their_words():
     """The recipe holds all that the mesh depends on: it is kept under the hash of that."""
     recipe = Slab(6.0, (), 24.0).meshing(3.0, "tetwild", "coarse", 0, 0.0).recipe
     words = json.loads(recipe)
-    assert words["mesher"] == grids.NAME and words["z"] == [0.0, 6.0] and words["x"][-1] == 4 * 6.0 + 4 * 3.0
+    assert words["mesher"] == grids.GRID_MESHER and words["z"] == [0.0, 6.0] and words["x"][-1] == 4 * 6.0 + 4 * 3.0
     a, b = make_mesh(recipe), make_mesh(recipe)
     assert a.to_bytes() == b.to_bytes()
 

@@ -15,7 +15,7 @@ from fem_backend.contact import tractions
 from fem_backend.indenters import INDENTERS, meridian
 from fem_backend.indenters.cone import Cone, equivalent_half_angle
 from fem_backend.indenters.flat import Flat
-from fem_backend.indenters.meridian import UPRIGHT, Meridian, meridian_outline
+from fem_backend.indenters.meridian import UPRIGHT_ANGLE_RAD, Meridian, meridian_outline
 from fem_backend.indenters.plate import Plate
 from fem_backend.indenters.profile import MeasuredProfile
 from fem_backend.indenters.sphere import Sphere
@@ -284,7 +284,7 @@ def test_forces_on_a_half_space():
     assert np.all(Cone(60.0, 0.1).force(d, 0.0, E, nu) > sharp)  # a blunt tip meets more
     a, R = np.array([0.05, 0.7, 2.0]), 3.0
     log = np.log((R + a) / (R - a))
-    ball = meridian_outline([(UPRIGHT, R), (UPRIGHT, math.inf)])
+    ball = meridian_outline([(UPRIGHT_ANGLE_RAD, R), (UPRIGHT_ANGLE_RAD, math.inf)])
     found = meridian.half_space_force(ball, 0.5 * a * log, 0.0, E, nu, 2.9)
     np.testing.assert_allclose(found, star * (0.5 * (a**2 + R**2) * log - a * R), rtol=3e-4)
     assert np.all(np.abs(found / (star * a**3)) > 0.4)  # not zero over zero
@@ -515,7 +515,7 @@ def test_plausible_errors_go_with_the_size_and_angles_do_not():
 def glue(seed: int = 0):
     """A pair with glued and free points on two triangles, positions, and a load."""
     rng = np.random.default_rng(seed)
-    X, _ = tractions.get_quadrature(tractions.RefTri, tractions.ORDER)
+    X, _ = tractions.get_quadrature(tractions.RefTri, tractions.FACET_QUADRATURE_ORDER)
     N = np.stack([tractions.ElementTriP2().lbasis(X, a)[0] for a in range(6)]).T.copy()
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
     facets = np.array([[0, 1, 2, 4, 5, 6], [0, 2, 3, 6, 7, 8]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem_backend import closed_forms
-from fem_backend.adapter.model_hierarchy import HELD, NU
+from fem_backend.adapter.model_hierarchy import HELD_D1_MU, SIMPLE_MODEL_POISSON
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme
 
@@ -89,13 +89,13 @@ def test_closed_form_agrees_with_finite_elements_at_small_depth():
 
 def test_the_start_finds_what_the_closed_form_was_made_with():
     mu = 0.008
-    F = BACKEND.closed_form({"mu": mu, "D1": HELD / mu}, case()).channels["Fz"]
+    F = BACKEND.closed_form({"mu": mu, "D1": HELD_D1_MU / mu}, case()).channels["Fz"]
     found = BACKEND.start(case(), np.array(ASKED), F)
     low, value, high = found["mu"]
     assert value == pytest.approx(mu, rel=1e-12) and low == pytest.approx(mu / 1.5) and high == pytest.approx(1.5 * mu)
     D1 = found["D1"]
     assert D1[0] < D1[1] < D1[2]
-    assert closed_forms.poisson_ratio(mu, 2 / D1[1]) == pytest.approx(NU)
+    assert closed_forms.poisson_ratio(mu, 2 / D1[1]) == pytest.approx(SIMPLE_MODEL_POISSON)
 
 
 def test_the_start_of_the_source():

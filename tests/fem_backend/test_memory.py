@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 from fem_backend import closed_forms
-from fem_backend.kinematics.voigt import COL, ROW
+from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW
 from fem_backend.laws import Fibre, LinearElastic, Material, MooneyRivlin, Mullins, NeoHooke, Ogden, Prony, Yeoh
 from fem_backend.materials import stress
 
@@ -52,7 +52,7 @@ def strain(material: Material, H: np.ndarray) -> np.ndarray:
     """Green (or small) strain with doubled shears, (m, q, 6)."""
     product_ = 0.0 if material.small_strain else np.einsum("mqki,mqkj->mqij", H, H)
     E = 0.5 * (H + np.swapaxes(H, -1, -2) + product_)
-    return np.stack([E[..., i, j] * (1 if i == j else 2) for i, j in zip(ROW, COL, strict=True)], -1)
+    return np.stack([E[..., i, j] * (1 if i == j else 2) for i, j in zip(VOIGT_ROW, VOIGT_COLUMN, strict=True)], -1)
 
 
 def rotations(seed: int) -> np.ndarray:

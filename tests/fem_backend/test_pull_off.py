@@ -207,7 +207,11 @@ def test_elements_follow_the_attraction():
     fine = contact_elements.resolved(settings, knobs, 0.01).fine
     less = contact_elements.resolved(settings, replace(knobs, adhesion_range=0.5 * knobs.adhesion_range), 0.01).fine
     assert fine is not None and less is not None
-    assert fine[0] <= contact_elements.zone(knobs) / contact_elements.PER_ZONE < 2**0.5 * fine[0] * (1.0 + 1e-12)
+    assert (
+        fine[0]
+        <= contact_elements.zone(knobs) / contact_elements.N_ELEMENTS_PER_ANNULUS
+        < 2**0.5 * fine[0] * (1.0 + 1e-12)
+    )
     assert less[0] == pytest.approx(fine[0] / 4.0)
     none = replace(knobs, adhesion=0.0)
     assert contact_elements.resolved(settings, none, 0.5) is settings

@@ -177,7 +177,7 @@ def run(remesh, depths, knobs, gradients=(), programme=None):
 @pytest.fixture(scope="module")
 def renewed():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rezoning, "LONGER", 1.7)  # sooner than usual: a shallow run is cheap
+        patch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)  # sooner than usual: a shallow run is cheap
         new = run("when_needed", DEPTHS, SOFT, ("mu", "D1"))
     return new, run("never", DEPTHS, SOFT, ("mu", "D1"))
 
@@ -206,7 +206,7 @@ def test_histories_are_carried_over(monkeypatch):
     knobs = {**SOFT, "prony_g": 0.4, "prony_tau": 2.0, "mullins": 0.5, "mullins_m": 0.3}
     way = [Instant(3.0, 3.0, True), Instant(6.0, 6.0, True), Instant(10.0, 6.0, True), Instant(12.0, 4.5, True)]
     old = run("never", (), knobs, programme=way)
-    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)
     new = run("when_needed", (), knobs, programme=way)
     assert new.legs and all(jump < 0.01 for _, jump in new.legs)
     assert new.Fz[2] < 0.95 * new.Fz[1]  # it relaxes on the new mesh, as before
@@ -218,8 +218,8 @@ def test_friction_is_carried_over(monkeypatch):
     knobs = {**SOFT, "friction": 1.0}
     way = [Instant(3.0, 3.0, True), Instant(5.0, 5.0, True)]
     old = run("never", (), knobs, programme=way)
-    monkeypatch.setattr(rezoning, "LONGER", 1.7)
-    monkeypatch.setattr(rezoning, "FINER", 0.7)
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)
+    monkeypatch.setattr(rezoning, "NEW_EDGE_RATIO", 0.7)
     new = run("when_needed", (), knobs, programme=way)
     assert new.legs and all(jump < 0.015 for _, jump in new.legs)
     np.testing.assert_allclose(new.Fz, old.Fz, rtol=0.02)
@@ -247,8 +247,8 @@ def test_a_force_leads_over_a_new_mesh(monkeypatch):
     knobs = {**SOFT, "prony_g": 0.4, "prony_tau": 0.5}
     drive = Drive((Leg(True, 0.2, to_N=0.6), Leg(True, lasts=0.5, asked=(0.5,))), (), (0.3, 0.6), 10.0, "the end")
     old, _ = controlled.simulate_programme(*ready("never", knobs), drive)
-    monkeypatch.setattr(rezoning, "LONGER", 1.3)
-    monkeypatch.setattr(rezoning, "FINER", 0.7)
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.3)
+    monkeypatch.setattr(rezoning, "NEW_EDGE_RATIO", 0.7)
     new, _ = controlled.simulate_programme(*ready("when_needed", knobs), drive)
     assert new.legs and new.points[0].leg == 0 and new.points[-1].leg == len(new.legs)
     np.testing.assert_allclose(new.Fz, [0.3, 0.6, 0.6], rtol=1e-6)
@@ -259,7 +259,7 @@ def test_an_outworn_mesh_that_is_kept_is_said_and_states_more(renewed):
     """On one mesh, allowed or not: errors grow with the sixth power of the travel from where it is outworn."""
     experiment = ready("never", SOFT)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rezoning, "LONGER", 1.7)
+        patch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)
         kept = two_grid.checked_on_coarse_mesh(*experiment, [Instant(d, d, True) for d in DEPTHS])
     began = kept.notes["outworn_mm"]
     assert began == kept.outworn[-1] and 4.5 < began < 6.0 and "outworn_mm" not in renewed[0].notes
@@ -271,7 +271,7 @@ def test_an_outworn_mesh_that_is_kept_is_said_and_states_more(renewed):
 
 def test_an_answer_hangs_on_the_other_depths_by_no_more_than_what_it_states(renewed, monkeypatch):
     """The mesh is made anew after other steps, so at other travels."""
-    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)
     experiment = ready("when_needed", SOFT)
     alone = two_grid.checked_on_coarse_mesh(*experiment, [Instant(6.0, 6.0, True)])
     among = run("when_needed", (1.0, 4.3, 5.2, 6.0), SOFT)
@@ -287,15 +287,15 @@ def test_another_size_is_tried_where_the_first_mesh_has_no_equilibrium(monkeypat
 
     def unlucky(at, state, size):
         tried.append(size)
-        if size == rezoning.SIZES[0]:
+        if size == rezoning.TRIED_EDGE_FACTORS[0]:
             raise NotConverged("contact", "none on this mesh", ())
         return made(at, state, size)
 
     made = rezoning.renewed
-    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)
     monkeypatch.setattr(rezoning, "renewed", unlucky)
     found = run("when_needed", (6.0,), SOFT)
-    assert found.legs and tried[:2] == list(rezoning.SIZES) and "outworn_mm" not in found.notes
+    assert found.legs and tried[:2] == list(rezoning.TRIED_EDGE_FACTORS) and "outworn_mm" not in found.notes
     assert max(jump for _, jump in found.legs) < 0.01
 
 
@@ -330,7 +330,7 @@ def none_at_all(*_):
 
 
 def test_a_mesh_that_cannot_be_made_anew_is_kept(renewed, monkeypatch):
-    monkeypatch.setattr(rezoning, "LONGER", 1.7)
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 1.7)
     monkeypatch.setattr(rezoning, "rezoned", none_at_all)
     kept = run("when_needed", DEPTHS, SOFT)
     np.testing.assert_allclose(kept.Fz, renewed[1].Fz, rtol=1e-6)

@@ -117,7 +117,7 @@ def restless(monkeypatch):
 
     monkeypatch.setattr(load_steps, "find_equilibrium", seek)
     monkeypatch.setattr(
-        load_steps, "SEATING", ()
+        load_steps, "GROUNDING_SPRING_FACTORS", ()
     )  # on softer springs than those of the fixture this body rolls far away
     return asked
 

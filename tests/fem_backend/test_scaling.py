@@ -85,7 +85,7 @@ def test_a_modulus_left_behind_is_seen(knob):
 def test_a_penalty_that_does_not_scale_is_seen(graded, to_two, monkeypatch):
     """Negative control: the same ε for the stiffer body."""
     k = 3.7
-    monkeypatch.setattr(assembly, "PENALTY", assembly.PENALTY / k)
+    monkeypatch.setattr(assembly, "BODY_PENALTY_RATIO", assembly.BODY_PENALTY_RATIO / k)
     two = graded.other(mu=k * graded.knobs.mu, D1=graded.knobs.D1 / k).solve([1.0, 2.0])
     assert np.abs(two.Fz / k / to_two.Fz - 1).max() > 1e-4
 

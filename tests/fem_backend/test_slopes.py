@@ -133,7 +133,7 @@ def test_what_a_residual_makes_of_the_force_is_taken_out(settings, monkeypatch):
         by_D1 = run({}, settings).gradients["D1"]
         return way @ [by_D1[c] for c in ("Fx", "Fy", "Fz")]
 
-    monkeypatch.setattr(derivatives, "REFINED", 1e-9)
+    monkeypatch.setattr(derivatives, "DERIVATIVE_RESIDUAL_TOLERANCE", 1e-9)
     exact, call = along(), derivatives.Slopes.__call__
 
     def crudely(self, stage, last):
@@ -142,7 +142,7 @@ def test_what_a_residual_makes_of_the_force_is_taken_out(settings, monkeypatch):
         call(self, dataclasses.replace(stage, equilibrium=found), last)
 
     monkeypatch.setattr(derivatives.Slopes, "__call__", crudely)
-    monkeypatch.setattr(derivatives, "REFINED", 1e-2)
+    monkeypatch.setattr(derivatives, "DERIVATIVE_RESIDUAL_TOLERANCE", 1e-2)
     error = np.abs(along() / exact - 1.0).max()
     monkeypatch.setattr(derivatives, "whole", lambda placement, force: np.zeros(3))
     assert error < 1e-3 and np.abs(along() / exact - 1.0).max() > 10.0 * error

@@ -510,7 +510,7 @@ def test_elements_follow_the_rim_of_the_held_region(kidney, held):
     made = scans.finished_mesh(body, held, mesh.vertices, mesh.tets, np.array([0.0, 0.0, 35.0]))
     assert before > 20 and crossing(made.vertices, made.tets, held) <= 0.2 * before
     curved = scans.quadratic_on_scan(body.smooth, held, made)
-    assert meshing.scaled_jacobian(curved).min() > meshing.placing.WORST
+    assert meshing.scaled_jacobian(curved).min() > meshing.placing.MIN_SCALED_JACOBIAN
     nodes = curved.doflocs.T
     on = np.abs(scans.held_level(held, nodes)) < 1e-6
     assert np.abs(EXACT.depth(nodes[on])).max() < 3e-3 and on.sum() > 30
@@ -557,7 +557,7 @@ def test_marks_are_found_on_the_upper_side_wherever_the_frame_is(kidney):
 def test_a_mesh_of_another_body_is_refused(kidney):
     body, mesh = scans.scan(kidney, 1.0), ball_mesh()
     whole = scans.quadratic_on_scan(body.smooth, {"below": 0.0}, mesh)
-    assert scans.scan_quality(body, whole) > meshing.placing.WORST
+    assert scans.scan_quality(body, whole) > meshing.placing.MIN_SCALED_JACOBIAN
     part = scans.quadratic_on_scan(body.smooth, {"below": 0.0}, Mesh(mesh.vertices, mesh.tets[mesh.tets.max(1) > 100]))
     with pytest.raises(meshing.BadMesh, match=r"a volume of .* does the surface meet itself"):
         scans.scan_quality(body, part)
@@ -570,7 +570,7 @@ def test_a_mesh_of_another_body_is_refused(kidney):
 def same_mesh(monkeypatch, tmp_path):
     """fTetWild's place taken by the mapped mesh, so that a scan and the exact body differ by their surfaces alone."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setitem(meshing.MAKERS, scans.MESHER, lambda data: ball_mesh())
+    monkeypatch.setitem(meshing.MAKERS, scans.SCAN_MESHER, lambda data: ball_mesh())
 
 
 def run(table: dict, asked=(1.0, 2.0), **values):

@@ -11,7 +11,7 @@ from fem_backend import meshing
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import BadMesh, templates
 
-NOMINAL = templates.NOMINAL
+NOMINAL = templates.TEMPLATE_BODY
 
 
 def volume(mesh: MeshTet2) -> float:
@@ -21,7 +21,7 @@ def volume(mesh: MeshTet2) -> float:
     return float(np.abs(w).sum() / 24.0)  # four points of weight 1/24
 
 
-@pytest.mark.parametrize("level", templates.LEVELS)
+@pytest.mark.parametrize("level", templates.TEMPLATE_SIZINGS)
 def test_shipped_template_is_the_quarter_ellipsoid(level):
     mesh = meshing.make_mesh(meshing.template_recipe(level))
     X = mesh.vertices
@@ -35,7 +35,7 @@ def test_shipped_template_is_the_quarter_ellipsoid(level):
 
 
 def test_levels_get_finer():
-    sizes = [len(meshing.template_mesh(level).tets) for level in templates.LEVELS]
+    sizes = [len(meshing.template_mesh(level).tets) for level in templates.TEMPLATE_SIZINGS]
     assert sizes == sorted(sizes) and sizes[-1] > 5 * sizes[0]
 
 

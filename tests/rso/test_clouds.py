@@ -17,6 +17,7 @@ from rso.data import Noise, read_measurement, surface_cloud
 from rso.data.clouds import most_informative
 from rso.doe import Box
 from rso.inference import Data, Misfit, Model, gauss_newton
+from rso.report import render
 from rso.report.calibration.cloud_maps import cloud_maps
 from rso.report.calibration.figures import draw
 from rso.study.errors import StudyError
@@ -243,6 +244,9 @@ def test_a_cloud_validates_a_model_and_refutes_a_wrong_one(marked):
     assert row["verdict"] in ("yes", "among") and row["p_value"] > 0.01 and row["points"] == 270
     (drawn,) = cloud_maps(found)
     assert drawn.role == "validate" and drawn.p_value == row["p_value"]
+    missing: list[str] = []
+    render(found, marked / "page", pdf=False, language="de", untranslated=missing)
+    assert set(missing) <= {"compressibility, D1 = 2/K", "test"}  # words of this backend, and the command
     lines = (marked / "cloud.csv").read_text().splitlines()
     moved = [",".join([*r.split(",")[:5], repr(1.1 * float(r.split(",")[5]))]) for r in lines[1:]]
     (marked / "cloud.csv").write_text("\n".join([lines[0], *moved]) + "\n")

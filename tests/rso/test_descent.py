@@ -20,14 +20,17 @@ from rso.core.similarity import group
 from rso.doe import Box
 from rso.evaluation.store import RunStore
 from rso.inference import Data, EvaluatedPoint, TangentFrame, on_runs, tangents
-from rso.inference.gauss_newton import chi2_in_frame, contradiction
+from rso.inference.gauss_newton import WRONG, chi2_in_frame, contradiction
 from rso.report import render
+from rso.report.calibration.numbers import report
+from rso.report.language import in_language, own_words, sentences_of
 from rso.report.terminal import summary
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 TRUTH = {"mu": studies.MU, "D1": studies.D1}
+OWN = ("compressibility, D1 = 2/K", "test", "hole", "in the hole", "slopes", "spring", "wrong", "true")
 TWO = (
     studies.SECTIONS["[experiments]"]
     + '\n[[experiments]]\nname = "thin"\nrole = "fit"\ndata = "thin.csv"\nsettings = { thickness = 6 }\n'
@@ -167,6 +170,7 @@ def test_a_backend_that_is_not_similar_is_noticed(tmp_path):
         found = direct(tmp_path / str(k), f"spring = 0.001\n{extra}", search)
         assert not found["design"]["similarity"]["applied"] and found["searches"][0]["verified"]
         assert any("not applied" in w for w in found["warnings"])
+        assert english(found) == []
 
 
 def test_wrong_derivatives_confirm_nothing(tmp_path):
@@ -174,6 +178,7 @@ def test_wrong_derivatives_confirm_nothing(tmp_path):
         found = direct(tmp_path / str(k), f'{extra}slopes = "wrong"')
         assert found["exit_code"] == 4 and not found["searches"][0]["verified"] and found["best"] is None
         assert found["identification"] is None and any("derivatives" in w for w in found["warnings"])
+        assert english(found) == []
 
 
 def test_runs_without_an_answer_are_backed_away_from(tmp_path):
@@ -182,10 +187,12 @@ def test_runs_without_an_answer_are_backed_away_from(tmp_path):
     true_within(found)
     assert found["exit_code"] == 3 and points(found)[0]["state"] == "failed" and points(found)[0]["chi2"] is None
     assert all(r["outputs"] == {} for r in found["runs"] if r["state"] == "failed")
+    assert english(found) == []
     # The truth: nothing is claimed then.
     found = direct(tmp_path / "b", "hole = [0.0115, 0.02, 1, 150]")
     assert found["exit_code"] == 4 and "no answer" in found["descent"]["descents"][0]["why"]
     assert len(points(found)) <= 20 and found["identification"] is None
+    assert english(found) == []
 
 
 def test_a_bound_is_respected_and_said(tmp_path):
@@ -194,6 +201,7 @@ def test_a_bound_is_respected_and_said(tmp_path):
     (c,) = found["searches"][0]["candidates"]
     assert c["values"]["D1"] == 45.0 and c["at_bound"] == ["D1"] and found["searches"][0]["verified"]
     assert any("end of the range of D1" in w for w in found["warnings"])
+    assert english(found) == []
     assert all(r["values"]["D1"] <= 45.0 for r in found["runs"])
 
 
@@ -203,6 +211,7 @@ def test_several_starts_share_their_runs(tmp_path):
     assert len(three["descent"]["descents"]) == 3
     assert three["counts"]["fe_runs"] < 3 * one["counts"]["fe_runs"]
     assert all(d["verified"] for d in three["descent"]["descents"])
+    assert english(three) == []
 
 
 def test_it_goes_on_from_the_store_to_the_same_bits(tmp_path):
@@ -288,6 +297,24 @@ def test_the_report_shows_every_point(known, tmp_path):
     part = json.loads(json.dumps(known))
     part["descent"]["descents"][0]["iterates"] = part["descent"]["descents"][0]["iterates"][:1]
     assert len(render(part, tmp_path / "short")) == 2
+
+
+def english(results: dict[str, Any]) -> list[str]:
+    """Sentences of the German page that have no template; not the words that the tests' own study and backend say."""
+    by = sentences_of("de", own_words(results))
+    in_language(report(results), by)
+    return [m for m in by.missing if m not in OWN]
+
+
+def test_the_german_page_says_everything_in_german(known, tmp_path):
+    missing: list[str] = []  # of figures, too
+    render(known, tmp_path, pdf=False, language="de", untranslated=missing)
+    assert set(missing) <= set(OWN)
+    other = json.loads(json.dumps(known))
+    other["descent"]["derivatives"] = "differences"
+    first = other["descent"]["descents"][0]
+    other["descent"]["descents"].append(first | {"start": 2, "best": False, "verified": False, "why": WRONG})
+    assert english(other) == []
 
 
 # ------------------------------------------------------------------------------------------------------ without a study

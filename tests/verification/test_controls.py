@@ -26,7 +26,7 @@ def turned_normal(monkeypatch):
     """Contact normal reversed: the ball pulls where it should push."""
     true = Sphere.gap
 
-    def gap(self, x, centre, direction=geometry.STILL):
+    def gap(self, x, centre, direction=geometry.NO_MOTION):
         g, n, hessian = true(self, x, centre, direction)
         return g, -n, -hessian
 

@@ -26,7 +26,7 @@ from rso.contract import Case, Programme
 
 pytestmark = pytest.mark.verification
 
-LEVELS = tuple(meshing.LEVELS)  # from coarse to the finest
+LEVELS = tuple(meshing.TEMPLATE_SIZINGS)  # from coarse to the finest
 FINEST = LEVELS[-1]
 ASKED = np.array([1.0, 2.0, 3.0, 4.0])
 # benchmarks/fe_limit.py (NGSolve, p-version, 1/eps -> 0), μ = 0.01, the mean of three:
@@ -47,7 +47,7 @@ def run(level: str, knobs: Knobs, asked, quarter: meshing.Mesh | None = None, **
         built = assembly.model_for(settings, knobs, placement, None)
     else:
         built = assembly.build_model(settings, quarter, placement.specimen, placement.planes)
-    solve = two_grid.extrapolated_result if level == meshing.LIMIT else indentation.simulate_indentation
+    solve = two_grid.extrapolated_result if level == meshing.LIMIT_LEVEL else indentation.simulate_indentation
     result = solve(settings, knobs, placement, built, [Instant(float(s), float(s), True) for s in asked])
     np.testing.assert_allclose(result.reaction[:, 2], result.Fz, rtol=1e-6)
     return result
@@ -76,7 +76,7 @@ def test_forces_of_an_independent_code(set1, record, level, allowed):
 
 def test_the_extrapolated_level_is_good_to_a_thousandth(set1, record):
     """0.1 %, the other code's own error included.  Negative control: no mesh by itself is that good."""
-    away = run(meshing.LIMIT, SET1, ASKED).Fz / INDEPENDENT - 1
+    away = run(meshing.LIMIT_LEVEL, SET1, ASKED).Fz / INDEPENDENT - 1
     record("limit level against NGSolve (its error 0.02 to 0.06 %), 1 2 3 4 mm", percent(away) + " %")
     assert np.all(np.abs(away) + DOUBT < 1e-3)
     assert np.all(np.abs(set1[FINEST] / INDEPENDENT - 1) > 1e-3)

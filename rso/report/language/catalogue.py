@@ -20,7 +20,7 @@ _DECIMAL_NUMBER = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?![\w]|\.\d)")
 _WORDLESS_TEXT = re.compile(r"[^A-Za-z]*$")
 _UNIT_PART = r"(?:[kMGµmn]?(?:N|Pa|m|s|g|J|V|Hz)(?:[²³⁴]|⁻¹)?|min|h|d|deg|%|°)"
 _PRINTED_UNIT = rf"(?:1?/?{_UNIT_PART}(?:[/·]{_UNIT_PART})*)"
-_PRINTED_NUMBER = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+_PRINTED_NUMBER = r"[−+±<≤≥~-]?\s?[\d.]+(?:e[+−-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
 _PRINTED_QUANTITY = re.compile(
     rf"(?:{_PRINTED_NUMBER}(?:\s{_PRINTED_UNIT})?|{_PRINTED_UNIT}|{_PRINTED_NUMBER}\s(?:h|min)\s{_PRINTED_NUMBER}\s(?:min|s))$"
 )
@@ -31,7 +31,7 @@ _OWN_WORD = re.compile(
     r"\d+\.\d+\.\S+, \d+\.\d+|(?:Python )?\d+\.\d+\.\d+$"
 )
 _LOOKUP_LETTERS = 4  # letters by which templates are looked up
-_SLOT_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
+_SLOT_FORMS = {"n": r"[−+±<≤≥~-]?[\d.]+(?:e[+−-]?\d+)?(?:\s?×\s?10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?", "w": r"[^\s,;:]+"}
 
 
 @dataclass(frozen=True)
