@@ -41,121 +41,8 @@ CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 # What several modules of a package may define as a constant by one name, with the reason.
 SHARED_CONSTANTS = {
     "T": "a type variable, as in every book",
+    "BACKEND": "the one backend of the package, and its name in requests",
     "SAMPLER": "one contract, kept by each module of rso/doe/samplers",
-}
-# What is left of older names, by package: this only shrinks.
-CONSTANTS_LEFT: dict[str, set[str]] = {
-    "fem_backend": {
-        "ACROSS",
-        "AFAR",
-        "AHEAD",
-        "ALONG",
-        "APART",
-        "AROUND",
-        "BACKEND",
-        "BELOW",
-        "BESIDE",
-        "BEYOND",
-        "CANDIDATES",
-        "CHORD",
-        "COARSE",
-        "COARSER",
-        "CRUDE",
-        "DEEP",
-        "DOWN",
-        "EARLY",
-        "EDGE",
-        "FACES",
-        "FAR",
-        "FARTHEST",
-        "FINE",
-        "FIRST",
-        "FLAT",
-        "FORMATS",
-        "FREE",
-        "GATHERED",
-        "GRID",
-        "GROWS",
-        "GROWTH",
-        "HOLLOW",
-        "KEPT",
-        "LARGEST",
-        "LEAST",
-        "LEVELS",
-        "LIMIT",
-        "LONGER",
-        "MIDDLES",
-        "MOST",
-        "NAME",
-        "NEAR",
-        "NEW",
-        "NODES",
-        "OFF",
-        "OLD",
-        "ON",
-        "ORDER",
-        "OUTSIDE",
-        "OUT_OF_REACH",
-        "PAIRS",
-        "PASSES",
-        "PENALTY",
-        "PLACE",
-        "PLACES",
-        "POOR",
-        "REACH",
-        "RESOLVED",
-        "ROUGH",
-        "ROUND",
-        "ROUNDS",
-        "SAME",
-        "SHARE",
-        "SHARPEST",
-        "SHORTEST",
-        "SIZES",
-        "SLIP",
-        "SLOW",
-        "SMALL",
-        "SMALLEST",
-        "SPLIT",
-        "STEPS",
-        "STIFFEST",
-        "STRAIGHT",
-        "THICK",
-        "THINNEST",
-        "TIGHT",
-        "TIPS",
-        "TRIALS",
-        "TURNS",
-        "UNITS",
-        "UNKNOWN",
-        "USUAL",
-        "WALL",
-        "WIDE",
-    },
-}
-# Modules whose numbers do not yet say what they bound: this only shrinks.
-NUMBERS_LEFT: dict[str, set[str]] = {
-    "fem_backend": {
-        "fem_backend/adapter/cost_model.py",
-        "fem_backend/adapter/formulas.py",
-        "fem_backend/closed_forms/adhesion.py",
-        "fem_backend/closed_forms/approximations.py",
-        "fem_backend/closed_forms/formulas.py",
-        "fem_backend/closed_forms/homogeneous.py",
-        "fem_backend/closed_forms/layer.py",
-        "fem_backend/export/solid_model.py",
-        "fem_backend/geometry.py",
-        "fem_backend/homogeneous.py",
-        "fem_backend/indenters/meridian.py",
-        "fem_backend/indenters/revolution.py",
-        "fem_backend/meshing/grids.py",
-        "fem_backend/meshing/refined.py",
-        "fem_backend/meshing/templates/__init__.py",
-        "fem_backend/remeshing/section.py",
-        "fem_backend/simulation/contact_elements.py",
-        "fem_backend/solver/biphasic.py",
-        "fem_backend/solver/modified_newton.py",
-    },
 }
 
 
@@ -205,10 +92,14 @@ def is_number(value: ast.expr | None) -> bool:
 
 
 def unexplained(source: str) -> list[str]:
-    """Numeric constants without a comment, on their own lines or directly above them."""
-    lines = source.splitlines()
+    """Numeric constants without a comment, on their own lines or directly above them, or a text below them."""
+    lines, body = source.splitlines(), ast.parse(source).body
+    texts = [n for n in body if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
+    below = {n.lineno - 1 for n in texts}
     found = []
     for name, node in constants(source):
+        if node.end_lineno in below:
+            continue
         own = lines[node.lineno - 1 : node.end_lineno]
         above = lines[node.lineno - 2] if node.lineno > 1 else ""
         if is_number(node.value) and not above.startswith("#") and not any("#" in line for line in own):
@@ -257,9 +148,9 @@ def of_package(package: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_constant_name_means_one_thing(package):
-    found, left = constants_twice(of_package(package)), CONSTANTS_LEFT.get(package, set())
-    assert found - set(SHARED_CONSTANTS) - left == set()  # say what each bounds, or define it once
-    assert left - found == set()  # no longer there: take it from the set
+    assert (
+        constants_twice(of_package(package)) - set(SHARED_CONSTANTS) == set()
+    )  # say what each bounds, or define it once
 
 
 def test_what_constants_share_is_still_shared():
@@ -270,9 +161,7 @@ def test_what_constants_share_is_still_shared():
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_number_says_what_it_bounds(package):
     found = {f"{file}: {name}" for file, text in of_package(package).items() for name in unexplained(text)}
-    left = NUMBERS_LEFT.get(package, set())
-    assert {at for at in found if at.partition(":")[0] not in left} == set()  # a comment beside it, with the unit
-    assert left - {at.partition(":")[0] for at in found} == set()  # all of them do: take the module from the set
+    assert found == set()  # a comment beside it, with the unit
 
 
 @pytest.mark.parametrize("word", PRIVATE)
