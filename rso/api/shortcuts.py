@@ -66,6 +66,7 @@ def fit(
     settings: Table | None = None,
     parameters: Mapping[str, Any] | None = None,
     noise: Table | None = None,
+    uncertainty: Table | None = None,
     folder: str | os.PathLike[str] | None = None,
     jobs: int | None = None,
     progress: Callable[[str], None] | None = None,
@@ -74,7 +75,8 @@ def fit(
 
     `data` is a file, or a table whose columns say name and unit: ``depth_mm``, ``Fz_N``.  The tables are those of
     [backend.settings]; `parameters` is name → (low, high) in the backend's units or with their own, or a value that
-    fixes it.  What is left out of it is guessed from the curve, as `rso new` does.  `noise` is that of an experiment.
+    fixes it.  What is left out of it is guessed from the curve, as `rso new` does.  `noise` is that of an experiment,
+    `uncertainty` how well stated dimensions are known, as ``{"delta_thickness": "0.1 mm"}``.
     Everything lies in `folder` (by default ``fits/`` and a name by the contents), and the same call is answered from
     there.  Its study.toml can be run by `rso run`.
 
@@ -85,13 +87,15 @@ def fit(
     tables = _tables(specimen, indenter, support, material, settings)
     text, source = _curve_file(data)
     ranges = {} if parameters is None else dict(parameters)
-    name = digest([text.decode("utf-8", "replace"), tables, ranges, dict(noise or {})])[:12]
+    given = [text.decode("utf-8", "replace"), tables, ranges, dict(noise or {})]
+    name = digest([*given, dict(uncertainty)] if uncertainty else given)[:12]
     place = (Path("fits") / name if folder is None else Path(folder)).absolute()
     place.mkdir(parents=True, exist_ok=True)
     curve = place / source
     if not curve.exists() or curve.read_bytes() != text:
         disk.replace(curve, text)
     lines = [*_head(tables, place), "", "[parameters]", *_ranges(backend, tables, ranges, curve), ""]
+    lines += ["[uncertainty]", *(f"{k} = {inline(v)}" for k, v in uncertainty.items()), ""] if uncertainty else []
     lines += ["[[experiments]]", 'name = "curve"', 'role = "fit"', f"data = {inline(source)}"]
     lines += [f"noise = {inline(dict(noise))}"] if noise else []
     disk.replace(place / "study.toml", "\n".join(lines) + "\n")

@@ -291,10 +291,11 @@ def test_a_fit_writes_a_study_that_can_be_run(tmp_path, monkeypatch):
 
     monkeypatch.setattr(shortcuts, "load", Stub)
     curve = pd.DataFrame({"depth_mm": DEPTHS, "Fz_N": 0.05 * DEPTHS**1.5})
-    rso.fit(curve, **SLAB, parameters={"mu": ("4 kPa", "20 kPa")}, folder=tmp_path / "fit", jobs=1)
+    known = {"delta_thickness": "0.1 mm"}
+    rso.fit(curve, **SLAB, parameters={"mu": ("4 kPa", "20 kPa")}, uncertainty=known, folder=tmp_path / "fit", jobs=1)
     study = found["study"]
     assert study.parameters["mu"].low == "4 kPa" and "D1" in study.parameters  # the backend's own guess
-    assert study.backend.settings["specimen"]["thickness"] == 6.0
+    assert study.backend.settings["specimen"]["thickness"] == 6.0 and study.uncertainty == known
     with pytest.raises(ValueError, match="parameters: mu = "):
         rso.fit(curve, **SLAB, parameters={"mu": (1, 2, 3)}, folder=tmp_path / "other")
     with pytest.raises(ValueError, match="there is no such file"):
