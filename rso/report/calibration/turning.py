@@ -56,8 +56,8 @@ def turning_sections(results: Results) -> tuple[Section, ...]:
     if found is not None and body_solid(results) is not None:
         field = next(iter(found["units"]))
         depth = shortest(float(f"{found['frames'][-1]['travel']:.4g}"))
-        said = f"The deformed body at {depth} mm, coloured by its {clean(field)}. Drag it, or use the arrow keys."
-        blocks.append(Picture(BODY_PICTURE, said, share=1))
+        said = f"The deformed body at {depth} mm, coloured by its {clean(field)}."
+        blocks.append(Picture(BODY_PICTURE, said, share=1, by_hand="Drag it, or use the arrow keys."))
     if (s := _surface(results)) is not None and relief_solid(results) is not None:
         label = outputs(results)[s["output"]].label
         said = f"The response surface of {label}. Along the line the target is met, and nothing changes."

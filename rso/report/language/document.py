@@ -41,7 +41,9 @@ def _block(b: Block, by: Catalogue) -> Block:
     if isinstance(b, Text):
         return b if b.role == "note" or b.role == "remark" else replace(b, text=by.text(b.text))
     if isinstance(b, Picture):
-        return replace(b, caption=by.text(b.caption) if b.caption else "")
+        return replace(
+            b, caption=by.text(b.caption) if b.caption else "", by_hand=by.text(b.by_hand) if b.by_hand else ""
+        )
     if isinstance(b, Facts | Answers):
         return replace(b, facts=tuple(_fact(f, by) for f in b.facts))
     return _table(b, by)

@@ -41,11 +41,15 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure by name, with a caption that states its finding; those with a `share` of the width stand in a row."""
+    """A figure by name, with a caption that states its finding; those with a `share` of the width stand in a row.
+
+    `by_hand` is what a reader can do with it on a screen, which paper does not say.
+    """
 
     name: str
     caption: str
     share: int = 0
+    by_hand: str = ""
     kind: Literal["picture"] = "picture"
 
 
