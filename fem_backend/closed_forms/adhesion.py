@@ -11,6 +11,7 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
+# F and δ where a controlled travel lets go, each over its unit of JKR
 JKR_FOLD_FACTORS = (-5.0 / 6.0, -3.0 / 4.0)
 """F/(π w R) and δ/(π² w² R/E*²)^(1/3) where a controlled travel ends: dδ/da = 0 at a³ = π w R²/(8 E*)."""
 

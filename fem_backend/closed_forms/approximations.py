@@ -9,7 +9,7 @@ from scipy.special import ive
 
 from fem_backend.closed_forms.half_space import hertz_force, sneddon_cone, sneddon_flat
 
-GARCIA_COEFFICIENTS = {
+GARCIA_COEFFICIENTS = {  # of powers 0 to 4 of x, a length of the contact over the thickness
     "ball": (1.0, 1.133, 1.497, 1.469, 0.755),
     "flat": (1.0, 1.133, 1.283, 0.598, -0.291),
     "cone": (1.0, 0.721, 0.650, 0.491, 0.225),

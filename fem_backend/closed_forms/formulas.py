@@ -10,9 +10,9 @@ import numpy as np
 
 from fem_backend.closed_forms import approximations, half_space, layer
 
-MAX_BASE_FORCE_SHARE = 1e-2
+MAX_BASE_FORCE_SHARE = 1e-2  # of the force of a half-space
 """A half-space formula counts as valid while the integral equation says the layer adds less than this."""
-MAX_SMALL_STRAIN_DEPTH_RATIO = 0.1
+MAX_SMALL_STRAIN_DEPTH_RATIO = 0.1  # of the radius or the thickness
 """Depth over the radius of a ball, or over a thickness, up to which strains count as small."""
 
 

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.polynomial.chebyshev import Chebyshev
 
-N_CHEBYSHEV_NODES = 40
+N_CHEBYSHEV_NODES = 40  # contact radii that are solved for
 """Chebyshev nodes of depth and force over the contact radius; δ and F are smooth in it."""
-MAX_WAVENUMBER = 24.0
+MAX_WAVENUMBER = 24.0  # wave number times the thickness
 """1 − L falls as k² exp(−2k): nothing is left beyond."""
 
 

@@ -8,6 +8,7 @@ import pytest
 import test_fitted_curve_drawn as fitted
 from report_fixture import STAGES, complete, one_parameter, until
 
+from fem_backend.closed_forms.formulas import formulas
 from rso.report import render
 from rso.report.calibration.numbers import report
 from rso.report.language import in_language, languages, own_words, sentences_of
@@ -114,3 +115,16 @@ def test_numbers_get_a_comma_and_versions_keep_their_points():
 def test_another_language_is_refused_by_name():
     with pytest.raises(ValueError, match="en, de"):
         sentences_of("xx")
+
+
+@pytest.mark.parametrize("shape", ["sphere", "flat", "cone"])
+@pytest.mark.parametrize("base", ["bonded", "slip"])
+@pytest.mark.parametrize("thickness", [None, 0.2, 2.0, 30.0])
+def test_closed_forms_and_where_they_hold_have_templates(shape, base, thickness):
+    by, at = sentences_of("de"), {"radius": 3.0, "fillet": 0.1, "half_angle": 60.0, "tip_radius": 0.5}
+    texts = set()
+    for nu in (0.3, 0.5):
+        for f in formulas(shape, 1.0, nu, thickness=thickness, base=base, neo_hookean=True, **at):
+            texts |= {f.name, f.source, *(f.valid(h) for h in (0.05, 0.5, 2.5))} - {None}
+    assert len(texts) >= 2
+    assert [t for t in texts if by.phrase(t) is None] == []
