@@ -181,6 +181,7 @@ def _fitted(d: Determination) -> list[dict[str, Any] | None]:
                 "contact": c.contact,
                 "gain": c.gain,
                 "expected": dict(c.expected),
+                "inputs": dict(c.inputs),
                 "metrics": dataclasses.asdict(metrics(v.value, c.fitted)),
             }
         )

@@ -10,7 +10,6 @@ from rso.cli.output import Mark
 from rso.core.digits import estimate, interval_ends
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people
-from rso.inference.rules import RULES
 
 MAX_DERIVED_LINES = 2  # quantities that follow from the parameters, as many as on the first page of a report
 
@@ -42,6 +41,7 @@ def _is_refuted(scale: float | None) -> bool:
     """Whether the model misses the data widely: nothing agrees with them then."""
     if scale is None or scale <= 1.0:
         return False
+    from rso.inference.rules import RULES  # what its package imports takes longer than all else of `rso status`
 
     return scale > RULES.refuted_error_ratio
 

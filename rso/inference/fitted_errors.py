@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_triangular
@@ -30,7 +30,8 @@ class FittedCurve:
     fitted = predicted + Σ moved[kind].  `sd` (n,) is what the fit leaves open of the fitted curve, `reading_sd` (n,)
     that of a reading about it.  `contact` mm > 0: the specimen was deeper than recorded; `gain`: relative.  Both have
     their standard deviation before the fit, `expected`, by kind.  `white` (n,) are the residuals of the fit, each
-    against those before it, in standard deviations: of a right model, white noise of size 1.
+    against those before it, in standard deviations: of a right model, white noise of size 1.  `inputs` are the errors
+    of stated inputs that the fit has found, in standard uncertainties: positive ones are more than stated.
     """
 
     predicted: np.ndarray
@@ -41,6 +42,7 @@ class FittedCurve:
     gain: float | None
     expected: Mapping[str, float]
     white: np.ndarray
+    inputs: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def fitted(self) -> np.ndarray:
@@ -92,6 +94,7 @@ def curves_as_fitted(d: Determination) -> tuple[FittedCurve, ...]:
                 _along(moved.get(GAIN_ERROR), f[rows]),
                 {k: abs(_along(size[k], np.abs(shape)) or 0.0) for k, shape in shapes.items() if k in size},
                 white[rows],
+                {name: float(a[names.index(name)]) for name in v.inputs},
             )
         )
     return tuple(found)

@@ -22,6 +22,7 @@ class FittedReadingsBlock(ResultBlock):
     contact: Number = holds("fitted contact shift; positive: the specimen was deeper than recorded", "mm")
     gain: Number = holds("fitted gain of the channel, relative")
     expected: ByName = holds("standard deviation before the fit of `contact` (mm) and `gain`")
+    inputs: ByName = holds("fitted errors of uncertain inputs, in standard uncertainties; positive: more than stated")
     metrics: MetricsBlock = holds("errors of the fitted curve")
 
 

@@ -240,8 +240,13 @@ def test_an_untyped_question_is_caught(source):
 def test_a_study_begins_by_the_backend_that_can(tmp_path):
     (tmp_path / "a.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{0.1 * k:.1f},{0.001 * k}\n" for k in range(20)))
     test, files = NewTest({"thickness": (5.0,)}), [str(tmp_path / "a.csv")]
-    text = study_text(tmp_path / "study.toml", SLAB(), test, files)
+
+    class Declared(SLAB):
+        parameters = (Parameter("delta_t", "error of the thickness", "mm", -1.0, 1.0, default=0.0, neutral=0.0),)
+
+    text = study_text(tmp_path / "study.toml", Declared(), test, files)
     assert '[backend.settings]\nthickness = 5.0\nbase = "glued"  # <- or slip\n\n[parameters]\nmu = { low' in text
+    assert '# delta_t = "20 µm"  # <- the thickness by callipers, with care' in text
     with pytest.raises(ValueError, match="'bare' begins no study"):
         study_text(tmp_path / "study.toml", Bare(), test, files)
 

@@ -39,6 +39,7 @@ def results(fitted=True):
             "contact": SHIFT,
             "gain": -GAIN,
             "expected": {"contact": 0.04, "gain": 0.01},
+            "inputs": {},
             "metrics": _norms(0.006),
         }
     return {**found, "deformed": deformed()}
@@ -92,6 +93,17 @@ def test_a_shift_far_beyond_what_was_expected_is_named():
     assert "times what was expected" not in caption(found, "curve-0")
     found["identification"]["data"][0]["fitted"]["expected"]["contact"] = SHIFT / 3
     assert "The contact shift is 3 times what was expected" in caption(found, "curve-0")
+
+
+def test_a_stated_dimension_that_the_fit_moved_is_named():
+    found = results()
+    assert "standard uncertainties" not in caption(found, "curve-0")
+    moved = found["identification"]["data"][0]["fitted"]["inputs"]
+    moved |= {"delta_thickness": -0.4, "delta_R": 0.05}
+    said = caption(found, "curve-0")
+    assert "; delta_thickness 0.4 standard uncertainties less than stated." in said and "delta_R" not in said
+    moved["delta_R"] = 5.0
+    assert "The delta_R is 5 times what was expected: check it, or the model." in caption(found, "curve-0")
 
 
 def test_the_first_row_of_errors_and_the_sentence_are_of_the_fitted_curve():

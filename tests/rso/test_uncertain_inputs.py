@@ -163,3 +163,22 @@ def test_ladder_and_next_give_the_same_interval(tmp_path):
     for rows in (ladder["levels"][0]["parameters"], after["fits"][-1]["parameters"]):
         (low, high) = rows[0]["interval"]
         assert 0.5 * np.log(high / low) == pytest.approx(half_width(found), rel=0.02)
+
+
+def test_a_radius_that_the_readings_show_is_found(tmp_path):
+    """The sphere was one standard uncertainty larger than stated, and the noise is small enough to see it."""
+    quiet = studies.SECTIONS["[experiments]"]
+    h = np.linspace(0, 2.0, 21)[1:].tolist()
+    F = (curve(R + U) + 2e-5 * np.random.default_rng(0).standard_normal(20)).tolist()
+    rows = "depth_mm,Fz_N\n" + "".join(f"{u!r},{f!r}\n" for u, f in zip(h, F, strict=True))
+    found = {}
+    for name, table in (("exact", None), ("uncertain", f"radius = {U}")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "large.csv").write_text(rows)
+        changes = {"[experiments]": quiet.replace("top.csv", "large.csv"), "uncertainty": table}
+        found[name] = identified(tmp_path / name, **changes)
+    low, high = found["uncertain"]["parameters"][0]["interval"]
+    assert low < studies.MU < high
+    assert found["uncertain"]["data"][0]["fitted"]["inputs"]["radius"] == pytest.approx(1.0, abs=0.3)
+    low, high = found["exact"]["parameters"][0]["interval"]
+    assert not low < studies.MU < high and found["exact"]["data"][0]["fitted"]["inputs"] == {}

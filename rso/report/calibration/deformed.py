@@ -49,6 +49,7 @@ SCALE_BAR_COLOUR = "#24282c"  # on the lightest band, whatever the theme
 MAX_SECTION_WIDTH, MAX_SECTION_HEIGHT = 620.0, 400.0  # of the picture, its text being 13 of it
 COLOUR_SCALE_WIDTH = 92.0  # of it, for the scale of colours
 SURPRISING_SD = 2.0  # standard deviations of a contact shift or gain before the fit
+MIN_SAID_INPUT_SD = 0.2  # standard uncertainties: a stated input that the fit moves by less is not worth a word
 SECTION_REACH_RATIO = 2.2  # half widths of the indenter or depths that are shown to either side
 MAX_SECTION_ASPECT = 0.68  # of its width
 
@@ -91,13 +92,24 @@ def moved_sentence(band: BandView) -> str:
         said.append(f"contact {quantity(abs(contact), 'mm', 2)} {way} than recorded{usual}")
     if gain:
         said.append(f"force {percent(abs(gain))} too {'high' if gain > 0 else 'low'}{_usual(expected, 'gain', '')}")
-    return " ".join([f"Fitted with it: {'; '.join(said)}.", *_surprises(contact, gain, expected)]) if said else ""
+    inputs = {clean(n): x for n, v in (band.data.get("inputs") or {}).items() if (x := number(v)) is not None}
+    said += [
+        f"{name} {shortest(float(f'{abs(x):.1g}'))} standard uncertainties {'more' if x > 0 else 'less'} than stated"
+        for name, x in inputs.items()
+        if abs(x) >= MIN_SAID_INPUT_SD
+    ]
+    if not said:
+        return ""
+    return " ".join([f"Fitted with it: {'; '.join(said)}.", *_surprises(contact, gain, expected, inputs)])
 
 
-def _surprises(contact: float | None, gain: float | None, expected: Mapping[str, Any]) -> list[str]:
-    """A shift or gain that is far beyond what was expected: it may stand for something else."""
+def _surprises(
+    contact: float | None, gain: float | None, expected: Mapping[str, Any], inputs: Mapping[str, float]
+) -> list[str]:
+    """A shift, gain or stated input that is far beyond what was expected: it may stand for something else."""
     named = (("contact", "contact shift", contact), ("gain", "gain", gain))
     sizes = [(words, abs(size or 0.0) / (number(expected.get(key)) or math.inf)) for key, words, size in named]
+    sizes += [(name, abs(x)) for name, x in inputs.items()]
     return [
         f"The {words} is {shortest(float(f'{times:.2g}'))} times what was expected: check it, or the model."
         for words, times in sizes
