@@ -52,16 +52,21 @@ def defined(source: str, kinds: tuple[type, ...]) -> list[str]:
 
 
 @functools.cache  # a source is parsed once for all tests
+def body(source: str) -> list[ast.stmt]:
+    return ast.parse(source).body
+
+
+@functools.cache
 def definitions(source: str) -> tuple[tuple[type, str], ...]:
     kinds = ast.ClassDef, ast.FunctionDef
-    return tuple((type(n), n.name) for n in ast.parse(source).body if isinstance(n, kinds))
+    return tuple((type(n), n.name) for n in body(source) if isinstance(n, kinds))
 
 
 @functools.cache  # a source is parsed once for both rules
 def constants(source: str) -> list[tuple[str, ast.Assign | ast.AnnAssign]]:
     """Names in capital letters that a module assigns, each with its statement."""
     found = []
-    for node in ast.parse(source).body:
+    for node in body(source):
         if isinstance(node, ast.Assign | ast.AnnAssign):
             places = node.targets if isinstance(node, ast.Assign) else [node.target]
             names = [n for p in places for n in ast.walk(p) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
@@ -93,8 +98,8 @@ def is_number(value: ast.expr | None) -> bool:
 
 def unexplained(source: str) -> list[str]:
     """Numeric constants without a comment, on their own lines or directly above them, or a text below them."""
-    lines, body = source.splitlines(), ast.parse(source).body
-    texts = [n for n in body if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
+    lines = source.splitlines()
+    texts = [n for n in body(source) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)]
     below = {n.lineno - 1 for n in texts}
     found = []
     for name, node in constants(source):
