@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fem_backend.compiled import compiled
+
 NO_MOTION = (0.0, 0.0, 0.0)  # centre (mm) and direction of a rigid surface that does not move
 RIM_TOLERANCE_MM = 1e-9  # distance from z = 0 that counts as on it
+MAX_PLAIN_POINTS = 8  # whose depth the plain function computes sooner than the compiled one is loaded
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ class EllipsoidShape:
     def depth(self, X: np.ndarray) -> np.ndarray:
         """Distance (…,) mm of points X (…, 3) to the surface, negative outside."""
         X = np.asarray(X, float)
+        if X.size <= 3 * MAX_PLAIN_POINTS:
+            return np.array([-self.distance(x)[0] for x in X.reshape(-1, 3)]).reshape(X.shape[:-1])
         return depths(self.semi_axes, np.ascontiguousarray(X.reshape(-1, 3))).reshape(X.shape[:-1])
 
     def on_surface(self, X: np.ndarray) -> np.ndarray:
@@ -106,7 +110,7 @@ def kernel_arrays(x: np.ndarray, *vectors: ArrayLike) -> list[np.ndarray]:
     return [np.ascontiguousarray(x, float).reshape(-1, 3), *(np.ascontiguousarray(v, float) for v in vectors)]
 
 
-@numba.njit(cache=True)
+@compiled()
 def closest_point(x, s, y):  # type: ignore[no-untyped-def]
     """Multiplier τ of x = y + τ (y/s²) with y the point of the ellipsoid closest to x; fills y (3,).
 
@@ -143,7 +147,7 @@ def closest_point(x, s, y):  # type: ignore[no-untyped-def]
     return tau
 
 
-@numba.njit(cache=True)
+@compiled()
 def depths(s, x):  # type: ignore[no-untyped-def]
     """Distance (n,) of points x (n, 3) to the ellipsoid of semi-axes s (3,), negative outside."""
     d, y = np.empty(len(x)), np.empty(3)

@@ -15,6 +15,7 @@ PACKAGES = ("rso", "fem_backend")
 # `__init__` is the face of a folder: what it shows lies below it, what uses it above.
 LAYERS = {
     "fem_backend": (
+        "compiled",
         "closed_forms geometry kinematics members",
         "contact laws meshing",
         "indenters materials remeshing specimens supports",

@@ -6,8 +6,9 @@ Arrays and letters are those of :mod:`fem_backend.contact.tractions`; `opened` i
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from fem_backend.compiled import compiled
 
 TANGENTIAL_PENALTY_RATIO = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
 # of the ball's way until it touches a point, by which that lags behind: least error of one to three steps
@@ -15,7 +16,7 @@ LAG_SHARE = 0.3
 MAX_ADHESION_RANGES = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 
-@numba.njit(cache=True)
+@compiled()
 def facet_points(facets, N, x):  # type: ignore[no-untyped-def]
     """Points (f, q, 3) of quadratic facets: triangles or, of a meridian, edges."""
     points = np.zeros((len(facets), len(N), 3))
@@ -27,7 +28,7 @@ def facet_points(facets, N, x):  # type: ignore[no-untyped-def]
     return points
 
 
-@numba.njit(cache=True)
+@compiled()
 def _attract(g, work, length):  # type: ignore[no-untyped-def]
     """ψ, σ = ψ′ and σ′ of the adhesion at a gap g."""
     if g >= 0.0:
@@ -37,7 +38,7 @@ def _attract(g, work, length):  # type: ignore[no-untyped-def]
     return work * (2.0 * g / length - e), work / length * (2.0 - e), -work / length**2 * e
 
 
-@numba.njit(cache=True)
+@compiled()
 def _share(gap, before, met):  # type: ignore[no-untyped-def]
     """Share of the step in touch, its derivative by the gap, and the share of the rigid body's way that counts."""
     if before <= 0.0:
@@ -49,7 +50,7 @@ def _share(gap, before, met):  # type: ignore[no-untyped-def]
     return -gap / (before - gap), -before / (before - gap) ** 2, 1.0
 
 
-@numba.njit(cache=True)
+@compiled()
 def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ignore[no-untyped-def]
     """Fill v = t₀ − ε_T (Δx − what counts of Δc) and its tangential part t; returns |n|², n·v/|n|² and |t|."""
     square, along = 0.0, 0.0
@@ -65,13 +66,13 @@ def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ign
     return square, along, np.sqrt(size)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _rubs(friction, p, bilateral, bound, f, q):  # type: ignore[no-untyped-def]
     """Whether there may be friction at a point: where it presses, or is held on to and friction has a limit anyhow."""
     return friction > 0.0 and (p > 0.0 or (bilateral and bound[f, q] >= 0.0))
 
 
-@numba.njit(cache=True)
+@compiled()
 def evaluate_points(  # type: ignore[no-untyped-def]
     facets,
     N,
@@ -137,7 +138,7 @@ def evaluate_points(  # type: ignore[no-untyped-def]
     return residual, force, pressure, traction, slipping, attraction, energy
 
 
-@numba.njit(cache=True)
+@compiled()
 def tangent_at_points(  # type: ignore[no-untyped-def]
     facets,
     N,
@@ -208,7 +209,7 @@ def tangent_at_points(  # type: ignore[no-untyped-def]
                     data[place[f, r, c]] += block[r, c]
 
 
-@numba.njit(cache=True)
+@compiled()
 def attract(facets, N, weights, count, gap, normal, work, length):  # type: ignore[no-untyped-def]
     """Residual, force, attraction and energy of ∫ ψ(g) dA₀ alone."""
     m, nq = weights.shape
@@ -229,7 +230,7 @@ def attract(facets, N, weights, count, gap, normal, work, length):  # type: igno
     return residual, force, attraction, energy
 
 
-@numba.njit(cache=True)
+@compiled()
 def tangent_of_attraction(  # type: ignore[no-untyped-def]
     facets, N, weights, place, gap, normal, hessian, work, length, direction, geometric, data, moving
 ):
@@ -261,7 +262,7 @@ def tangent_of_attraction(  # type: ignore[no-untyped-def]
                     data[place[f, r, c]] += block[r, c]
 
 
-@numba.njit(cache=True)
+@compiled()
 def evaluate_rings(facets, N, dN, around, weights, x, points, normal, epsilon, multiplier, p, known):  # type: ignore[no-untyped-def]
     """Residual, force, pressure per reference area and energy of Σ ψ a, ψ = (p² − λ²)/(2ε), with p `known` in ψ."""
     m, nq = p.shape
@@ -287,7 +288,7 @@ def evaluate_rings(facets, N, dN, around, weights, x, points, normal, epsilon, m
     return residual, force, pressure, energy
 
 
-@numba.njit(cache=True)
+@compiled()
 def _along(facet, dN, x):  # type: ignore[no-untyped-def]
     """∂r/∂t, ∂z/∂t and their length."""
     tr, tz = 0.0, 0.0
@@ -297,7 +298,7 @@ def _along(facet, dN, x):  # type: ignore[no-untyped-def]
     return tr, tz, np.sqrt(tr * tr + tz * tz)
 
 
-@numba.njit(cache=True)
+@compiled()
 def tangent_of_rings(  # type: ignore[no-untyped-def]
     facets, N, dN, around, place, x, points, normal, hessian, epsilon, multiplier, pressure, direction, geometric, data,
     moving,
@@ -362,7 +363,7 @@ def tangent_of_rings(  # type: ignore[no-untyped-def]
                     data[at] += block[k, l]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _normal(k, n, h, stiff, turn, geometric):  # type: ignore[no-untyped-def]
     """Fill k = stiff n⊗n + turn ∇∇g, the latter where it is `geometric`."""
     for i in range(3):
@@ -372,7 +373,7 @@ def _normal(k, n, h, stiff, turn, geometric):  # type: ignore[no-untyped-def]
                 k[i, j] += turn * h[i, j]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _add(block, k, N, w):  # type: ignore[no-untyped-def]
     """Add w N_a N_b k to the block (3k, 3k) of a facet of k nodes."""
     for a in range(len(N)):
@@ -383,7 +384,7 @@ def _add(block, k, N, w):  # type: ignore[no-untyped-def]
                     block[3 * a + i, 3 * b + j] += wa * N[b] * k[i, j]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound, geometric):  # type: ignore[no-untyped-def]
     """k −= ∂t/∂x: sticking ∂t/∂x = −ε_T P − (n̂·v) M − n̂⊗(Mᵀv) − P w⊗n, M = ∂n̂/∂x, slipping cut to length μ_f p.
 

@@ -12,10 +12,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fem_backend.compiled import compiled
 from fem_backend.geometry import kernel_arrays
 
 STRAIGHT_PIECE, ARC_PIECE = 0.0, 1.0  # kind of a piece of the outline
@@ -208,7 +208,7 @@ def _needed(meridian: Meridian, curvature: float, widest: float) -> tuple[np.nda
     return a, g, np.concatenate([[0.0], np.cumsum(0.5 * (g[1:] + g[:-1]) * np.diff(a))])
 
 
-@numba.njit(cache=True)
+@compiled()
 def _away(p, r, h):  # type: ignore[no-untyped-def]
     """Distance of a point (r, h) from a piece."""
     u, v, size, c0, s0, c1, s1 = r - p[1], h - p[2], p[3], p[4], p[5], p[6], p[7]
@@ -220,7 +220,7 @@ def _away(p, r, h):  # type: ignore[no-untyped-def]
     return np.hypot(s0 * u - c0 * v, along - min(max(along, 0.0), size))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _closest(pieces, starts, r, h):  # type: ignore[no-untyped-def]
     """The piece closest to a point (r, h): that at r, or one whose distances from the axis are near enough.
 
@@ -245,7 +245,7 @@ def _closest(pieces, starts, r, h):  # type: ignore[no-untyped-def]
     return best
 
 
-@numba.njit(cache=True)
+@compiled()
 def _gap(x, tip, d, pieces, starts):  # type: ignore[no-untyped-def]
     count = len(x)
     g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))

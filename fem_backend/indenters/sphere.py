@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fem_backend import closed_forms, members
+from fem_backend.compiled import compiled
 from fem_backend.contact.tractions import ContactSurface
 from fem_backend.geometry import NO_MOTION, kernel_arrays
 from fem_backend.indenters.indenter import INDENTERS
@@ -283,7 +283,7 @@ class Sphere(Axial):
         return {f"a ball of R = {2 * self.R:g} mm": {"indenter": {"shape": self.name, "radius": 2 * self.R}}}
 
 
-@numba.njit(cache=True)
+@compiled()
 def _sphere_gap(x, c, d, R, shaft):  # type: ignore[no-untyped-def]
     count = len(x)
     g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))

@@ -17,12 +17,12 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
 
 MERIDIAN_QUADRATURE_ORDER = 4  # six points: exact for the quadratic strains of the bubble
@@ -138,7 +138,7 @@ def displacement_gradients(body: MeridianBody, u: np.ndarray) -> np.ndarray:
     return _displacement_gradients(body.cells, body.G, body.ring, u)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _displacement_gradients(cells, G, ring, u):  # type: ignore[no-untyped-def]
     m, n = ring.shape[0], ring.shape[1]
     H = np.zeros((m, n, 3, 3))
@@ -167,7 +167,7 @@ def volume(body: MeridianBody, H: np.ndarray, K: float, scale: np.ndarray | None
     return Volume(p, energy)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _volume(Q, w, phi, H, K, s, small):  # type: ignore[no-untyped-def]
     m, n = w.shape
     out, energy = np.zeros((m, 3)), 0.0
@@ -208,7 +208,7 @@ def linearised_stresses(
     return _carried(body.Q, linear_functions(), F, S, C, p, dH, K, s)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _carried(Q, phi, F, S, C, p, dH, K, s):  # type: ignore[no-untyped-def]
     m, n = F.shape[0], F.shape[1]
     one = s.shape[0] != m
@@ -237,7 +237,7 @@ def internal_force(body: MeridianBody, F: np.ndarray, S: np.ndarray, p: np.ndarr
     return _internal_force(body.cells, body.G, body.ring, body.w, linear_functions(), F, S, p, len(body.nodes))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _internal_force(cells, G, ring, w, phi, F, S, hat, count):  # type: ignore[no-untyped-def]
     f = np.zeros((count, 3))
     m, n = w.shape
@@ -278,7 +278,7 @@ def stiffness(
     return _stiffness(body.G, body.ring, body.w, body.Q, phi, F, S, C, p, K, s, small, body.place, nnz)
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # type: ignore[no-untyped-def]
     data = np.zeros(nnz)
     m, n = w.shape

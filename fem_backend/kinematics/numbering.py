@@ -9,10 +9,11 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import pymetis
 from scipy import sparse
+
+from fem_backend.compiled import compiled
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Pattern:
         return place
 
 
-@numba.njit(cache=True)
+@compiled()
 def _find(indptr, indices, dofs, symmetric):  # type: ignore[no-untyped-def]
     count, d = dofs.shape
     place = np.full((count, d, d), -1, np.int32)

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy import sparse
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefLine, RefTri
 
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.axisymmetric import (
     EDGE_QUADRATURE_ORDER,
     MERIDIAN_QUADRATURE_ORDER,
@@ -152,7 +152,7 @@ def mass(at: PorousMeridian, F: np.ndarray, v: np.ndarray, p: np.ndarray, flow: 
     return out
 
 
-@numba.njit(cache=True)
+@compiled()
 def _mass(corners, slopes, w, phi, F, v, p, flow, out):  # type: ignore[no-untyped-def]
     m, n = w.shape
     for e in range(m):
@@ -187,7 +187,7 @@ def coupling(
     return out
 
 
-@numba.njit(cache=True)
+@compiled()
 def _coupling(G, ring, w, phi, slopes, corners, F, p, flow, closing, storage, unit, small, place, out):  # type: ignore[no-untyped-def]
     m, n = w.shape
     block, J1 = np.empty((17, 17)), np.empty(14)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from skfem import ElementTetP2, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
 from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 
@@ -79,7 +79,7 @@ def displacement_gradients(body: Body, u: np.ndarray) -> np.ndarray:
     return _displacement_gradients(body.cells, body.G, u)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _displacement_gradients(cells, G, u):  # type: ignore[no-untyped-def]
     m, n = G.shape[0], G.shape[1]
     H = np.zeros((m, n, 3, 3))
@@ -98,7 +98,7 @@ def internal_force(body: Body, F: np.ndarray, S: np.ndarray) -> np.ndarray:
     return _internal_force(body.cells, body.G, body.w, F, S, len(body.nodes))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _internal_force(cells, G, w, F, S, count):  # type: ignore[no-untyped-def]
     f = np.zeros((count, 3))
     m, n = w.shape
@@ -121,7 +121,7 @@ def stiffness(body: Body, F: np.ndarray, S: np.ndarray, C: np.ndarray) -> np.nda
     return _stiffness(body.G, body.w, F, S, C, body.place, len(body.pattern.indices))
 
 
-@numba.njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _stiffness(G, w, F, S, C, place, nnz):  # type: ignore[no-untyped-def]
     data = np.zeros(nnz)
     m, n = w.shape
@@ -181,7 +181,7 @@ def volume(body: Body, H: np.ndarray, K: float, scale: np.ndarray | None, small:
     return MeanVolume(*_volume(body.w, H, K, np.ones((1, 1)) if scale is None else scale, small))
 
 
-@numba.njit(cache=True)
+@compiled()
 def _volume(w, H, K, s, small):  # type: ignore[no-untyped-def]
     m, n = w.shape
     p, energy = np.zeros(m), 0.0
@@ -210,7 +210,7 @@ def with_pressure(F: np.ndarray, S: np.ndarray, C: np.ndarray | None, p: np.ndar
     return _pressed(F, S, np.zeros((0, 0, 6, 6)) if C is None else C, p, small)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _pressed(F, S, C, pressure, small):  # type: ignore[no-untyped-def]
     m, n = F.shape[0], F.shape[1]
     S, C, turned = S.copy(), C.copy(), C.shape[0] == m and not small
@@ -239,7 +239,7 @@ def volume_stiffness(body: Body, F: np.ndarray, K: float, scale: np.ndarray | No
     _volume_stiffness(body.G, body.w, F, K, s, body.place, data)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _volume_stiffness(G, w, F, K, s, place, data):  # type: ignore[no-untyped-def]
     m, n = w.shape
     one = s.shape[0] != m

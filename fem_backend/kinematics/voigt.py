@@ -1,13 +1,14 @@
 """Symmetric tensors of one point by their six components 11, 22, 33, 23, 13, 12."""
 
-import numba
 import numpy as np
+
+from fem_backend.compiled import compiled
 
 VOIGT_ROW, VOIGT_COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of the six components
 VOIGT_PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of the component ij
 
 
-@numba.njit(cache=True)
+@compiled()
 def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
     """C = FᵀF and C⁻¹ of one point, no component doubled, written into c (6,) and inverse (6,)."""
     for i in range(3):
@@ -24,7 +25,7 @@ def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
     inverse[5] = (c[3] * c[4] - c[2] * c[5]) / J2
 
 
-@numba.njit(cache=True)
+@compiled()
 def fill_tensor(c, A):  # type: ignore[no-untyped-def]
     """Fill A (3, 3) from its components c (6,)."""
     for k in range(6):

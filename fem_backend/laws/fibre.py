@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numba
 import numpy as np
 
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from rso.contract import knob
 
@@ -69,7 +69,7 @@ class Fibre:
         _add(F, J, self.k1, self.k2, a / np.linalg.norm(a), W, S, C, tangent)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _add(F, jac, k1, k2, a0, W, S, C4, tangent):  # type: ignore[no-untyped-def]
     """S = 2W′ ∂Ī₄/∂C, ℂ = 4W″ ∂Ī₄/∂C⊗∂Ī₄/∂C + 4W′ ∂²Ī₄/∂C², ∂Ī₄/∂C = J^(-2/3)(A − I₄/3 C⁻¹), A = a⊗a."""
     m, n = F.shape[0], F.shape[1]

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-import numba
 import numpy as np
 from pydantic import field_validator
 
 from fem_backend import members
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from fem_backend.laws import law
 from fem_backend.laws.law import LAWS, Isotropic, pairs
@@ -121,7 +121,7 @@ class Ogden(Isotropic):
         return _principal(F, J, *self.terms, tangent)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _jacobi(a, v):  # type: ignore[no-untyped-def]
     """Diagonalise a symmetric a (3, 3) in place by cyclic Jacobi rotations; columns of v become its directions.
 
@@ -158,7 +158,7 @@ def _jacobi(a, v):  # type: ignore[no-untyped-def]
                     v[i, r] = s * x + c * y
 
 
-@numba.njit(cache=True)
+@compiled()
 def _quotients(y):  # type: ignore[no-untyped-def]
     """(eʸ − 1)/y and (eʸ − 1 − y)/y² without loss of digits near y = 0."""
     if abs(y) < 1e-2:
@@ -168,7 +168,7 @@ def _quotients(y):  # type: ignore[no-untyped-def]
     return first, (first - 1.0) / y
 
 
-@numba.njit(cache=True)
+@compiled()
 def _stretches(c, x, e, v, a):  # type: ignore[no-untyped-def]
     """Fill x = λ² (3,), e = ln λ̄ (3,) and the directions, columns of v, of C given as c (6,); `a` (3, 3) is room."""
     fill_tensor(c, a)
@@ -180,7 +180,7 @@ def _stretches(c, x, e, v, a):  # type: ignore[no-untyped-def]
         e[i] = 0.5 * math.log(x[i]) - mean
 
 
-@numba.njit(cache=True)
+@compiled()
 def _terms(mu, alpha, x, e, s, k):  # type: ignore[no-untyped-def]
     """Energy; fill the principal stresses s (3,) and k (3,)."""
     W = 0.0
@@ -198,7 +198,7 @@ def _terms(mu, alpha, x, e, s, k):  # type: ignore[no-untyped-def]
     return W
 
 
-@numba.njit(cache=True)
+@compiled()
 def _normal(x, s, k, d):  # type: ignore[no-untyped-def]
     """Fill d (3, 3) = 2 ∂Sₐ/∂x_b, the tangent between principal directions."""
     mean = (k[0] + k[1] + k[2]) / 3.0
@@ -208,7 +208,7 @@ def _normal(x, s, k, d):  # type: ignore[no-untyped-def]
         d[i, i] += (k[i] / x[i] - 2.0 * s[i]) / x[i]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _shear(mu, alpha, x, e, s, g):  # type: ignore[no-untyped-def]
     """Fill g (3,) = (S_b − Sₐ)/(x_b − xₐ) of the plane across each direction, the tangent of its shear."""
     for i in range(3):
@@ -222,7 +222,7 @@ def _shear(mu, alpha, x, e, s, g):  # type: ignore[no-untyped-def]
         g[i] = (quotient - s[j]) / x[k]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _dyads(v, N, P):  # type: ignore[no-untyped-def]
     """Fill Nₐ⊗Nₐ and N_b⊗N_c + N_c⊗N_b across it, (3, 6), from the columns of v."""
     for i in range(3):
@@ -232,7 +232,7 @@ def _dyads(v, N, P):  # type: ignore[no-untyped-def]
             P[i, l] = v[VOIGT_ROW[l], j] * v[VOIGT_COLUMN[l], k] + v[VOIGT_ROW[l], k] * v[VOIGT_COLUMN[l], j]
 
 
-@numba.njit(cache=True)
+@compiled()
 def _tangent(d, g, N, P, C):  # type: ignore[no-untyped-def]
     """Fill ℂ (6, 6) = Σ dₐ_b Nₐ⊗Nₐ⊗N_b⊗N_b + Σ gₐ Pₐ⊗Pₐ."""
     for k in range(6):
@@ -246,7 +246,7 @@ def _tangent(d, g, N, P, C):  # type: ignore[no-untyped-def]
             C[l, k] = value
 
 
-@numba.njit(cache=True)
+@compiled()
 def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
     """S = Σ Sₐ Nₐ⊗Nₐ and ℂ (Holzapfel 2000, eq. 6.180), with x = λ², e = ln λ̄ and
 

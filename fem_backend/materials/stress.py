@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 from fem_backend.laws import Derivatives, Law, Material
 from fem_backend.materials.regions import Regions
@@ -175,7 +175,7 @@ def _remember(
     return factor * potential, factor * eta, factor * slope, added, History(soft, h, W_max)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _finish(F, jac, S, C4, energy, u1, u2, factor, slope, added, scale, tangent):  # type: ignore[no-untyped-def]
     """Turn the elastic isochoric S and ℂ in place into those of the material, and add H:E to the energy.
 
@@ -231,7 +231,7 @@ def _small_strain(material: Material, H: np.ndarray, tangent: bool, scale: np.nd
     return PointState(F, S, np.zeros_like(S), np.ascontiguousarray(C) if tangent else None, energy)
 
 
-@numba.njit(cache=True)
+@compiled()
 def invariants(F):  # type: ignore[no-untyped-def]
     """Ī₁, Ī₂ and J at points F (m, q, 3, 3)."""
     m, n = F.shape[0], F.shape[1]
@@ -261,7 +261,7 @@ def invariants(F):  # type: ignore[no-untyped-def]
     return i1, i2, jac
 
 
-@numba.njit(cache=True)
+@compiled()
 def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[no-untyped-def]
     """S = 2 ∂W/∂C and ℂ = 4 ∂²W/∂C² for W(Ī₁, Ī₂) + U(J) (Holzapfel 2000, §6.4 and 6.6, in Voigt form).
 

@@ -13,13 +13,13 @@ import itertools
 from collections.abc import Callable
 from typing import Protocol
 
-import numba
 import numpy as np
 from skfem import ElementTetP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend import geometry
+from fem_backend.compiled import compiled
 from fem_backend.kinematics.axisymmetric import MeridianBody
 from fem_backend.kinematics.bodies import Body
 from fem_backend.materials import meridian_zones
@@ -314,7 +314,7 @@ def _cut(x: np.ndarray) -> np.ndarray:
     return np.where(x < 0.5, end, 1.0 - end)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _moments(X, phi, bend, lattice, pieces, dN):  # type: ignore[no-untyped-def]
     """∫ λ dV over φ < 0 and over the cell, both (c, 4) mm³, λ being the barycentric coordinates of the cell."""
     count = len(X)
@@ -342,7 +342,7 @@ def _moments(X, phi, bend, lattice, pieces, dN):  # type: ignore[no-untyped-def]
     return zone, whole
 
 
-@numba.njit(cache=True)
+@compiled()
 def _below(v):  # type: ignore[no-untyped-def]
     """Fraction of a tetrahedron in which the linear function with corner values v (4,) is negative, and its centroid.
 

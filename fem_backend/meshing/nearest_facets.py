@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from fem_backend.compiled import compiled
 
 MAX_FACETS_PER_BOX = 8  # facets in the smallest boxes
 
@@ -52,7 +53,7 @@ class FacetTree:
         return _nearest(x, self.corners, self.boxes, self.children, self.span, self.order)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _nearest(x, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
     n = len(x)
     facet, weight, square = np.empty(n, np.int64), np.empty((n, 3)), np.empty(n)
@@ -61,7 +62,7 @@ def _nearest(x, corners, boxes, children, span, order):  # type: ignore[no-untyp
     return facet, weight, square
 
 
-@numba.njit(cache=True)
+@compiled()
 def nearest_one(x, corners, boxes, children, span, order, weight):  # type: ignore[no-untyped-def]
     """Facet and squared distance of the closest point to x (3,); fills its barycentric `weight` (3,)."""
     stack, bound, w = np.empty(128, np.int64), np.empty(128), np.empty(3)
@@ -93,7 +94,7 @@ def nearest_one(x, corners, boxes, children, span, order, weight):  # type: igno
     return facet, best
 
 
-@numba.njit(cache=True)
+@compiled()
 def _to_box(x, box):  # type: ignore[no-untyped-def]
     d = 0.0
     for i in range(3):
@@ -102,7 +103,7 @@ def _to_box(x, box):  # type: ignore[no-untyped-def]
     return d
 
 
-@numba.njit(cache=True)
+@compiled()
 def _on_facet(x, c, w):  # type: ignore[no-untyped-def]
     """Squared distance of x (3,) to the triangle c (3, 3); fills the barycentric w (Ericson 2005, section 5.1.5)."""
     d1 = d2 = d3 = d4 = d5 = d6 = 0.0

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.sparse import coo_matrix
 
+from fem_backend.compiled import compiled
 from fem_backend.meshing.nearest_facets import FacetTree, nearest_one
 
 JET_RIDGE_SHARE = 1e-9  # of the diagonal of the normal equations: a fit through too few points keeps to the lower terms
@@ -159,7 +159,7 @@ def _fit(vertices: np.ndarray, frames: np.ndarray, around: list[np.ndarray], own
     return scaled * reach[:, None] ** (1.0 - degree)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _blend(x, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b):  # type: ignore[no-untyped-def]
     """f at x (3,); fills ∇f (3,) and ∇∇f (3, 3) without the small parts of ∇w, and barycentric coordinates b (3,)."""
     facet, _ = nearest_one(x, corners, boxes, children, span, order, b)
@@ -193,7 +193,7 @@ def _blend(x, facets, vertices, frames, jets, corners, boxes, children, span, or
     return value
 
 
-@numba.njit(cache=True)
+@compiled()
 def _levels(x, facets, vertices, frames, jets, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
     f, g, H, b = np.empty(len(x)), np.empty((len(x), 3)), np.empty((len(x), 3, 3)), np.empty(3)
     for k in range(len(x)):
@@ -201,7 +201,7 @@ def _levels(x, facets, vertices, frames, jets, corners, boxes, children, span, o
     return f, g, H
 
 
-@numba.njit(cache=True)
+@compiled()
 def _onto(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b):  # type: ignore[no-untyped-def]
     """Move y (3,) onto the surface; g and H are those of the last step but one."""
     for _ in range(MAX_STEPS_TO_SURFACE):
@@ -213,14 +213,14 @@ def _onto(y, small, facets, vertices, frames, jets, corners, boxes, children, sp
             break
 
 
-@numba.njit(cache=True)
+@compiled()
 def _project(y, small, facets, vertices, frames, jets, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
     g, H, b = np.empty(3), np.empty((3, 3)), np.empty(3)
     for k in range(len(y)):
         _onto(y[k], small, facets, vertices, frames, jets, corners, boxes, children, span, order, g, H, b)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _closest(x, small, facets, vertices, frames, jets, corners, boxes, children, span, order):  # type: ignore[no-untyped-def]
     """Closest points (n, 3) and signed distances (n,), positive outside."""
     out, distance = np.empty_like(x), np.empty(len(x))
@@ -258,7 +258,7 @@ def _closest(x, small, facets, vertices, frames, jets, corners, boxes, children,
     return out, distance
 
 
-@numba.njit(cache=True)
+@compiled()
 def _step(n, H, slope, d, way, t, y):  # type: ignore[no-untyped-def]
     """Move y (3,) by (I + d S)⁻¹ T way along the tangent plane; its length.
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator
 
 from fem_backend import members
+from fem_backend.compiled import compiled
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
 from fem_backend.geometry import NO_MOTION, EllipsoidShape, closest_point, kernel_arrays
 from fem_backend.kinematics.bodies import Body
@@ -248,7 +248,7 @@ class Bowl:
         return np.where(meets, s, np.inf)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _bowl_gap(x, c, s, rim, lip):  # type: ignore[no-untyped-def]
     count = len(x)
     g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))

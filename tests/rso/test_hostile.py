@@ -634,7 +634,7 @@ from rso.cli import main
 code = main(sys.argv[1:])
 if code == 0:
     from fem_backend.contact import pointwise
-    print("kept", pointwise.facet_points.stats.cache_path.startswith(os.environ["NUMBA_CACHE_DIR"]))
+    print("kept", pointwise.facet_points.dispatcher.stats.cache_path.startswith(os.environ["NUMBA_CACHE_DIR"]))
 sys.exit(code)
 """
 
