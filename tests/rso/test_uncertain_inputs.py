@@ -88,6 +88,19 @@ def test_what_a_radius_moves_is_what_another_radius_would_give(tmp_path):
     assert found["inputs"][0]["moves"]["mu"] == pytest.approx(moved, rel=0.1)  # other weights, and u² is 0.1 of u
 
 
+def test_a_descent_that_goes_on_under_wider_errors_is_no_second_minimum(tmp_path):
+    """The sphere was larger than stated, and the readings show it: the minimum moves with what the errors know."""
+    quiet = studies.SECTIONS["[experiments]"].replace("top.csv", "large.csv")
+    h, F = np.linspace(0, 2.0, 21)[1:], curve(R + 5 * U)
+    rows = "depth_mm,Fz_N\n" + "".join(f"{u!r},{f!r}\n" for u, f in zip(h.tolist(), F.tolist(), strict=True))
+    (tmp_path / "large.csv").write_text(rows)
+    changes = {**studies.QUICK, **DIRECT, "parameters": ONE, "[experiments]": quiet, "uncertainty": f"radius = {U}"}
+    results = studies.run(tmp_path, **changes)
+    (only,) = results["descent"]["descents"]
+    assert only["best"] and only["verified"]
+    assert not [w for w in results["warnings"] if "minimum" in w]
+
+
 def test_without_the_table_dimensions_are_exact(tmp_path):
     found = identified(tmp_path)
     assert found["inputs"] == []
