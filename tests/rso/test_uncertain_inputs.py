@@ -3,12 +3,14 @@
 The backend is the closed form of tests/rso/indentation_backend.py, so that an oracle has its derivatives by hand.
 """
 
+import dataclasses
 import json
 
 import indentation_backend
 import numpy as np
 import pytest
 import sample_studies as studies
+import sloped_backend
 
 from rso.calibration.plan import make_plan
 from rso.calibration.stated_settings import exact_dimensions, said_of_inputs
@@ -99,6 +101,32 @@ def test_a_descent_that_goes_on_under_wider_errors_is_no_second_minimum(tmp_path
     (only,) = results["descent"]["descents"]
     assert only["best"] and only["verified"]
     assert not [w for w in results["warnings"] if "minimum" in w]
+
+
+def test_a_new_mesh_at_every_run_does_not_bend_the_interval_of_a_descent(tmp_path, monkeypatch):
+    """Runs that lie close together differ by their meshes as much as by their values, here by 0.03 %."""
+    answer = sloped_backend.Sloped.__call__
+
+    def meshed(self, values, case):
+        found = answer(self, values, case)
+        force = np.asarray(found.channels["Fz"])
+        rough = 1.0 + 3e-4 * np.sin(60.0 * np.log(values["D1"]) + np.arange(len(force)) / 7.0)
+        return dataclasses.replace(found, channels={**found.channels, "Fz": force * rough})
+
+    changes = {
+        **studies.QUICK,
+        **DIRECT,
+        "[experiments]": TOP.replace("2 mN", "0.3 mN"),
+        "uncertainty": "radius = 0.05",
+    }
+    smooth, rough = tmp_path / "smooth", tmp_path / "rough"
+    for folder in (smooth, rough):
+        folder.mkdir()
+    expected = studies.run(smooth, **changes)["identification"]["parameters"]
+    monkeypatch.setattr(sloped_backend.Sloped, "__call__", meshed)
+    found = studies.run(rough, **changes)["identification"]["parameters"]
+    for a, b in zip(expected, found, strict=True):
+        assert b["interval"] == pytest.approx(a["interval"], rel=0.05)
 
 
 def test_without_the_table_dimensions_are_exact(tmp_path):
