@@ -237,11 +237,11 @@ def with_uncertain_inputs(bench: Runner, found: GaussNewtonRun) -> GaussNewtonRu
         seed=plan.seed,
     )
     assert last.best is not None  # it starts from a run that has an answer
-    last = replace(last, iterates=(*found.best.iterates, *last.iterates))
+    whole = replace(last, iterates=(*found.best.iterates, *last.iterates))
     return replace(
         found,
-        descents=tuple(last if d is found.best else d for d in found.descents),
-        best=last,
+        descents=tuple(whole if d is found.best else d for d in found.descents),
+        best=whole,
         runs=tuple(eyes.runs),
         data=last.data,
         outcomes=eyes.outcomes[last.best.x.tobytes()],
