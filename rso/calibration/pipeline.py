@@ -260,7 +260,8 @@ def _validate(
     found.update(formula_comparison.of_formulas(plan, found))
     found.update(results.of_region(plan, bench.region(design.similar), found["runs"]))
     found["warnings"] += [found["feasible"]["story"]] if found["feasible"]["story"] else []
-    result_files.write_runs(notes.path.parent / "runs.csv", found)
+    units = {p.name: p.unit for p in plan.backend.parameters}
+    result_files.write_runs(notes.path.parent / "runs.csv", found, units)
     counts, before = notes.counts(plan), notes.before
     if before is not None and before["stage"] == RUN_STAGES[-1] and counts["from_store"] == counts["fe_runs"]:
         notes.clock.stop(before["timings"])

@@ -92,9 +92,8 @@ def write_draws(path: Path, determination: Determination | None) -> None:
     disk.replace(path, "\n".join([",".join(box.names), *rows]) + "\n")
 
 
-def write_runs(path: Path, found: Mapping[str, Any]) -> None:
-    """All runs as a table: state, values with units, outputs; empty cells where a run has no answer."""
-    units = {p["name"]: p["unit"] for p in found["parameters"]}
+def write_runs(path: Path, found: Mapping[str, Any], units: Mapping[str, str]) -> None:
+    """All runs as a table: state, values with the units of their knobs, outputs; empty cells without an answer."""
     rows = [
         {k: r[k] for k in ("key", "purpose", "state", "cause", "reason", "wall_s", "cpu_s")}
         | {f"{n} [{units.get(n, '')}]": v for n, v in r["values"].items()}

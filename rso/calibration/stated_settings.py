@@ -57,10 +57,19 @@ def said_of_inputs(plan: Plan) -> list[str]:
 
 
 def exact_dimensions(plan: Plan) -> list[str]:
-    """Errors of stated dimensions that an identification leaves out: nobody said how well these are known."""
+    """Errors of stated dimensions that an identification leaves out: nobody said how well these are known.
+
+    One that only some of the experiments state is named with the others.
+    """
     given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
-    named = {i.parameter.name for i in plan.resolved.inputs} | set(given)
-    return [n for n in dimension_errors(plan.backend, plan.study.backend.settings, given) if n not in named]
+    left: dict[str, list[str]] = {}
+    for e in [e.name for e in plan.study.experiments if e.name in plan.case_of]:
+        said = {i.parameter.name for i in plan.resolved.inputs if not i.experiments or e in i.experiments}
+        for n in dimension_errors(plan.backend, plan.study.settings_of(e), given):
+            if n not in said and n not in given:
+                left.setdefault(n, []).append(e)
+    named = {i.parameter.name for i in plan.resolved.inputs}
+    return [f"{n} of {', '.join(own)}" if n in named else n for n, own in left.items()]
 
 
 def extraordinary(plan: Plan) -> list[str]:

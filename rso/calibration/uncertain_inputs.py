@@ -23,7 +23,7 @@ def learn_effects(bench: Runner, values: Mapping[str, float]) -> tuple[Runner, t
     and a warning says so.
     """
     plan = bench.plan
-    inputs = [i for i in plan.resolved.inputs if i.experiment in ("", *plan.case_of)]
+    inputs = _of_fits(plan)
     if not inputs:
         return bench, (), []
     here = {n: float(f"{v:.{INPUT_RUN_DIGITS}g}") if n in plan.box.names else v for n, v in values.items()}
@@ -53,27 +53,39 @@ def _effect(
     i: UncertainInput, stated: Mapping[int, Response], above: Mapping[int, Response], below: Mapping[int, Response]
 ) -> InputEffect:
     p = i.parameter
-    return InputEffect(p.name, i.experiment, p.description, p.unit, i.uncertainty, stated, above, below)
+    return InputEffect(p.name, i.experiments, p.description, p.unit, i.uncertainty, stated, above, below)
 
 
 def count(plan: Plan) -> int:
     """Simulations of :func:`learn_effects` at most."""
-    inputs = [i for i in plan.resolved.inputs if i.experiment in ("", *plan.case_of)]
+    inputs = _of_fits(plan)
     return len(plan.cases) * bool(inputs) + 2 * sum(len(_cases(plan, i)) for i in inputs)
+
+
+def _of_fits(plan: Plan) -> list[UncertainInput]:
+    """Inputs of experiments that are fitted."""
+    return [i for i in plan.resolved.inputs if _cases(plan, i)]
 
 
 def _cases(plan: Plan, one: UncertainInput) -> tuple[int, ...]:
     """Cases that an input touches."""
-    return (plan.case_of[one.experiment],) if one.experiment else tuple(range(len(plan.cases)))
+    if not one.experiments:
+        return tuple(range(len(plan.cases)))
+    return tuple(sorted({plan.case_of[e] for e in one.experiments if e in plan.case_of}))
 
 
 def _beside(plan: Plan, here: Mapping[str, float], one: UncertainInput, side: float) -> dict[str, float] | None:
-    """Values with an input one standard uncertainty above or below what is stated; None beyond its hard bounds."""
+    """Values with an input one standard uncertainty above or below what is stated; None beyond its hard bounds.
+
+    ValueError where the settings of its experiments state several values.
+    """
     p, u = one.parameter, one.uncertainty
     offered = capability(plan.backend, NominalValues)
-    settings = plan.study.settings_of(one.experiment) if one.experiment else plan.study.backend.settings
-    nominal = {} if offered is None else offered.nominal(settings)
-    at = here.get(p.name, nominal.get(p.name, p.default))
+    nominal = [{} if offered is None else offered.nominal(plan.cases[k].settings) for k in _cases(plan, one)]
+    stated = {here.get(p.name, n.get(p.name, p.default)) for n in nominal}
+    if len(stated) > 1:
+        raise ValueError(f"{p.name}: experiments state several values; give each its own uncertainty = {{ {p.name} }}")
+    (at,) = stated
     assert at is not None  # the study was checked for it
     return {**here, p.name: at + side * u} if p.low <= at + side * u <= p.high else None
 

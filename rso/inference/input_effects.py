@@ -25,12 +25,12 @@ from rso.inference.usual_errors import moved_by
 class InputEffect:
     """Responses by case with a stated input as it is, and one standard uncertainty above and below it.
 
-    The `knob` that is the error of an input has the `uncertainty` in its `unit`; it is that of one `experiment`, or of
-    all where that is empty.  A case that is missing in one of `above` and `below` had no answer there.
+    The `knob` that is the error of an input has the `uncertainty` in its `unit`; `experiments` share it, or all where
+    that is empty.  A case that is missing in one of `above` and `below` had no answer there.
     """
 
     knob: str
-    experiment: str
+    experiments: tuple[str, ...]
     description: str
     unit: str
     uncertainty: float
@@ -39,13 +39,18 @@ class InputEffect:
     below: Mapping[int, Response]
 
     @property
+    def experiment(self) -> str:
+        """The experiments in words; empty for all."""
+        return ", ".join(self.experiments)
+
+    @property
     def name(self) -> str:
         """Name of the error that it makes."""
         return f"{self.experiment}: {self.knob}" if self.experiment else self.knob
 
     def shift(self, place: CurvePlace, case: int) -> np.ndarray:
         """By how much one standard uncertainty moves the curve of a case at its readings (n,), in their unit."""
-        if self.experiment not in ("", place.experiment):
+        if self.experiments and place.experiment not in self.experiments:
             return np.zeros(len(place.depth))
         sides = [(side[case], sign) for side, sign in ((self.above, 1.0), (self.below, -1.0)) if case in side]
         middle = resample(self.stated[case], place, "")

@@ -128,7 +128,7 @@ class InputBlock(ResultBlock):
     """An uncertain input that the study states: the uncertainty budget of the parameters."""
 
     input: str = holds("its name")
-    experiment: str = holds("the experiment whose own it is; empty for all")
+    experiment: str = holds("the experiments that share it; empty for all")
     description: str = holds("what it is")
     unit: str = holds("its unit")
     uncertainty: Number = holds("its standard uncertainty, in that unit")

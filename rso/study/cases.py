@@ -465,22 +465,22 @@ def _of_a_table(study: Study, place: Place, message: str) -> Place:
 
 
 def _refuse_inputs(study: Study, backend: Backend, resolved: Resolved) -> list[Problem]:
-    """Uncertain inputs that an experiment has, but not with its settings."""
+    """Uncertain inputs that none of the experiments has that share them, with its settings."""
     ranges = capability(backend, PlausibleRanges)
     given = [*(a.name for a in resolved.axes), *resolved.fixed]
     problems: list[Problem] = []
     if ranges is None:
         return problems
     for i in resolved.inputs:
-        settings = study.settings_of(i.experiment) if i.experiment else study.backend.settings
-        if ranges.plausible(settings, given).get(i.parameter.name, ()) is None:
-            n = [e.name for e in study.experiments].index(i.experiment) if i.experiment else 0
-            own = i.experiment and i.parameter.name in study.experiments[n].uncertainty
+        each = [study.settings_of(e) for e in i.experiments or [e.name for e in study.experiments]]
+        if all(ranges.plausible(settings, given).get(i.parameter.name, ()) is None for settings in each):
+            n = [e.name for e in study.experiments].index(i.experiments[0]) if i.experiments else 0
+            own = i.experiments and i.parameter.name in study.experiments[n].uncertainty
             place: Place = ("experiments", n, "uncertainty") if own else ("uncertainty",)
-            choices = dimension_errors(backend, settings, given)
+            choices = list(dict.fromkeys(k for settings in each for k in dimension_errors(backend, settings, given)))
             text = f"these settings have no {i.parameter.description}; {choices_text(i.parameter.name, choices)}"
             problems.append(Problem((*place, i.parameter.name), text))
-    return list(dict.fromkeys(problems))
+    return problems
 
 
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:

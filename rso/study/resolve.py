@@ -49,11 +49,17 @@ class Search:
 
 @dataclass(frozen=True)
 class UncertainInput:
-    """A stated input: its knob, the standard uncertainty in the knob's unit, and of which experiment, "" for all."""
+    """A stated input: its knob, the standard uncertainty in the knob's unit, and the experiments that share its error,
+    () for all."""
 
     parameter: Parameter
     uncertainty: float
-    experiment: str = ""
+    experiments: tuple[str, ...] = ()
+
+    @property
+    def experiment(self) -> str:
+        """The experiments in words; empty for all."""
+        return ", ".join(self.experiments)
 
     @property
     def name(self) -> str:
@@ -148,9 +154,11 @@ def _inputs(study: Study, known: Mapping[str, Parameter], problems: list[Problem
             one = _input(study, known, name, written, (*place, name), problems)
             if one is None:
                 continue
-            others = [e.name for e in study.experiments if (name, e.name) not in own]
-            each = [experiment] if experiment else [""] if len(others) == len(study.experiments) else others
-            found += [UncertainInput(known[name], one, e) for e in each]
+            others = tuple(e.name for e in study.experiments if (name, e.name) not in own)
+            if experiment:
+                found.append(UncertainInput(known[name], one, (experiment,)))
+            elif others:
+                found.append(UncertainInput(known[name], one, () if len(others) == len(study.experiments) else others))
     return tuple(found)
 
 

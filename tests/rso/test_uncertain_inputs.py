@@ -3,15 +3,20 @@
 The backend is the closed form of tests/rso/indentation_backend.py, so that an oracle has its derivatives by hand.
 """
 
+import dataclasses
 import json
 
 import indentation_backend
 import numpy as np
 import pytest
 import sample_studies as studies
+import sloped_backend
 
+from rso.calibration.plan import make_plan
+from rso.calibration.stated_settings import exact_dimensions, said_of_inputs
 from rso.core.distributions import normal_ppf
 from rso.study.errors import StudyError
+from rso.study.loader import load_study
 
 R, U = 3.0, 0.09  # mm: the radius of the sphere, which nobody measures better than to 3 %
 ONE = 'mu = { low = "6 kPa", high = "20 kPa", scale = "log" }\nD1 = { value = 60 }'
@@ -85,6 +90,45 @@ def test_what_a_radius_moves_is_what_another_radius_would_give(tmp_path):
     assert found["inputs"][0]["moves"]["mu"] == pytest.approx(moved, rel=0.1)  # other weights, and u² is 0.1 of u
 
 
+def test_a_descent_that_goes_on_under_wider_errors_is_no_second_minimum(tmp_path):
+    """The sphere was larger than stated, and the readings show it: the minimum moves with what the errors know."""
+    quiet = studies.SECTIONS["[experiments]"].replace("top.csv", "large.csv")
+    h, F = np.linspace(0, 2.0, 21)[1:], curve(R + 5 * U)
+    rows = "depth_mm,Fz_N\n" + "".join(f"{u!r},{f!r}\n" for u, f in zip(h.tolist(), F.tolist(), strict=True))
+    (tmp_path / "large.csv").write_text(rows)
+    changes = {**studies.QUICK, **DIRECT, "parameters": ONE, "[experiments]": quiet, "uncertainty": f"radius = {U}"}
+    results = studies.run(tmp_path, **changes)
+    (only,) = results["descent"]["descents"]
+    assert only["best"] and only["verified"]
+    assert not [w for w in results["warnings"] if "minimum" in w]
+
+
+def test_a_new_mesh_at_every_run_does_not_bend_the_interval_of_a_descent(tmp_path, monkeypatch):
+    """Runs that lie close together differ by their meshes as much as by their values, here by 0.03 %."""
+    answer = sloped_backend.Sloped.__call__
+
+    def meshed(self, values, case):
+        found = answer(self, values, case)
+        force = np.asarray(found.channels["Fz"])
+        rough = 1.0 + 3e-4 * np.sin(60.0 * np.log(values["D1"]) + np.arange(len(force)) / 7.0)
+        return dataclasses.replace(found, channels={**found.channels, "Fz": force * rough})
+
+    changes = {
+        **studies.QUICK,
+        **DIRECT,
+        "[experiments]": TOP.replace("2 mN", "0.3 mN"),
+        "uncertainty": "radius = 0.05",
+    }
+    smooth, rough = tmp_path / "smooth", tmp_path / "rough"
+    for folder in (smooth, rough):
+        folder.mkdir()
+    expected = studies.run(smooth, **changes)["identification"]["parameters"]
+    monkeypatch.setattr(sloped_backend.Sloped, "__call__", meshed)
+    found = studies.run(rough, **changes)["identification"]["parameters"]
+    for a, b in zip(expected, found, strict=True):
+        assert b["interval"] == pytest.approx(a["interval"], rel=0.05)
+
+
 def test_without_the_table_dimensions_are_exact(tmp_path):
     found = identified(tmp_path)
     assert found["inputs"] == []
@@ -109,6 +153,70 @@ def test_an_error_that_two_tests_share_does_not_average_out_and_one_of_each_does
     assert half_width(b) == pytest.approx(z * deviation(J, apart), rel=0.05)
     assert half_width(a) > 1.15 * half_width(b)
     assert [r["experiment"] for r in a["inputs"]] == [""] and [r["experiment"] for r in b["inputs"]] == ["top", "thin"]
+
+
+def test_tests_without_an_uncertainty_of_their_own_share_that_of_the_study(tmp_path):
+    """One test in three had another sphere: the sphere of the other two is still one."""
+    for name, thickness in (("thin", 6.0), ("third", 7.0)):
+        (tmp_path / f"{name}.csv").write_text(studies.measured(thickness=thickness))
+    third = TWO.removeprefix(TOP).replace("thin", "third").replace("= 6", "= 7")
+    three = TWO + third.replace('role = "fit"', f'role = "fit"\nuncertainty = {{ radius = {U} }}')
+    found = identified(tmp_path, **{"[experiments]": three}, uncertainty=f"radius = {U}")
+    zero = np.zeros(20)
+    errors = [np.concatenate([shift(), shift(6.0), zero]), np.concatenate([zero, zero, shift(7.0)])]
+    J = np.concatenate([slope(), slope(6.0), slope(7.0)])
+    assert half_width(found) == pytest.approx(normal_ppf(0.95) * deviation(J, errors), rel=0.05)
+    assert [r["experiment"] for r in found["inputs"]] == ["top, thin", "third"]
+
+
+def test_runs_beside_the_stated_values_are_written_with_units(tmp_path):
+    identified(tmp_path, uncertainty=f"radius = {U}")
+    header = (tmp_path / "results/runs.csv").read_text("utf-8").splitlines()[0]
+    assert "radius [mm]" in header.split(",")
+
+
+SLABS = """
+[[experiments]]
+name = "thin"
+role = "fit"
+data = "top.csv"
+settings = {{ specimen = {{ shape = "slab", thickness = 6.0 }} }}
+{}
+[[experiments]]
+name = "tall"
+role = "fit"
+data = "top.csv"
+settings = {{ specimen = {{ shape = "cylinder", radius = 10.0, height = 12.0 }} }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("own", "table", "exact", "names"),
+    [
+        ("", "", ["delta_thickness", "delta_R", "delta_radius", "delta_height"], []),
+        ("", "delta_thickness = 0.1\ndelta_R = 0.1", ["delta_radius", "delta_height"], ["delta_thickness", "delta_R"]),
+        (
+            "uncertainty = { delta_R = 0.1 }",
+            "",
+            ["delta_thickness", "delta_R of tall", "delta_radius", "delta_height"],
+            ["thin: delta_R"],
+        ),
+    ],
+)
+def test_a_specimen_may_be_that_of_each_experiment(tmp_path, own, table, exact, names):
+    """A dimension is one of the study if one of its experiments has it: settings of the study need not be whole."""
+    (tmp_path / "top.csv").write_text(studies.measured())
+    file = tmp_path / "study.toml"
+    file.write_text(
+        '[study]\ntitle = "slabs"\nseed = 0\n[backend]\nuse = "fem_backend.backend:BACKEND"\n[backend.settings]\n'
+        'indenter = { shape = "sphere", radius = 3.0 }\nsupport = { kind = "bonded" }\nmesh = { level = "coarse" }\n'
+        f'[parameters]\nmu = {{ low = "4 kPa", high = "25 kPa" }}\nD1 = {{ value = 10 }}\n[uncertainty]\n{table}\n'
+        + SLABS.format(own)
+    )
+    plan = make_plan(load_study(file))
+    assert set(exact_dimensions(plan)) == set(exact)
+    assert [i.name for i in plan.resolved.inputs] == names
+    assert len(said_of_inputs(plan)) == len(names) + 1
 
 
 def test_a_side_beyond_the_bounds_is_left_out(tmp_path):

@@ -96,7 +96,7 @@ def descent_warnings(plan: Plan, found: GaussNewtonRun, known: Identified | None
         said.append(
             f"the backend gives no derivatives by {', '.join(lacking)} here: they are differences between more runs"
         )
-    rivals = [d for d in found.descents if d.confirmed and d is not found.best and _apart(d, found.best)]
+    rivals = [d for d in found.descents if d.confirmed and d is not found.best and _apart(d, found.first)]
     if rivals:
         said.append(f"{len(rivals)} of {len(found.descents)} starts led to another minimum; see the descents")
     if known is not None:

@@ -45,7 +45,11 @@ MAX_DESCENT_END_ROUNDS, END_NEARBY_DISTANCE = 3, 0.05
 
 @dataclass(frozen=True, eq=False)
 class GaussNewtonRun:
-    """All descents, the best of them, what was run for them, and the model that the runs and their derivatives make."""
+    """All descents, the best of them, what was run for them, and the model that the runs and their derivatives make.
+
+    `first` is the best before it went on under the errors of uncertain inputs, which the other descents know nothing
+    of.
+    """
 
     frame: TangentFrame
     descents: tuple[GaussNewtonFit, ...]
@@ -57,6 +61,7 @@ class GaussNewtonRun:
     data: tuple[Data, ...]
     outcomes: tuple[Outcome, ...]
     eyes: _Eyes
+    first: GaussNewtonFit
 
     def likeliest(self) -> dict[str, float]:
         """Values of the best run, fixed ones included; there is one."""
@@ -208,6 +213,7 @@ def run_gauss_newton(
         best.data,
         eyes.outcomes[best.best.x.tobytes()],
         eyes,
+        best,
     )
 
 
@@ -231,10 +237,11 @@ def with_uncertain_inputs(bench: Runner, found: GaussNewtonRun) -> GaussNewtonRu
         seed=plan.seed,
     )
     assert last.best is not None  # it starts from a run that has an answer
+    whole = replace(last, iterates=(*found.best.iterates, *last.iterates))
     return replace(
         found,
-        descents=(*found.descents, last),
-        best=last,
+        descents=tuple(whole if d is found.best else d for d in found.descents),
+        best=whole,
         runs=tuple(eyes.runs),
         data=last.data,
         outcomes=eyes.outcomes[last.best.x.tobytes()],
@@ -332,10 +339,15 @@ def identify_from_derivatives(plan: Plan, found: GaussNewtonRun) -> tuple[Identi
 
 
 def _ends(frame: TangentFrame, misfit: Misfit, d: Determination, tried: list[np.ndarray]) -> list[np.ndarray]:
-    """Points (d,) where an interval ends, the other parameters following, and nothing was tried near (noted then)."""
+    """Points (d,) where an interval ends, the other parameters following, and nothing was tried near (noted then).
+
+    Ends by the information of the best run alone count too: what runs close together say of the bend between them
+    does not reach as far, and may end an interval early.
+    """
     found = []
     for k, known in enumerate(d.known):
-        for at in (known.profile_interval.low, known.profile_interval.high):
+        wide = [min(max(v, 0.0), 1.0) for v in (known.laplace.low, known.laplace.high)]
+        for at in (known.profile_interval.low, known.profile_interval.high, *wide):
             start = np.where(np.arange(len(d.fit.x)) == k, at, d.fit.x)
             x = descend_along(misfit, start[None], np.arange(len(start)) != k)[0]
             x = np.clip(np.round(x, RUN_POINT_DIGITS), 0.0, 1.0)
