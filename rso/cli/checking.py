@@ -218,7 +218,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "iterates": points,
         "differences": points * reduced if differences else 0,
         "proof": cases * plan.group.saved if differences else 0,
-        "ends of intervals": cases * MAX_DESCENT_END_ROUNDS * 2 * plan.box.d,
+        "ends of intervals": cases * MAX_DESCENT_END_ROUNDS * (4 if plan.resolved.inputs else 2) * plan.box.d,
         "uncertainty": uncertain_inputs.count(plan),
         "validation": len(plan.validation) + len(held_out_experiments(plan)),
     }

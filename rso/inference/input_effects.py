@@ -91,7 +91,7 @@ def uncertainty_budget(d: Determination, effects: Sequence[InputEffect]) -> tupl
     for e in effects:
         s = np.concatenate([v.shared.get(e.name, np.zeros(len(v.value))) for v in misfit.data])
         step = -moved_by(d, s[:, None])[:, 0]
-        moved = box.from_unit(np.clip(d.fit.x + step, 0.0, 1.0)[None])[0]
+        moved = box.from_unit((d.fit.x + step)[None])[0]  # also beyond the ranges: it is a slope
         found.append(
             BudgetEntry(
                 e,

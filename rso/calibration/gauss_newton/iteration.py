@@ -328,7 +328,7 @@ def identify_from_derivatives(plan: Plan, found: GaussNewtonRun) -> tuple[Identi
     for k in range(MAX_DESCENT_END_ROUNDS + 1):
         misfit = with_autocorrelation(Misfit(tangents(found.frame, known, best), found.data), best.x)
         d: Determination = determine(misfit, seed=plan.seed, near=best.x[None], mcmc=False)
-        ends = [] if k == MAX_DESCENT_END_ROUNDS else _ends(found.frame, misfit, d, tried)
+        ends = [] if k == MAX_DESCENT_END_ROUNDS else _ends(found.frame, misfit, d, tried, bool(plan.effects))
         if not ends:
             break
         known += [s for s in eyes.look(ends, "interval") if s is not None]
@@ -338,15 +338,18 @@ def identify_from_derivatives(plan: Plan, found: GaussNewtonRun) -> tuple[Identi
     return Identified(found.places, d, {}, {}), ConfirmedOptimum(None, extra, gap, found.best.chi2, good)  # type: ignore[arg-type]
 
 
-def _ends(frame: TangentFrame, misfit: Misfit, d: Determination, tried: list[np.ndarray]) -> list[np.ndarray]:
+def _ends(
+    frame: TangentFrame, misfit: Misfit, d: Determination, tried: list[np.ndarray], alone: bool
+) -> list[np.ndarray]:
     """Points (d,) where an interval ends, the other parameters following, and nothing was tried near (noted then).
 
-    Ends by the information of the best run alone count too: what runs close together say of the bend between them
-    does not reach as far, and may end an interval early.
+    With `alone` ends by the information of the best run alone count too: a descent that went on has runs close
+    together, and what they say of the bend between them may end an interval early.
     """
     found = []
     for k, known in enumerate(d.known):
-        wide = [min(max(v, 0.0), 1.0) for v in (known.laplace.low, known.laplace.high)]
+        ends = (known.laplace.low, known.laplace.high) if alone else ()
+        wide = [min(max(v, 0.0), 1.0) for v in ends]
         for at in (known.profile_interval.low, known.profile_interval.high, *wide):
             start = np.where(np.arange(len(d.fit.x)) == k, at, d.fit.x)
             x = descend_along(misfit, start[None], np.arange(len(start)) != k)[0]
