@@ -268,8 +268,6 @@ def first_experiment(outcomes: Outcomes) -> dict[str, str]:
         "linear_end": ending,
         "linear_2": num(linear(2.0)),
         "linear_025": per_cent(linear(0.25) / _hertz(0.25), 0).lstrip("+"),
-        "linear_3": num(linear(3.0)),
-        "linear_38": num(linear(u)),
         "hooke_2": num(_hertz(2.0)),
         "neo_2": num(value(outcomes, "EM I top", "Fz", 2.0), 3),
     }
