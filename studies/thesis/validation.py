@@ -370,12 +370,12 @@ def levels(outcomes: Outcomes) -> dict[str, str]:
 
 def endings(outcomes: Outcomes) -> dict[str, str]:
     """How many runs, what they cost and which have no answer."""
-    failed = [f"*{k}*: {o.cause}, {o.reason}" for k, o in outcomes.items() if isinstance(o, Failed)]
+    failed = [f"*{k}* ({o.cause.replace('_', ' ')})" for k, o in outcomes.items() if isinstance(o, Failed)]
     cpu = sum(getattr(o, "cpu_s", 0.0) for o in outcomes.values())
     pending = [f"*{k}*" for k in plan() if k not in outcomes]
     return {
         "runs": str(len(outcomes)),
         "minutes": num(cpu / 60, 0),
-        "failed": ". ".join(failed) if failed else "none",
+        "failed": ", ".join(failed) if failed else "none",
         "pending": "; ".join(pending) if pending else "none",
     }
