@@ -8,7 +8,10 @@ from typing import Any
 
 
 class CompiledFunction:
-    """A function of numbers and arrays, compiled at its first call and kept on disk; `py_func` is what was written."""
+    """A function of numbers and arrays, compiled at its first call and kept on disk where that can be.
+
+    `py_func` is what was written.
+    """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         functools.update_wrapper(self, function)
@@ -19,7 +22,11 @@ class CompiledFunction:
         """numba's own object; what the function calls by a name of its module becomes one too."""
         import numba
 
-        self.__dict__["dispatcher"] = made = numba.njit(cache=True, **self._options)(self.py_func)
+        try:
+            made = numba.njit(cache=True, **self._options)(self.py_func)
+        except RuntimeError:  # no folder of this machine keeps it: each process compiles it for itself
+            made = numba.njit(**self._options)(self.py_func)
+        self.__dict__["dispatcher"] = made
         names = self.py_func.__globals__
         for name, value in list(names.items()):
             if isinstance(value, CompiledFunction):

@@ -26,6 +26,7 @@ import test_diagnosis_study as toy
 import rso.evaluation
 from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import recipes
+from rso.api import workspace
 from rso.cli import commands, main
 from rso.core.printable import printable
 
@@ -58,7 +59,7 @@ def bases(tmp_path_factory):
     toy.write(folder / "toy")
     damages.bench(folder / "laboratory")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(commands, "_executor", lambda *_: studies.Inline())
+        patch.setattr(workspace, "executor", lambda *_, **__: studies.Inline())
         for name, command in (
             ("layer", "run"),
             ("one", "run"),
@@ -102,7 +103,7 @@ def called(case: damages.Case) -> tuple[int, str, str]:
     path = list(sys.path)
     try:
         with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            patch.setattr(commands, "_executor", lambda *_: studies.Inline())
+            patch.setattr(workspace, "executor", lambda *_, **__: studies.Inline())
             patch.setattr(rso.evaluation, "WorkerPool", lambda *_, **__: Unable())
             patch.setattr(tempfile, "tempdir", None)
             for name, value in case.environment.items():
