@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -24,7 +25,9 @@ class CompiledFunction:
 
         try:
             made = numba.njit(cache=True, **self._options)(self.py_func)
-        except RuntimeError:  # no folder of this machine keeps it: each process compiles it for itself
+        except RuntimeError as error:
+            text = "compiled code can be kept nowhere, so that each process compiles it again"
+            warnings.warn(f"{text}: {error}", stacklevel=2)
             made = numba.njit(**self._options)(self.py_func)
         self.__dict__["dispatcher"] = made
         names = self.py_func.__globals__

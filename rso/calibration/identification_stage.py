@@ -153,7 +153,7 @@ def _input_row(plan: Plan, d: Determination, entry: BudgetEntry) -> dict[str, An
     }
     return {
         "input": one.knob,
-        "experiment": one.experiment,
+        "experiment": ", ".join(one.experiments),
         "description": one.description,
         "unit": one.unit,
         "uncertainty": one.uncertainty,
@@ -324,8 +324,8 @@ def _asks_too_much(plan: Plan, d: Determination) -> str:
         for k, x in zip(d.known, d.fit.x, strict=True)
     ]
     beyond = [box.names[k] for k, known in enumerate(d.known) if ends[k] or _is_beyond(stated, box, k, known)]
-    odd = [q["unlikely"] for q in derived_quantities(plan, d) if q["unlikely"]]
-    if not beyond or not odd:
+    odd = [q["unlikely"] for q in derived_quantities(plan, d) if q["unlikely"]] if beyond else []
+    if not odd:
         return ""
     names = " and ".join(symbol(n) for n in beyond)
     return " ".join(

@@ -27,7 +27,6 @@ from rso.core.digits import significant
 from rso.doe import Box
 from rso.evaluation import Done, why
 from rso.inference import SURFACE_CHANNEL, Determination
-from rso.inference.least_squares import fit_at
 from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.inference.predictive_test import PredictiveTest, open_by, predictive_test
 from rso.inference.rules import RULES
@@ -116,7 +115,7 @@ def predictive_check(
     off = [k.errors(response) for k in parts]
     ours = block_diag(*(_whole(e.parts(k.depth), len(k.depth)) for k, e in zip(parts, off, strict=True)))
     theirs = block_diag(*(k.covariance for k in parts))
-    left = open_by(_with_exact_inputs(d) / d.wider**2, J)
+    left = open_by(d.fisher_of_exact_inputs, J)
     stated = bool(np.any(np.diag(theirs + ours)))
 
     def test(rows: slice, freedom: float) -> PredictiveTest | None:
@@ -134,14 +133,6 @@ def predictive_check(
     unknown = sum(len(k.depth) ** 2 / k.freedom for k in parts)
     whole = test(slice(None), len(y) ** 2 / unknown if unknown else math.inf)
     return PredictiveCheck(name, text, dict(values), tuple(channels), whole, J, theirs, ours)
-
-
-def _with_exact_inputs(d: Determination) -> np.ndarray:
-    """The Fisher information (d, d) for stated inputs that are right: these move what is predicted as they moved the
-    fit, so that most of it cancels, and a test of a model should not pass because of what does not."""
-    if not any(v.inputs for v in d.misfit.data):
-        return d.fit.fisher
-    return fit_at(dataclasses.replace(d.misfit, data=tuple(v.inputs_exact for v in d.misfit.data)), d.fit.x).fisher
 
 
 def _named(box: Box, x: np.ndarray) -> dict[str, float]:
@@ -219,7 +210,7 @@ def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> lis
             continue
         y = np.concatenate([c.kept.value for c in v.channels])
         C = (v.theirs + v.ours) * d.used.scale**2 + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
-        rows.append(gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C, price=0))
+        rows.append(gain(box, d.fit.x, d.fisher_of_exact_inputs, f"{v.experiment}, fitted too", v.J, C, price=0))
     return rows
 
 

@@ -53,7 +53,7 @@ def _effect(
     i: UncertainInput, stated: Mapping[int, Response], above: Mapping[int, Response], below: Mapping[int, Response]
 ) -> InputEffect:
     p = i.parameter
-    return InputEffect(p.name, i.experiments, p.description, p.unit, i.uncertainty, stated, above, below)
+    return InputEffect(i.name, p.name, i.experiments, p.description, p.unit, i.uncertainty, stated, above, below)
 
 
 def count(plan: Plan) -> int:
@@ -75,17 +75,12 @@ def _cases(plan: Plan, one: UncertainInput) -> tuple[int, ...]:
 
 
 def _beside(plan: Plan, here: Mapping[str, float], one: UncertainInput, side: float) -> dict[str, float] | None:
-    """Values with an input one standard uncertainty above or below what is stated; None beyond its hard bounds.
-
-    ValueError where the settings of its experiments state several values.
-    """
+    """Values with an input one standard uncertainty above or below what is stated; None beyond its hard bounds."""
     p, u = one.parameter, one.uncertainty
     offered = capability(plan.backend, NominalValues)
-    nominal = [{} if offered is None else offered.nominal(plan.cases[k].settings) for k in _cases(plan, one)]
-    stated = {here.get(p.name, n.get(p.name, p.default)) for n in nominal}
-    if len(stated) > 1:
-        raise ValueError(f"{p.name}: experiments state several values; give each its own uncertainty = {{ {p.name} }}")
-    (at,) = stated
+    first = plan.cases[_cases(plan, one)[0]].settings  # all state the same: the study was checked for it
+    nominal = {} if offered is None else offered.nominal(first)
+    at = here.get(p.name, nominal.get(p.name, p.default))
     assert at is not None  # the study was checked for it
     return {**here, p.name: at + side * u} if p.low <= at + side * u <= p.high else None
 

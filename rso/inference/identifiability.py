@@ -107,6 +107,16 @@ class Determination:
         """The misfit with its errors as much wider as the intervals."""
         return replace(self.misfit, scale=self.misfit.scale * self.wider)
 
+    @property
+    def fisher_of_exact_inputs(self) -> np.ndarray:
+        """The Fisher information (d, d) where stated inputs are right, as wide as the intervals.
+
+        A further test of the same specimen shows its dimensions no better, and they move fit and prediction alike.
+        """
+        exact = replace(self.misfit, data=tuple(v.inputs_exact for v in self.misfit.data))
+        fit = fit_at(exact, self.fit.x) if any(v.inputs for v in self.misfit.data) else self.fit
+        return fit.fisher / self.wider**2
+
     def of(self, name: str) -> Known:
         """What is known of a parameter; KeyError if there is none of this name."""
         found = {k.name: k for k in self.known}

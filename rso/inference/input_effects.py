@@ -25,10 +25,12 @@ from rso.inference.usual_errors import moved_by
 class InputEffect:
     """Responses by case with a stated input as it is, and one standard uncertainty above and below it.
 
-    The `knob` that is the error of an input has the `uncertainty` in its `unit`; `experiments` share it, or all where
-    that is empty.  A case that is missing in one of `above` and `below` had no answer there.
+    `name` is that of the error that it makes, the same for all readings that share it.  The `knob` has the
+    `uncertainty` in its `unit`; `experiments` share it, or all where that is empty.  A case that is missing in one of
+    `above` and `below` had no answer there.
     """
 
+    name: str
     knob: str
     experiments: tuple[str, ...]
     description: str
@@ -37,16 +39,6 @@ class InputEffect:
     stated: Mapping[int, Response]
     above: Mapping[int, Response]
     below: Mapping[int, Response]
-
-    @property
-    def experiment(self) -> str:
-        """The experiments in words; empty for all."""
-        return ", ".join(self.experiments)
-
-    @property
-    def name(self) -> str:
-        """Name of the error that it makes."""
-        return f"{self.experiment}: {self.knob}" if self.experiment else self.knob
 
     def shift(self, place: CurvePlace, case: int) -> np.ndarray:
         """By how much one standard uncertainty moves the curve of a case at its readings (n,), in their unit."""

@@ -105,6 +105,7 @@ def ladder_warnings(plan: Plan, found: LadderFit) -> list[str]:
             "model fits noise. Repeats, or noise.correlation, would decide"
         )
     bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]
+    said += [f"{v.level.name}: {text}" for v in climb.judged if v.detail for text in v.detail.lost]
     said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]
     return said
 

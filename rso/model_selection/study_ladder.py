@@ -76,6 +76,7 @@ class FittedLevel:
     settled: bool
     runs: int
     cpu_s: float
+    lost: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -206,24 +207,28 @@ def fit_level(
     if not level.closed_form:
         prove(plan, evaluator, level, axes, samples[0])
     samples += inherited
+    lost: list[str] = []
     try:
         emulator, last, gap, x, sure = confirm_level(plan, evaluator, level, axes, learnt(plan, axes, samples), last)
         if plan.resolved.inputs and not level.closed_form:
-            plan = with_level_effects(plan, evaluator, level, axes.physical(_point(axes, x)))
+            plan, lost = with_level_effects(plan, evaluator, level, axes.physical(_point(axes, x)))
             emulator, last, gap, x, sure = confirm_level(plan, evaluator, level, axes, emulator, last)
         misfit = likelihood(plan, emulator, last, "fit", x)
         d = determine(misfit, seed=seed, near=x[None], mcmc=False)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise LadderUnanswered(str(error)) from error
-    return _finished(plan, evaluator, axes, emulator, d, last, gap, sure, before)
+    return replace(_finished(plan, evaluator, axes, emulator, d, last, gap, sure, before), lost=tuple(lost))
 
 
-def with_level_effects(plan: Plan, evaluator: Evaluator, level: ModelLevel, values: Mapping[str, float]) -> Plan:
-    """The plan with what uncertain inputs make of its curves under a level; an input that the level fits is none."""
+def with_level_effects(
+    plan: Plan, evaluator: Evaluator, level: ModelLevel, values: Mapping[str, float]
+) -> tuple[Plan, list[str]]:
+    """The plan with what uncertain inputs make of its curves under a level, and which of them count as exact for want
+    of an answer; an input that the level fits is none."""
     resolved = replace(plan.resolved, inputs=tuple(i for i in plan.resolved.inputs if i.parameter.name not in values))
     cases = tuple(replace(c, settings={**c.settings, **level.settings}) for c in plan.cases)
-    found, *_ = learn_effects(Runner(replace(plan, resolved=resolved, cases=cases), evaluator), values)
-    return replace(plan, effects=found.plan.effects)
+    found, _, lost = learn_effects(Runner(replace(plan, resolved=resolved, cases=cases), evaluator), values)
+    return replace(plan, effects=found.plan.effects), lost
 
 
 def _point(axes: Axes, x: np.ndarray) -> dict[str, float]:

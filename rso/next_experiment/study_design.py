@@ -125,10 +125,9 @@ def run_next(
     have = autocorrelated(have, plan.seed)
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
-    if plan.resolved.inputs:
-        have = _with_inputs(plan, axes, points, evaluator, joint[-1].determination, say)
-        learnt = [*have, *(v for v in learnt if not v.item.done)]
-        joint = fits(plan, have)
+    if plan.resolved.inputs:  # what a further test of the same specimen adds is expected for exact dimensions
+        told, lost = _with_inputs(plan, axes, points, evaluator, joint[-1].determination, say)
+        joint, problems = fits(plan, told), {**problems, **({"uncertainty": "; ".join(lost)} if lost else {})}
     whole = joint[-1].determination
     weakest = axes.box.names.index(next(iter(values)) if values else known_worst(whole.known))
     truths = on_valley(
@@ -158,15 +157,14 @@ def _with_inputs(
     evaluator: Evaluator,
     d: Determination,
     say: Callable[[str], None],
-) -> list[Learnt]:
-    """What has been done, learnt again with what uncertain inputs make of it at the most likely point."""
+) -> tuple[list[Learnt], list[str]]:
+    """What has been done, learnt again with what uncertain inputs make of it at the most likely point, and which of
+    these count as exact for want of an answer."""
     say("uncertainty: simulations with the stated inputs one standard uncertainty off")
     values = {**plan.resolved.fixed, **dict(zip(axes.box.names, map(float, d.fit.theta), strict=True))}
     bench, _, lost = learn_effects(Runner(plan, evaluator), values)
-    for text in lost:
-        say(f"warning: {text}")
     again = [learn_item(bench.plan, axes, item, points, evaluator) for item in done(bench.plan)]
-    return autocorrelated([v for v in again if not isinstance(v, str)], plan.seed)
+    return autocorrelated([v for v in again if not isinstance(v, str)], plan.seed), lost
 
 
 def with_scaled_errors(e: PossibleExperiment, scale: float) -> PossibleExperiment:

@@ -59,10 +59,11 @@ def best_depth(
 def gains_of_repeats(d: Determination) -> list[Gain]:
     """What each fitted curve once more, and more readings at the depth that shows most, would add.
 
-    Errors are as much wider as those of the fit: what the model lacks it will lack in the next test too.
+    Errors are as much wider as those of the fit: what the model lacks it will lack in the next test too.  Stated
+    inputs count as exact: a repeat is of the same specimen.
     """
-    box, x, data = d.misfit.model.box, d.fit.x, d.misfit.data
-    J, fisher = d.misfit.model.jacobian(x), d.fit.fisher / d.wider**2
+    box, x, data = d.misfit.model.box, d.fit.x, [v.inputs_exact for v in d.misfit.data]
+    J, fisher = d.misfit.model.jacobian(x), d.fisher_of_exact_inputs
     scale, found, start = d.used.scale, list[Gain](), 0
     for one in data:
         rows = J[start : start + len(one.value)]

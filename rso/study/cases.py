@@ -16,6 +16,7 @@ from rso.contract import (
     Backend,
     Case,
     ContactModulus,
+    NominalValues,
     PlausibleRanges,
     Programme,
     Sketches,
@@ -465,15 +466,19 @@ def _of_a_table(study: Study, place: Place, message: str) -> Place:
 
 
 def _refuse_inputs(study: Study, backend: Backend, resolved: Resolved) -> list[Problem]:
-    """Uncertain inputs that none of the experiments has that share them, with its settings."""
+    """Uncertain inputs that none of the experiments has that share them, or of which they state several values."""
     ranges = capability(backend, PlausibleRanges)
     given = [*(a.name for a in resolved.axes), *resolved.fixed]
-    problems: list[Problem] = []
-    if ranges is None:
-        return problems
+    offered, problems = capability(backend, NominalValues), list[Problem]()
     for i in resolved.inputs:
         each = [study.settings_of(e) for e in i.experiments or [e.name for e in study.experiments]]
-        if all(ranges.plausible(settings, given).get(i.parameter.name, ()) is None for settings in each):
+        values = set() if offered is None else {offered.nominal(s).get(i.parameter.name) for s in each}
+        if len(values) > 1 and i.parameter.name not in resolved.fixed:
+            text = "experiments state several values of it: give each of them its own uncertainty"
+            problems.append(Problem(("uncertainty", i.parameter.name), text))
+        if ranges is not None and all(
+            ranges.plausible(settings, given).get(i.parameter.name, ()) is None for settings in each
+        ):
             n = [e.name for e in study.experiments].index(i.experiments[0]) if i.experiments else 0
             own = i.experiments and i.parameter.name in study.experiments[n].uncertainty
             place: Place = ("experiments", n, "uncertainty") if own else ("uncertainty",)

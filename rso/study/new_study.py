@@ -227,8 +227,8 @@ def _uncertainty(backend: Backend, settings: Mapping[str, Line], parameters: Map
     return [
         "# [uncertainty]  # standard uncertainties of stated dimensions; without them intervals take these as exact",
         *(
-            f'# {name} = "{u * each[name][1]:.2g} {each[name][0]}"  {GUESS_MARK} {words}, with care'
-            for name, (words, u) in found.items()
+            f'# {name} = "{u * each[name][1]:.2g} {each[name][0]}"  {GUESS_MARK} if measured with care'
+            for name, (_, u) in found.items()
         ),
         "",
     ]

@@ -246,7 +246,7 @@ def test_a_study_begins_by_the_backend_that_can(tmp_path):
 
     text = study_text(tmp_path / "study.toml", Declared(), test, files)
     assert '[backend.settings]\nthickness = 5.0\nbase = "glued"  # <- or slip\n\n[parameters]\nmu = { low' in text
-    assert '# delta_t = "20 µm"  # <- the thickness by callipers, with care' in text
+    assert '# delta_t = "20 µm"  # <- if measured with care' in text
     with pytest.raises(ValueError, match="'bare' begins no study"):
         study_text(tmp_path / "study.toml", Bare(), test, files)
 

@@ -290,3 +290,22 @@ def test_a_radius_that_the_readings_show_is_found(tmp_path):
     assert found["uncertain"]["data"][0]["fitted"]["inputs"]["radius"] == pytest.approx(1.0, abs=0.3)
     low, high = found["exact"]["parameters"][0]["interval"]
     assert not low < studies.MU < high and found["exact"]["data"][0]["fitted"]["inputs"] == {}
+
+
+def test_several_stated_values_of_one_input_are_refused(tmp_path, monkeypatch):
+    nominal = lambda self, settings: {"radius": float(settings.get("remark", R))}  # noqa: E731
+    monkeypatch.setattr(indentation_backend.Layer, "nominal", nominal, raising=False)
+    (tmp_path / "thin.csv").write_text(studies.measured(thickness=6.0))
+    both = TWO.replace("thickness = 6 }", "thickness = 6, remark = 4 }")
+    with pytest.raises(StudyError, match=r"uncertainty\.radius: experiments state several values"):
+        identified(tmp_path, **{"[experiments]": both}, uncertainty=f"radius = {U}")
+
+
+def test_a_repeat_of_one_specimen_is_expected_to_show_nothing_of_its_dimensions(tmp_path):
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    exact = identified(tmp_path / "a")["gains"]
+    found = identified(tmp_path / "b", uncertainty=f"radius = {U}")["gains"]
+    assert [g["test"] for g in found] == [g["test"] for g in exact]
+    for a, b in zip(exact, found, strict=True):
+        for when in ("before", "after"):
+            assert b[when]["mu"] == pytest.approx(a[when]["mu"], rel=0.02)

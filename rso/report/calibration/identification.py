@@ -202,7 +202,10 @@ def _gains(results: Results, data: Mapping[str, Any]) -> Table | None:
         for key in ("before", "after"):
             cells = [percent(number((g.get(key) or {}).get(p.name))) for g in rows]
             columns.append(column(f"sd ln {p.letter}", words(cells), key))
-    return table("What would help", columns, "Expected from the slopes of the curve; the range counts as a weak prior.")
+    note = "Expected from the slopes of the curve; the range counts as a weak prior."
+    if data.get("inputs"):
+        note += " Stated dimensions count as exact here: a further test of the same specimen shows them no better."
+    return table("What would help", columns, note)
 
 
 def _values(results: Results, data: Mapping[str, Any]) -> Table | None:
