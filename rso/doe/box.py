@@ -46,21 +46,22 @@ class Box:
         x = self._check(x)
         low, high, log, ratio, _, _ = self._arrays
         theta = np.where(log, low * ratio**x, low + x * (high - low))
-        return np.where(x == 0, low, np.where(x == 1, high, theta))
+        np.copyto(theta, low, where=x == 0)
+        np.copyto(theta, high, where=x == 1)
+        return theta
 
     def to_unit(self, theta: np.ndarray) -> np.ndarray:
         """Inverse of :meth:`from_unit`; θ (..., d). A value <= 0 on a log scale raises ValueError."""
         theta = self._check(theta)
         low, high, log, _, safe, width = self._arrays
-        if ((theta <= 0) & log).any():
-            bad = [
-                n
-                for n, b in zip(self.names, np.any((theta <= 0) & log, axis=tuple(range(theta.ndim - 1))), strict=True)
-                if b
-            ]
+        below = (theta <= 0) & log
+        if below.any():
+            bad = [n for n, b in zip(self.names, np.any(below, axis=tuple(range(theta.ndim - 1))), strict=True) if b]
             raise ValueError(f"box: {', '.join(bad)} must be > 0 on a log scale")
         x = np.where(log, np.log(np.where(log, theta, 1.0) / safe) / width, (theta - low) / (high - low))
-        return np.where(theta == low, 0.0, np.where(theta == high, 1.0, x))
+        np.copyto(x, 1.0, where=theta == high)
+        np.copyto(x, 0.0, where=theta == low)
+        return x
 
     def slope(self, x: np.ndarray) -> np.ndarray:
         """dθ/dx at x (..., d) of the unit cube: high − low, or θ ln(high/low) on a log scale."""

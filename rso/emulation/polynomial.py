@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from rso.emulation.common import (
     within_ranges,
 )
 from rso.emulation.scores import Scores, score
+
+MAX_BATCH_VALUES = 2_000_000  # that a batch holds at a time: 16 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +74,7 @@ class Polynomial:
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
-        return self.of_basis(legendre(within_ranges(X, self.d), self.exponents))
-
-    def of_basis(self, A: np.ndarray) -> np.ndarray:
-        """Mean (n,) from the values A (n, terms) of its terms."""
+        A = legendre(within_ranges(X, self.d), self.exponents)
         return self._moments(A)[0] if self.log else A @ self.coefficients
 
     def outside(self, X: np.ndarray) -> np.ndarray:
@@ -108,6 +108,45 @@ class Polynomial:
             data["story"],
             data.get("inflate", 1.0),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialBatch:
+    """Polynomials of one cube, to be asked for their means together."""
+
+    models: tuple[Polynomial, ...]
+
+    def mean(self, X: np.ndarray) -> np.ndarray:
+        """Means (n, m) at X (n, d) in the unit cube: those of :meth:`Polynomial.mean` but for round-off."""
+        exponents, C, logs, W, s = self._together
+        m = (A := legendre(X, exponents)) @ C
+        if logs.any():
+            rows = max(1, MAX_BATCH_VALUES // W.shape[1])
+            for a in range(0, len(X), rows):
+                at = slice(a, a + rows)
+                h = np.sum((A[at] @ W).reshape(-1, len(s), W.shape[1] // len(s)) ** 2, axis=2)
+                m[at, logs] = from_log(m[at, logs], s * np.sqrt(1.0 + h))[0]
+        return m
+
+    @cached_property
+    def _together(self) -> tuple[np.ndarray, ...]:
+        """All terms (p, d), coefficients (p, m), places of logarithms, their R⁻¹ side by side, and their s."""
+        known: dict[tuple[int, ...], int] = {}
+        rows = [
+            np.array([known.setdefault(tuple(e), len(known)) for e in model.exponents.tolist()])
+            for model in self.models
+        ]
+        C = np.zeros((len(known), len(self.models)))
+        for k, (model, at) in enumerate(zip(self.models, rows, strict=True)):
+            C[at, k] = model.coefficients
+        logs = np.array([k for k, model in enumerate(self.models) if model.log], int)
+        widest = max((len(rows[k]) for k in logs), default=0)
+        W = np.zeros((len(known), len(logs), widest))
+        for j, k in enumerate(logs):
+            R = self.models[k].R
+            W[rows[k], j, : len(R)] = triangular(R, np.eye(len(R)), upper=True).T
+        s = np.array([self.models[k].s for k in logs])
+        return np.array(list(known), int), C, logs, W.reshape(len(known), -1), s
 
 
 def fit_polynomial(X: np.ndarray, y: np.ndarray, *, degree: int | None = None, log: bool = False) -> Polynomial:
@@ -155,11 +194,13 @@ def select(X: np.ndarray, t: np.ndarray, degree: int) -> np.ndarray:
     B = legendre(X, exponents)
     size = np.linalg.norm(B, axis=0)
     q = B[:, 0] / size[0]
-    h, e, order, Q = q**2, t - q * (q @ t), [0], [q]
+    h, e, order = q**2, t - q * (q @ t), [0]
+    Q = np.empty((min(n, len(exponents)), n))
+    Q[0] = q
     B = B - np.outer(q, q @ B)
     best, errors = 1, [_penalised(e, h, 1)]
     while len(order) < min(n - 2, len(exponents)):
-        norm = np.linalg.norm(B, axis=0)
+        norm = np.sqrt(np.einsum("ij,ij->j", B, B))
         usable = norm > 1e-8 * size
         usable[order] = False
         if not usable.any():
@@ -167,10 +208,11 @@ def select(X: np.ndarray, t: np.ndarray, degree: int) -> np.ndarray:
         gain = np.where(usable, np.abs(e @ B) / np.where(usable, norm, 1.0), -1.0)
         k = int(gain.argmax())
         q = B[:, k] / norm[k]
-        q -= np.column_stack(Q) @ (np.column_stack(Q).T @ q)  # once more: rounding has crept into B
-        q /= np.linalg.norm(q)
+        there = Q[: len(order)]
+        q -= (there @ q) @ there  # once more: rounding has crept into B
+        q /= np.sqrt(q @ q)
+        Q[len(order)] = q
         order.append(k)
-        Q.append(q)
         h, e, B = h + q**2, e - q * (q @ e), B - np.outer(q, q @ B)
         errors.append(_penalised(e, h, len(order)))
         # A clearly better fit only: equal errors are rounding and the shorter polynomial is the better one.

@@ -17,6 +17,7 @@ from rso.emulation import (
     held_out_scores,
     model_choice,
     multi_output,
+    polynomial,
     pooled,
     refit,
     score,
@@ -128,6 +129,20 @@ def test_processes_asked_together_answer_to_the_bits_of_each_alone(d, slopes):
     assert sorted(len(columns) for columns, _ in together.batches) == [1, 3]
     for X in (rng.random((1, d)), rng.random((30, d))):
         assert np.array_equal(together.mean(X), np.stack([m.mean(X) for m in models], axis=1))
+
+
+@pytest.mark.parametrize("most", [polynomial.MAX_BATCH_VALUES, 50])
+def test_polynomials_asked_together_answer_as_each_alone(most, monkeypatch):
+    """Of any degree, of the logarithm or not, beside a process, and in as many pieces as memory asks for."""
+    monkeypatch.setattr(polynomial, "MAX_BATCH_VALUES", most)
+    X = design("lhs", 3, 40, 0)
+    y = [np.exp(X.sum(axis=1) + 0.3 * np.sin(3 * X[:, 0] + k)) for k in range(5)]
+    models = [fit_polynomial(X, v, degree=1 + k % 3, log=k != 2) for k, v in enumerate(y[:4])]
+    models = [*models[:2], fit_kriging(X, y[4], seed=0), *models[2:]]
+    together = multi_output(models)
+    assert [columns for columns, _ in together.batches] == [[2], [0, 1, 3, 4]]
+    for Q in (X[:1], sobol_sequence(3, 64, 5)):  # round-off of two ways to the same sum
+        np.testing.assert_allclose(together.mean(Q), np.stack([m.mean(Q) for m in models], axis=1), rtol=1e-12)
 
 
 def test_kriging_error_falls_with_the_number_of_points():
