@@ -40,12 +40,14 @@ def test_friction_holds_the_body(friction):
     np.testing.assert_allclose(ratio, SLOPE, rtol=0.2)
 
 
+@pytest.mark.verification
 def test_without_friction_it_tips():
     turned, ratio, _ = pressed(0.0)
     assert turned > 0.5 and np.all(ratio > 1.4 * SLOPE)
 
 
-@pytest.mark.parametrize("below", [False, pytest.param(True, marks=pytest.mark.verification)])
+@pytest.mark.verification
+@pytest.mark.parametrize("below", [False, True])
 def test_friction_little_above_what_is_needed_holds_as_well_as_much(below):
     """Far from the top 0.26 is needed; friction must not be limited by a pressure that is still to come.
 

@@ -522,7 +522,8 @@ def off_axis(friction: float, *asked: float):
     return {n: v[k] for n, v in found.channels.items()}, {n: v[k] for n, v in found.error.items()}
 
 
-@pytest.mark.parametrize("friction", [pytest.param(0.1, marks=LONG), 0.4])
+@LONG
+@pytest.mark.parametrize("friction", [0.1, 0.4])
 def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, monkeypatch):
     """One step and two to 0.2 and 0.4 mm beside ones of 0.1 mm.
 

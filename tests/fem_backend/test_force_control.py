@@ -52,7 +52,11 @@ def test_what_is_found_does_not_hang_on_which_forces_are_asked_for():
 
 @pytest.mark.parametrize(
     "more",
-    [{"prony_g": 0.4, "prony_tau": 5.0}, {"friction": 0.3}, {"mullins": 0.5}],
+    [
+        {"prony_g": 0.4, "prony_tau": 5.0},
+        pytest.param({"friction": 0.3}, marks=pytest.mark.verification),
+        {"mullins": 0.5},
+    ],
     ids=["relaxes", "rubs", "softens"],
 )
 def test_travel_found_by_force_returns_the_force_when_it_is_replayed(more):

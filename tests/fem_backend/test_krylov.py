@@ -209,6 +209,7 @@ def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, mo
         np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
 
 
+@pytest.mark.verification
 def test_a_body_that_nothing_holds_slips_to_its_wall(make_bench, monkeypatch):
     """Where no rest with everything stuck is found, the path begins where a smooth bowl would let the body lie."""
     b = make_bench({"bowl_friction": 0.2}, **{**BOWL, "point": [8.0, 0.0]})

@@ -27,8 +27,8 @@ def run(values, settings, programme, multipliers):
     return BACKEND({**VALUES, **values}, Case("c", programme, own))
 
 
-# Beside the top the way there and back below is daily.
-LONG = [pytest.param(w, marks=pytest.mark.verification) if w == "beside the top" else w for w in CASES]
+DAILY = "held", "slippery bowl", "relaxing"
+LONG = [w if w in DAILY else pytest.param(w, marks=pytest.mark.verification) for w in CASES]
 
 
 @pytest.mark.parametrize("what", LONG)
@@ -54,6 +54,7 @@ def test_forces_are_those_of_exact_contact(what, monkeypatch):
     assert np.all(np.abs(soft.channels["Fz"] - exact.channels["Fz"])[1:] < soft.error["Fz"][1:])
 
 
+@pytest.mark.verification
 def test_the_way_back_and_lateral_forces():
     there_and_back = Programme((0.0, 3.0, 6.0), (0.0, 1.5, 0.0), (0.5, 1.2))
     values, settings = {"prony_g": 0.4, "prony_tau": 2.0}, {"point": [20.0, 0.0]}

@@ -147,6 +147,7 @@ def test_force_has_no_jumps_in_the_misalignment(make_bench, knob):
     assert np.abs(np.diff(F, axis=0)).max() > 1e-6 * F[0, 2]  # negative control: first differences are seen
 
 
+@pytest.mark.verification
 def test_a_misaligned_ball_meets_elements_as_fine_as_one_that_was_asked_there(make_bench):
     """Misaligned by 5 mm and asked for at 5 mm is one experiment; so is a tilt and the same path seen by the body.
 

@@ -38,11 +38,11 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rso.evaluation.WorkerPool", studies.Here)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session", autouse=True)
 def surfaces_learnt_once() -> Iterator[None]:
-    """Surfaces of the same simulations are the same: those that other data of a module are held to are fitted once."""
+    """Surfaces of the same simulations are the same: a process fits them once, whatever test asks for them."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("fit_curve", "fit_surrogate"):
+        for name in ("fit_curve", "fit_surrogate", "refit", "refit_curve"):
             patch.setattr(emulator, name, _once(getattr(emulator, name)))
         yield
 

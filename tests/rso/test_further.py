@@ -31,7 +31,6 @@ from rso.report.optimal_design.report import render_next, report
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
 
-pytestmark = pytest.mark.usefixtures("surfaces_learnt_once")
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
 
 

@@ -27,7 +27,6 @@ from rso.report.model_selection.report import render_ladder, report, value_text
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
 
-pytestmark = pytest.mark.usefixtures("surfaces_learnt_once")
 MU, D1 = 0.01, 8.0
 STUDY = """
 [study]

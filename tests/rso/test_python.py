@@ -15,8 +15,6 @@ from sample_studies import D1, MU, QUICK, THICKNESS
 
 import rso
 
-pytestmark = pytest.mark.usefixtures("surfaces_learnt_once")
-
 PUBLIC = [
     "AskedRun", "Backend", "Case", "FreeCurve", "FunctionModel", "Parameter", "ParetoResult", "ParetoStudy",
     "Programme", "Response", "RunResult", "SimulationFailed", "SpecimensResult", "SpecimensStudy", "StudyError",

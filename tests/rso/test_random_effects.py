@@ -172,7 +172,7 @@ def test_intervals_cover(k, tau):
     """
     rng = np.random.default_rng(k)
     hits = np.zeros(3)
-    small, marked, trials = 0, 0, 150
+    small, marked, trials = 0, 0, 100
     for _ in range(trials):
         every = gaussians(*simulated(rng, k, tau))
         found = random_effects(every)

@@ -52,7 +52,9 @@ def holds(d):
     return all(k.profile_interval.low <= x <= k.profile_interval.high for k, x in zip(d.known, X, strict=True))
 
 
-@pytest.mark.parametrize("length, stated", [(0.1, Noise(**NONE)), (0.3, Noise(Fz=SD, **NONE))])
+@pytest.mark.parametrize(
+    "length, stated", [(0.1, Noise(**NONE)), pytest.param(0.3, Noise(Fz=SD, **NONE), marks=pytest.mark.verification)]
+)
 def test_intervals_of_readings_that_remember_hold_the_truth(length, stated):
     """Both 90 % intervals in three of four sets at least, four standard deviations below 0.9² or more where they go
     together; as white noise, the control, they do so in half at most."""
@@ -66,7 +68,7 @@ def test_intervals_of_readings_that_remember_hold_the_truth(length, stated):
     assert all(NEIGHBOURS in d.story and "noise.correlation" in d.story and d.warning for d in said)
 
 
-@pytest.mark.parametrize("length", [0.0, 0.3])
+@pytest.mark.parametrize("length", [pytest.param(0.0, marks=pytest.mark.verification), 0.3])
 def test_usual_errors_hold_the_truth_whether_readings_remember_or_not(length):
     """Nothing stated: both 90 % intervals in three of four sets at least, and hardly one in ten refuted."""
     rng = np.random.default_rng(3)

@@ -18,8 +18,6 @@ from rso.evaluation.store import RunStore
 from rso.report.calibration.numbers import report as document
 from rso.study.loader import load_study
 
-pytestmark = pytest.mark.usefixtures("surfaces_learnt_once")
-
 BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
 ONE_MU = "mu = {{ low = {}, high = {} }}\nD1 = {{ value = 60 }}"
 SEARCH = studies.SECTIONS["search"].replace("repair = false\n", "")

@@ -14,8 +14,6 @@ from rso.doe import Box
 from rso.emulation.emulator import Output, Sample, learn_emulator
 from rso.inference import Data, Misfit, Model, determine
 
-pytestmark = pytest.mark.usefixtures("surfaces_learnt_once")
-
 BOX = Box(("a", "b"), ("", ""), (0.0, 0.0), (1.0, 1.0), (False, False))
 AT = np.linspace(0.1, 1.0, 10)
 

@@ -49,7 +49,7 @@ def finished(tmp_path_factory):
 # ------------------------------------------------------------------------------------------------------ disks, folders
 
 
-@pytest.mark.parametrize("largest_file", [1, 60_000])
+@pytest.mark.parametrize("largest_file", [1, pytest.param(60_000, marks=pytest.mark.verification)])
 def test_full_disk_then_room_again(tmp_path, finished, largest_file, here):
     studies.write(tmp_path, **QUICK)
     full = rso("run", tmp_path, "--jobs", 1, largest_file=largest_file)

@@ -18,7 +18,6 @@ from rso.study.loader import load_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "calculix"
 needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="needs ccx (apt-get install calculix-ccx)")
-LONG = pytest.mark.verification  # fTetWild makes a mesh of its own for this body, the mapped one is as fine
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +81,8 @@ def test_without_ccx_check_and_run_say_so(copy, monkeypatch, capsys):
     assert "program 'ccx' of command" in said and "was not found" in said and "Traceback" not in said
 
 
-@pytest.mark.parametrize(
-    "mesh", [{"mesher": "mapped", "n": 12, "slip": 0.7}, pytest.param({"level": "coarse"}, marks=LONG)], ids=str
-)
+@pytest.mark.verification
+@pytest.mark.parametrize("mesh", [{"mesher": "mapped", "n": 12, "slip": 0.7}, {"level": "coarse"}], ids=str)
 def test_the_reference_is_that_of_the_present_finite_elements(mesh):
     """On a coarser mesh, within what that mesh and the shipped curve, of the fine one, state for their errors."""
     from fem_backend.backend import BACKEND

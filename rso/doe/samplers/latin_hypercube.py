@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,11 @@ def latin(d: int, runs: int, seed: int, optimise: bool = True) -> np.ndarray:
 
     The same bits as `scipy.stats.qmc.LatinHypercube` with and without "random-cd", whose import takes half a second.
     """
+    return _latin(d, runs, seed, optimise).copy()
+
+
+@lru_cache(maxsize=8)
+def _latin(d: int, runs: int, seed: int, optimise: bool) -> np.ndarray:
     rng = np.random.default_rng(seed).spawn(1)[0]
     inside = rng.uniform(size=(runs, d))
     rows = np.tile(np.arange(1, runs + 1), (d, 1))
