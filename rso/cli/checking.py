@@ -15,12 +15,12 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import MAX_DESCENT_END_ROUNDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import held_out_experiments
-from rso.cli.answer import interval_in_unit
+from rso.cli.answer import interval_in_unit, number_text
 from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.digits import quantity_text
 from rso.core.symbols import symbol
-from rso.core.units import spaced
+from rso.core.units import people, spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
@@ -339,18 +339,25 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (
-                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {knob} would be "
-                f"{value:.2g} MPa. Check the sign and the zero, and that this is no tensile record. For adhesion, "
+                f"Fz falls while the indenter goes deeper: in the limit of small contacts{theory} {symbol(knob)} would "
+                f"be {_modulus(value)}. Check the sign and the zero, and that this is no tensile record. For adhesion, "
                 "open `adhesion` in [parameters]"
             )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
-        out.append(f"shallow half, in the limit of small contacts{theory}: {knob} about {value:.2g} MPa")
+        out.append(f"shallow half, in the limit of small contacts{theory}: {symbol(knob)} about {_modulus(value)}")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         fixed = plan.resolved.fixed.get(knob)
         low, high = (axis.low, axis.high) if axis else (fixed, fixed)
         if low is not None and high is not None and not low / FAR_MODULUS_RATIO < value < high * FAR_MODULUS_RATIO:
-            out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
+            span = interval_in_unit((low, high), "MPa")
+            out.append(f"  that is far from {span}: are the units of force and depth right?")
     return out
+
+
+def _modulus(value: float) -> str:
+    """A modulus (MPa) to two digits in the unit that people use."""
+    label, factor = people("MPa", abs(value))
+    return f"{number_text(value * factor, 2)} {label}"
 
 
 def _theory(plan: Plan, name: str) -> str:
