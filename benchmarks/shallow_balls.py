@@ -1,7 +1,8 @@
-"""Random balls hardly pressed in, beside the level reference: `python shallow_balls.py [--cases N] [--levels …]`.
+"""Random balls hardly pressed in, beside what finer elements have: `python shallow_balls.py [--cases N] [--levels …]`.
 
     --cases N       how many of each level (40)
     --levels L …    coarse and standard without
+    --space         in three dimensions: blocks, and slabs and pucks beside their axis or under a tilted way
 
 Bodies, supports and laws of `meridian_gate.py`, also layers; from 0.002 to 0.3 radii; forces at four depths.  For each
 level: what is off, what is stated, how many stated errors cover it, and their ratio.
@@ -17,6 +18,7 @@ import numpy as np
 from meridian_gate import LAWS, MU, R, specimen
 
 from fem_backend.backend import BACKEND
+from fem_backend.meshing.grids import GRID_SIZE_FACTORS
 from rso.contract import Case, Programme, SimulationFailed
 
 SEED = 44
@@ -48,6 +50,29 @@ def drawn(k: int) -> tuple[dict[str, Any], dict[str, float], float]:
     return table, {"mu": MU, "D1": 2.0 / (ratio * MU), **LAWS[law]}, depth
 
 
+def drawn_in_space(k: int) -> tuple[dict[str, Any], dict[str, float], float]:
+    """The same of a bonded body that is no body of revolution, or not pressed as one."""
+    rng = np.random.default_rng((SEED + 1, k))
+    H, wide = (R * float(np.exp(rng.uniform(np.log(a), np.log(b)))) for a, b in ((0.7, 4.0), (3.0, 5.0)))
+    aside = {"point": [float(rng.uniform(0.1, 0.5)) * wide, 0.0]}
+    bodies: list[tuple[dict[str, Any], dict[str, Any]]] = [
+        ({"shape": "block", "size": [2.0 * wide, 2.0 * wide * float(rng.uniform(0.6, 1.0)), H]}, {}),
+        ({"shape": "cylinder", "radius": wide, "height": H}, aside),
+        ({"shape": "slab", "thickness": H}, {"tilt": True}),
+    ]
+    body, more = bodies[rng.integers(3)]
+    if rng.integers(3) == 0:
+        ratio = float(np.exp(rng.uniform(np.log(0.05), np.log(20.0))))
+        body["layers"] = [{"thickness": float(rng.uniform(0.05, 0.5)) * H, "ratio": ratio}]
+    law, ratio = list(LAWS)[rng.integers(4)], float(np.exp(rng.uniform(np.log(1.2), np.log(200.0))))
+    values = {"mu": MU, "D1": 2.0 / (ratio * MU), **LAWS[law]}
+    if more.pop("tilt", False):
+        values["tilt_y"] = float(rng.uniform(1.0, 8.0))
+    depth = R * float(np.exp(rng.uniform(np.log(0.002), np.log(0.3))))
+    table = {"specimen": body, "indenter": {"shape": "sphere", "radius": R}, "support": {"kind": "bonded"}, **more}
+    return {**table, "material": {"law": law}, "derivatives": False}, values, depth
+
+
 def forces(table: dict[str, Any], values: dict[str, float], depth: float, level: str) -> tuple[np.ndarray, ...]:
     """Force (4,) N, its stated error and CPU s of a run."""
     case = Case("ball", Programme.ramp(tuple(depth * SHARES), 1.0), {**table, "mesh": {"level": level}})
@@ -56,19 +81,27 @@ def forces(table: dict[str, Any], values: dict[str, float], depth: float, level:
     return found.channels["Fz"], found.error["Fz"], np.array(time.process_time() - started)
 
 
+def of_no_size(table: dict[str, Any], values: dict[str, float], depth: float) -> np.ndarray:
+    """Forces (4,) N in space for elements of no size: those of standard and fine, whose errors go as h²."""
+    coarser, finer = (forces(table, values, depth, level)[0] for level in ("standard", "fine"))
+    share = (GRID_SIZE_FACTORS["fine"] / GRID_SIZE_FACTORS["standard"]) ** 2
+    return finer + (finer - coarser) * share / (1.0 - share)
+
+
 def main() -> None:
     """Print a line a case and a line a level."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=40)
     parser.add_argument("--levels", nargs="+", default=["coarse", "standard"])
+    parser.add_argument("--space", action="store_true")
     options = parser.parse_args()
     off: dict[str, list[np.ndarray]] = {level: [] for level in options.levels}
     said: dict[str, list[np.ndarray]] = {level: [] for level in options.levels}
     spent: dict[str, list[float]] = {level: [] for level in options.levels}
     for k in range(options.cases):
-        table, values, depth = drawn(k)
+        table, values, depth = drawn_in_space(k) if options.space else drawn(k)
         try:
-            best, _, _ = forces(table, values, depth, "reference")
+            best = of_no_size(table, values, depth) if options.space else forces(table, values, depth, "reference")[0]
             for level in options.levels:
                 F, error, cpu = forces(table, values, depth, level)
                 off[level].append(np.abs(F / best - 1.0))

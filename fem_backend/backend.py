@@ -360,9 +360,9 @@ class FiniteElements:
     def exported(self, kind: str, values: Mapping[str, float], case: Case, remarks: Sequence[str]) -> Mapping[str, str]:
         """File → text; ValueError for what a format cannot say."""
         self.check(case)
-        settings = experiment.read_settings(case.settings)
         if programmes.controlled(case.programme):
             raise ValueError("a programme that a force controls is not written for other programs")
+        settings = dataclasses.replace(_read(case), large_strain=False)
         path = case.artefact("mesh")
         mesh = None if path is None else str(path)
         try:
@@ -607,8 +607,11 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme, 
     meridian was never remade.  5: new meshes were coarser, none were made with friction and under a force, and an
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
     rounded tip were too long.  6: no later meshes were made below many edges.  7 and 8: errors were stated too small
-    where contact just reaches a rounded edge.  9: elements did not follow a contact much smaller than a ball or a tip.
+    where contact just reaches a rounded edge.  9 and 10: elements did not follow a contact much smaller than a ball or
+    a tip, on a meridian and in grids of three dimensions.
     """
+    if _small_in_space(settings, kept, run):
+        return 10
     finest = np.isfinite(settings.indenter.finest[1])
     pointed = finest and contact_elements.gathers(settings.indenter)
     if on_axis(settings) and finest and not pointed:
@@ -640,6 +643,16 @@ def _small(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     if programmes.controlled(programme):
         return contact_elements.for_force(settings, kept, *programmes.goals(programme)).fine is not None
     return contact_elements.shallow(settings, max(programme.travel_mm)).fine is not None
+
+
+def _small_in_space(settings: Settings, kept: Mapping[str, float], programme: Programme) -> bool:
+    """The same in space, where a force says too late how deep it leads."""
+    if programmes.controlled(programme):
+        return False
+    deepest = max(*programme.travel_mm, settings.earlier)
+    if contact_elements.shallow_in_space(settings, deepest).recipe == settings.recipe:
+        return False
+    return _placed(settings, kept, lambda at: not at.meridian)
 
 
 def _from_zero(programme: Programme) -> Programme:
@@ -690,7 +703,8 @@ def _read(case: Case) -> Settings:
     settings = experiment.read_settings(case.settings)
     if programmes.controlled(case.programme):
         return settings
-    return experiment.for_travel(settings, max(*case.programme.travel_mm, settings.earlier))
+    deepest = max(*case.programme.travel_mm, settings.earlier)
+    return experiment.for_travel(contact_elements.shallow_in_space(settings, deepest), deepest)
 
 
 def _through(settings: Settings) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from fem_backend import closed_forms
 from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL_PENALTY_RATIO
+from fem_backend.meshing import graded_for
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import SEALED, Settings, element_size, on_axis, profile_name
@@ -239,7 +240,8 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     corners = result.system.body.nodes[result.system.pressing.surface.facets[:, :3]]
     x, y = indenter_place(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
-    near = corners[away <= max(BELOW_INDENTER_RADIUS_RATIO * settings.indenter.length, float(away.min()))]
+    length = min(settings.indenter.length, graded_for(settings.recipe))
+    near = corners[away <= max(BELOW_INDENTER_RADIUS_RATIO * length, float(away.min()))]
     h = float(np.linalg.norm(near - np.roll(near, 1, axis=1), axis=2).mean())
     return max(1.0, (h / (MEAN_EDGE_RATIO * settings.h0)) ** 2)
 
@@ -456,7 +458,8 @@ def at_depth(settings: Settings, depth: float) -> float:
     Of what may be solved on its meridian: 0.13 % f² + 35 % (h₀/a)², f the fineness, as of slabs and a half-space at 0.1
     to 1.5 R beside an independent program.
     """
-    settings = contact_elements.shallow(settings, depth) if on_axis(settings) else settings
+    follow = contact_elements.shallow if on_axis(settings) else contact_elements.shallow_in_space
+    settings = follow(settings, depth)
     h0 = element_size(settings, on_axis(settings))
     H = settings.specimen.mean_curvature(*settings.point)
     a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))

@@ -66,7 +66,9 @@ def make_anchor(recipe: str) -> bytes:
     Poisson's ratio; `ratio` itself.  Raises meshing.BadMesh.
     """
     data = json.loads(recipe)
-    settings = replace(experiment.read_settings(data["settings"]), large_strain=data.get("large_strain", False))
+    settings = replace(
+        experiment.read_settings(data["settings"]), recipe=data["recipe"], large_strain=data.get("large_strain", False)
+    )
     knobs = knobs_class()(mu=1.0, D1=2.0 / data["K_over_mu"], **settings.support.from_anchor(data))
     placement = replace(modelling.placement_of(settings, knobs), planes=tuple(data["planes"]))
     model = modelling.model_for(settings, knobs, placement, None)

@@ -124,8 +124,12 @@ class Indenter(Rigid, Protocol):
         axis: np.ndarray,
         planes: tuple[bool, bool],
         attraction: np.ndarray | None,
+        width: float = np.inf,
     ) -> Contact:
-        """Area, radius and peak pressure from positions x (n, 3) and pressures (f, q) MPa per reference area."""
+        """Area, radius and peak pressure from positions x (n, 3) and pressures (f, q) MPa per reference area.
+
+        Contact is known to be hardly wider than the `width` (mm).
+        """
 
     def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Closed line (k, 2) of its cut by the plane of unit vectors `across` (2, 3) through its reference point."""

@@ -182,6 +182,7 @@ class OfRevolution(Axial):
         axis: np.ndarray,
         planes: tuple[bool, bool],
         attraction: np.ndarray | None,
+        width: float = np.inf,
     ) -> Patch:
         """Contact patch, see :func:`.spherical_patch.patch_on`; `axis` (3,) is its own, out of the specimen.
 

@@ -205,9 +205,12 @@ class Sphere(Axial):
         axis: np.ndarray,
         planes: tuple[bool, bool],
         attraction: np.ndarray | None,
+        width: float = np.inf,
     ) -> Patch:
         """Contact patch: see :func:`.spherical_patch.contact_patch`."""
-        return contact_patch(surface, x, pressure, centre, self.R, tuple(axis), planes, attraction=attraction)
+        return contact_patch(
+            surface, x, pressure, centre, self.R, tuple(axis), planes, attraction=attraction, width=width
+        )
 
     def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Closed line (k, 2) mm of the sphere, with a piece of its shaft, in the plane of the unit vectors `across`."""

@@ -53,6 +53,7 @@ def contact_patch(
     planes: tuple[bool, bool] = (False, False),
     sectors: int = 16,
     attraction: np.ndarray | None = None,
+    width: float = np.inf,
 ) -> Patch:
     """Contact patch from positions x (n, 3), pressure (f, q) MPa per reference area, the ball's centre (3,) and radius.
 
@@ -61,6 +62,7 @@ def contact_patch(
     The edge: outside a smooth contact the gap opens as g ∝ (s − s_e)^{3/2} (Johnson 1985, eq. 3.42a expanded), so
     s = s_e(θ) + c₁ g^{2/3} + c₂ g^{4/3} + c₃ g² is fitted to the free points around g = 0.06 R, with the harmonics of θ
     that symmetry allows; then area = ½ ∮ s_e dθ.  Gaps are displacements and far smoother than pressures at points.
+    Beside a contact hardly wider than w, the `width`, gaps are smaller: 0.06 w²/R.
     Measured against a finer mesh (R = 3 mm, level standard): area 1 % to 2 mm of travel, 5 % at 4 mm; coarse 18 %,
     where surface elements have stretched to the width of the ball.
     The profile: p = √(1 − ξ) Σ c_k ξᵏ, ξ = s/s_e, k ≤ 3, fitted to force per current area; Hertz is c₀ alone.
@@ -75,7 +77,8 @@ def contact_patch(
         distance = np.linalg.norm(d, axis=-1)
         return distance - radius, 2.0 * radius**2 * (1.0 + d @ up / distance)
 
-    cap = Cap(seen, lambda s: _plan(s, radius), EDGE_GAP_RATIO * radius)
+    near = EDGE_GAP_RATIO * radius * min(width / radius, 1.0) ** 2
+    cap = Cap(seen, lambda s: _plan(s, radius), near)
     return patch_on(surface, x, pressure, centre, cap, up, planes, sectors, attraction)
 
 

@@ -8,6 +8,7 @@ Bodies of revolution touched on their axis have graded grids of their meridian, 
 have graded grids in three dimensions, see `grids`.
 """
 
+from fem_backend.meshing.grids import graded_for, is_grid
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
 from fem_backend.meshing.meridian import MeridianMesh, Size, graded_coordinates, halved, triangulated
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, read_arrays, volumes, with_mid_edge_nodes
@@ -49,7 +50,9 @@ __all__ = [
     "assemble",
     "cached",
     "graded_coordinates",
+    "graded_for",
     "halved",
+    "is_grid",
     "kuhn_simplex",
     "make_mesh",
     "mapped_quarter",

@@ -51,6 +51,16 @@ def grid_recipe(x: Along, y: Along, z: Along, length: float, level: str, edges: 
     return json.dumps({"mesher": GRID_MESHER, "version": 1, **words}, sort_keys=True)
 
 
+def is_grid(recipe: str) -> bool:
+    """Whether a recipe is that of a grid."""
+    return bool(recipe) and json.loads(recipe).get("mesher") == GRID_MESHER
+
+
+def graded_for(recipe: str) -> float:
+    """Length (mm) of the indenter that the grid of a recipe is graded for; infinite where it is that of no grid."""
+    return float(json.loads(recipe)["length"]) if is_grid(recipe) else np.inf
+
+
 def first_size(length: float, level: str) -> float:
     """Size (mm) of the elements that an indenter of a `length` meets, where the body is not small beside it."""
     return FINEST_SIZE_RATIO * GRID_SIZE_FACTORS[level] * length

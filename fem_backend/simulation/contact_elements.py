@@ -18,6 +18,7 @@ import numpy as np
 
 from fem_backend import closed_forms
 from fem_backend.indenters import Indenter
+from fem_backend.meshing import is_grid
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 
@@ -112,6 +113,22 @@ def shallow(settings: Settings, deepest: float, later: float = 0.0) -> Settings:
     return replace(
         settings, fine=(unit * _power(h / unit, math.floor), unit * _power(FINE_RADIUS_RATIO * a / unit, math.ceil))
     )
+
+
+def shallow_in_space(settings: Settings, deepest: float) -> Settings:
+    """The same for a body in space whose mesh is a grid: that of an indenter no longer than the contact is wide.
+
+    Grids of one level then have as many elements along the radius of the deepest contact, however shallow it is.
+    """
+    smooth = math.isinf(settings.indenter.finest[1]) or gathers(settings.indenter)
+    if not smooth or deepest <= 0.0 or not is_grid(settings.recipe):
+        return settings
+    unit = settings.indenter.length
+    a = float(settings.indenter.contact_radius(np.array(deepest), settings.specimen.mean_curvature(*settings.point)))
+    if a >= unit:
+        return settings
+    made = settings.specimen.meshing(unit * _power(a / unit, math.floor), "tetwild", settings.level, 0, 0.0)
+    return replace(settings, recipe=made.recipe, h0=made.h0)
 
 
 def spacing(settings: Settings) -> Callable[[np.ndarray], np.ndarray]:

@@ -12,6 +12,7 @@ from fem_backend.contact import tractions
 from fem_backend.contact.rings import ring_patch
 from fem_backend.contact.tractions import Pair
 from fem_backend.indenters import Contact
+from fem_backend.meshing import graded_for
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import Placement
 from fem_backend.simulation.experiment import Settings, profile_name
@@ -53,8 +54,10 @@ def channels(
     if placement.meridian:
         patch = ring_patch(surface, x, touching.pressure, touching.attraction)
     else:
-        normal, planes = placement.normal, placement.planes
-        patch = placement.indenter.patch(surface, x, touching.pressure, centre, normal, planes, touching.attraction)
+        normal, planes, width = placement.normal, placement.planes, graded_for(at.settings.recipe)
+        patch = placement.indenter.patch(
+            surface, x, touching.pressure, centre, normal, planes, touching.attraction, width
+        )
     active = touching.pressure > 0
     share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
     out = {

@@ -264,7 +264,7 @@ class Paraboloid:
     def normal(self, specimen, touch, direction):
         return specimen.above(*touch[:2])[1]
 
-    def patch(self, surface, x, pressure, centre, axis, planes, attraction):
+    def patch(self, surface, x, pressure, centre, axis, planes, attraction, width=np.inf):
         area = 2 ** sum(planes) * float((surface.weights * (pressure > 0.0)).sum())
         return SimpleNamespace(area=area, radius=math.sqrt(area / math.pi), peak=float(pressure.max()))
 
