@@ -155,6 +155,10 @@ class FiniteElements:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
         return priors.gauges(experiment.read_settings(settings))
 
+    def dimensions(self, settings: Mapping[str, Any]) -> Mapping[str, float]:
+        """Knob → the stated size that it is an error of, in the knob's unit; 1 of what is a share."""
+        return priors.dimensions(experiment.read_settings(settings))
+
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
         return priors.variants(experiment.read_settings(settings))

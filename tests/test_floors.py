@@ -146,7 +146,7 @@ LAYERS = {
     ),
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
-        "formula_comparison range_ends readings required_runs stages stated_settings stored_runs",
+        "formula_comparison input_sides range_ends readings required_runs stages stated_settings stored_runs",
         "deformed_body finished_runs held_out joined_runs sensitivity_stage uncertain_inputs",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
@@ -383,11 +383,11 @@ LAYERS = {
         "reference",
     ),
     "rso.study": (
-        "base_table confusable_text fields line_numbers settings_files",
+        "base_table confusable_text dimensions fields line_numbers settings_files",
         "columns_table deck_table errors noise_table objectives_table search_table",
         "analysis_tables laboratory_nominal specimens_table toml_text",
         "schema",
-        "dimensions keys loader resolve sources",
+        "input_sizes keys loader resolve sources",
         "cases specimens",
         "holds laboratory_folder",
         "creep new_study",

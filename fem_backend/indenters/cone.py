@@ -141,6 +141,10 @@ class Cone(OfRevolution):
         """The table of the canonical settings: a pyramid is the cone that stands for it."""
         return {"shape": self.name, "half_angle": self.half_angle, "tip_radius": self.tip_radius}
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Half angle and radius of the tip."""
+        return {"delta_half_angle": self.half_angle, "delta_tip_radius": self.tip_radius}
+
     def actual(self, knobs: Any, specimen: Any) -> Cone:
         """The cone with the errors of its angle and tip; ValueError where these are none of a rounded cone."""
         angle, tip = self.half_angle + knobs.delta_half_angle, self.tip_radius + knobs.delta_tip_radius

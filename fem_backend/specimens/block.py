@@ -100,7 +100,7 @@ class Cuboid(FlatTopped):
     )
     smallest_words: ClassVar[str] = "height or half the width"
     of_revolution: ClassVar[bool] = False
-    gauges: ClassVar[Mapping[str, float]] = {"delta_lx": 0.02, "delta_ly": 0.02, "delta_lz": 0.02}
+    gauges: ClassVar[Mapping[str, float]] = {"delta_lx": 0.02, "delta_ly": 0.02, "delta_lz": 0.02, "delta_layer": 0.02}
 
     @property
     def height(self) -> float:  # type: ignore[override]
@@ -152,6 +152,13 @@ class Cuboid(FlatTopped):
         return replace(
             self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k), met=self.unlike
         )
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its sizes, and its layer."""
+        return {
+            **{f"delta_l{a}": v for a, v in zip(AXIS_NAMES, (self.lx, self.ly, self.lz), strict=True)},
+            **self.uppermost(),
+        }
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

@@ -101,7 +101,7 @@ class Cylinder(FlatTopped):
         ),
         LAYERED,
     )
-    gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02}
+    gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02, "delta_layer": 0.02}
 
     @property
     def height(self) -> float:  # type: ignore[override]
@@ -146,6 +146,10 @@ class Cylinder(FlatTopped):
         """Its sizes and layers."""
         radius, height = members.length_words(self.radius), members.length_words(self.tall)
         return f"a cylinder of radius {radius} and height {height}{self.layers_described}"
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Radius and height, and its layer."""
+        return {"delta_radius": self.radius, "delta_height": self.tall, **self.uppermost()}
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

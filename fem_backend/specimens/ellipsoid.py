@@ -102,6 +102,10 @@ class Ellipsoid(Ellipsoidal):
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Its semi-axes."""
+        return dict(zip(("delta_a", "delta_b", "delta_c"), map(float, self.semi_axes), strict=True))
+
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its semi-axis."""
         return dict(zip(("delta_a", "delta_b", "delta_c"), map(float, self._relative), strict=True))

@@ -179,6 +179,10 @@ class Surface(InSpace):
         """No scan is symmetric."""
         return False, False
 
+    def dimensions(self) -> Mapping[str, float]:
+        """The scale of the scan."""
+        return {"delta_scan": 1.0}
+
     def factors(self) -> Mapping[str, float]:
         """The error of the size is a share."""
         return {}

@@ -87,6 +87,7 @@ class BowlSupport:
         ),
     )
     lengths: ClassVar[tuple[str, ...]] = ("bowl_clearance",)
+    gauges: ClassVar[Mapping[str, float]] = {}
     loose: ClassVar[bool] = True
     variant: ClassVar[str] = "bowl"
     words: ClassVar[str] = "in a bowl"
@@ -126,6 +127,10 @@ class BowlSupport:
         if isinstance(specimen, EllipsoidShape):
             return None
         return f'support.kind = "bowl" has the shape of the specimen, an ellipsoid; there is none of a {specimen.name}'
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its clearance is a knob by itself."""
+        return {}
 
     def actual(self, knobs: Any) -> BowlSupport:
         """Knobs change its pairs alone."""

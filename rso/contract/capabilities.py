@@ -46,6 +46,14 @@ class NominalValues(Protocol):
         ...
 
 
+class StatedDimensions(Protocol):
+    """Sizes of body and indenter; without it an uncertainty is compared with the hard bounds of its knob alone."""
+
+    def dimensions(self, settings: Settings, /) -> Mapping[str, float]:
+        """Knob → the size, stated by these settings, that it is an error of, in the knob's unit; 1 of a share of it."""
+        ...
+
+
 class PhysicalBounds(Protocol):
     """Bounds of nature; without it only the hard bounds of knobs limit the sizes of effects."""
 
@@ -466,7 +474,7 @@ class Fingerprint(Protocol):
 
 
 CAPABILITY_GROUPS: Mapping[str, tuple[type, ...]] = {
-    "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
+    "priors": (PlausibleRanges, NominalValues, StatedDimensions, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy, Relaxation, ForceControl),
     "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (

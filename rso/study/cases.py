@@ -16,8 +16,6 @@ from rso.contract import (
     Backend,
     Case,
     ContactModulus,
-    NominalValues,
-    PlausibleRanges,
     Programme,
     Sketches,
     by_contents,
@@ -38,8 +36,9 @@ from rso.data import (
     surface_cloud,
     without_spikes,
 )
-from rso.study.dimensions import dimension_errors
+from rso.study.dimensions import MISREAD_SETTING_ERRORS
 from rso.study.errors import Problem, choices_text, study_error
+from rso.study.input_sizes import refuse_inputs
 from rso.study.line_numbers import LineElsewhere, Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
@@ -65,8 +64,6 @@ PROFILE_NOT_USED_NOTE = (
 )
 # of settings
 UNDRAWN_SETTINGS = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")
-# settings of the wrong type end in any of these
-MISREAD_SETTING_ERRORS = (ValueError, TypeError, LookupError, AttributeError)
 
 
 def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
@@ -398,8 +395,9 @@ def refuse_what_is_not_modelled(
         text = 'profiles are not fitted: at least one force curve needs role = "fit"'
         problems.append(Problem(("experiments",), text))
     problems += _refuse_search(study, backend)
-    problems += _refuse_inputs(study, backend, resolved)
     opened = [a.name for a in resolved.axes]
+    if not problems:  # settings that can be read
+        problems += refuse_inputs(study, backend, resolved.inputs, resolved.fixed, opened)
     for p in backend.parameters:
         if p.default is None and p.name not in opened and p.name not in resolved.fixed:
             text = f"the backend needs {p.name!r} ({p.description}, {p.unit}): give low and high, or value"
@@ -463,29 +461,6 @@ def _of_a_table(study: Study, place: Place, message: str) -> Place:
     named = re.match(r"\w+((?:\.\w+)+)", message)
     deep = (*place, *named[1][1:].split(".")) if named else place
     return deep if isinstance(study.lines.get(deep), LineElsewhere) else place
-
-
-def _refuse_inputs(study: Study, backend: Backend, resolved: Resolved) -> list[Problem]:
-    """Uncertain inputs that none of the experiments has that share them, or of which they state several values."""
-    ranges = capability(backend, PlausibleRanges)
-    given = [*(a.name for a in resolved.axes), *resolved.fixed]
-    offered, problems = capability(backend, NominalValues), list[Problem]()
-    for i in resolved.inputs:
-        each = [study.settings_of(e) for e in i.experiments or [e.name for e in study.experiments]]
-        values = set() if offered is None else {offered.nominal(s).get(i.parameter.name) for s in each}
-        if len(values) > 1 and i.parameter.name not in resolved.fixed:
-            text = "experiments state several values of it: give each of them its own uncertainty"
-            problems.append(Problem(("uncertainty", i.parameter.name), text))
-        if ranges is not None and all(
-            ranges.plausible(settings, given).get(i.parameter.name, ()) is None for settings in each
-        ):
-            n = [e.name for e in study.experiments].index(i.experiments[0]) if i.experiments else 0
-            own = i.experiments and i.parameter.name in study.experiments[n].uncertainty
-            place: Place = ("experiments", n, "uncertainty") if own else ("uncertainty",)
-            choices = list(dict.fromkeys(k for settings in each for k in dimension_errors(backend, settings, given)))
-            text = f"these settings have no {i.parameter.description}; {choices_text(i.parameter.name, choices)}"
-            problems.append(Problem((*place, i.parameter.name), text))
-    return problems
 
 
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:

@@ -36,6 +36,7 @@ U = np.array([0.5, 1.0])
 VALUES = {"mu": 0.01}
 ASKED = {  # what rso hands over, and a look at the answer
     "plausible": ((SETTINGS, {"C01"}), lambda v: v == {"delta_t": (-0.25, 0.25), "C20": None}),
+    "dimensions": ((SETTINGS,), lambda v: v == {"delta_t": SETTINGS["thickness"]}),
     "nominal": ((SETTINGS,), lambda v: v == {"friction": 0.0}),
     "physical": ((), lambda v: v["weight"][0] < v["weight"][1]),
     "ordinary": ((), lambda v: list(v) == ["mu * D1 <= 3"]),

@@ -13,7 +13,8 @@ import sample_studies as studies
 import sloped_backend
 
 from rso.calibration.plan import make_plan
-from rso.calibration.stated_settings import exact_dimensions, said_of_inputs
+from rso.calibration.stated_settings import exact_dimensions
+from rso.calibration.uncertain_inputs import said_of_inputs
 from rso.core.distributions import normal_ppf
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
