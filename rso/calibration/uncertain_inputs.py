@@ -109,7 +109,8 @@ def said_of_inputs(plan: Plan) -> list[str]:
         p, sizes = i.parameter, _sizes(plan, i)
         one = p.unit != "1" and len(set(sizes.values())) == 1
         of = f" of {size_words(p, next(iter(sizes.values())))}" if one else ""
-        lines.append(f"  {p.name}: ±{size_words(p, i.uncertainty)}{of}, {p.description}{_shared(plan, i)}")
+        words = "" if p.description == p.name else f", {p.description}"
+        lines.append(f"  {p.name}: ±{size_words(p, i.uncertainty)}{of}{words}{_shared(plan, i)}")
         if len(set(sizes.values())) > 1:
             each = ", ".join(f"{size_words(p, v)} in {e!r}" for e, v in sizes.items())
             lines.append(f"    these state {each}. Measured one by one, each has an error of its own:")

@@ -198,6 +198,8 @@ def _input(
 def _expected_uncertainty(p: Parameter) -> str:
     """What a standard uncertainty may be, with one that is usual where that is declared."""
     most, text = p.high - p.low, "a standard uncertainty above 0 is expected"
+    if most <= 0.0:
+        return f"{p.name} has one value alone: state its bounds = [low, high] in [parameters]"
     if most < NO_BOUND:
         text += f", up to {most:g}{spaced(p.unit)}"
     if p.typical:

@@ -12,8 +12,10 @@ from rso.calibration.uncertain_inputs import count, said_of_inputs
 from rso.contract import capability
 from rso.contract.capabilities import Gauges, StatedDimensions
 from rso.evaluation.joint import joint
+from rso.study.deck_table import deck_parameter
 from rso.study.errors import StudyError, choices_text
 from rso.study.loader import load_study
+from rso.study.schema import ParameterTable
 
 SLAB = 'specimen = { shape = "slab", thickness = 8.0 }'
 BALL = 'indenter = { shape = "sphere", radius = 3.0 }'
@@ -210,3 +212,42 @@ def test_of_many_names_those_of_the_study_come_first_and_eight_at_most(tmp_path)
     names = [f"name_{k}" for k in range(40)]
     assert choices_text("name_7", names, first=["name_39"]).startswith("did you mean 'name_39'? choose from name_39, ")
     assert choices_text("nam", ["mu", "D1"], first=["mu"]) == "choose from mu, D1"
+
+
+SPRING = """import rso
+
+@rso.model(parameters={"E": (1e-3, 10.0, "MPa"), "R": (0.1, 20.0, "mm")})
+def press(travel, E, R):
+    return 16 / 9 * E * R**0.5 * travel**1.5
+"""
+
+
+def test_a_fixed_value_of_any_backend_may_be_uncertain(tmp_path, monkeypatch):
+    """A function of one's own: the ball was one standard uncertainty larger than stated. E goes with R^(-1/2)."""
+    (tmp_path / "half_space_of_sizes.py").write_text(SPRING)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    h = np.linspace(0.1, 2.0, 20)
+    F = 16 / 9 * 0.03 * 3.2**0.5 * h**1.5 + 1e-4 * np.random.default_rng(0).standard_normal(20)
+    rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(h.tolist(), F.tolist(), strict=True))
+    changes = {
+        **studies.QUICK,
+        "backend": 'use = "half_space_of_sizes:press"',
+        "backend.settings": None,
+        "parameters": 'E = { low = "10 kPa", high = "60 kPa", scale = "log" }\nR = { value = "3 mm" }',
+        "[experiments]": studies.SECTIONS["[experiments]"].replace("0.02 mN", "0.1 mN"),
+        "uncertainty": 'R = "0.2 mm"',
+    }
+    file = studies.write(tmp_path, **changes)
+    (tmp_path / "top.csv").write_text("depth_mm,Fz_N\n" + rows)
+    assert said_of_inputs(make_plan(load_study(file)))[0] == "  R: ±0.2 mm of 3 mm"
+    found = studies.run(tmp_path, **changes)["identification"]
+    low, high = found["parameters"][0]["interval"]
+    assert low < 0.03 < high
+    # 90 % of a standard uncertainty of ½ · 0.2 / 3
+    assert 0.5 * np.log(high / low) == pytest.approx(1.645 * 0.5 * 0.2 / 3.0, rel=0.05)
+
+
+def test_a_fixed_value_of_a_deck_may_be_off_by_as_much_as_itself():
+    for value, bounds in (("3 mm", (0.0, 6.0)), (-2.0, (-4.0, 0.0))):
+        declared, (low, high) = deck_parameter("R", ParameterTable(value=value))
+        assert (declared.low, declared.high) == bounds and low == high
