@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -51,7 +51,7 @@ class Cone(OfRevolution):
 
         shape: Literal["cone"] = "cone"
         """A rigid cone."""
-        half_angle: float | None = None
+        half_angle: Annotated[float, members.read_in("deg")] | None = None
         """Angle between axis and flank, degrees."""
         pyramid: Literal["vickers", "berkovich", "cube_corner"] | None = None
         """In place of half_angle, the cone of equal cross-section: vickers | berkovich | cube_corner."""

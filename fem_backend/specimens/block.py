@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
@@ -38,7 +38,7 @@ class Cuboid(FlatTopped):
 
         shape: Literal["block"] = "block"
         """A block with a flat top and four sides."""
-        size: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL_SIZES_MM
+        size: members.Three = USUAL_SIZES_MM
         """Lengths along x, y and z, mm."""
         layers: Layers = ()
         """Layers from the top down; the rest has ratio 1 and the law of the table material."""

@@ -44,9 +44,11 @@ class Cylinder(FlatTopped):
         """Radius, mm."""
         height: members.Length = USUAL_RADIUS_HEIGHT_MM[1]
         """Height, mm."""
-        fillet: Annotated[float, BeforeValidator(members.at_least(0.0, "the radius of the upper edge, at least 0"))] = (
-            0.0
-        )
+        fillet: Annotated[
+            float,
+            BeforeValidator(members.at_least(0.0, "the radius of the upper edge, at least 0")),
+            members.read_in("mm"),
+        ] = 0.0
         """Radius of the rounded upper edge, mm."""
         layers: Layers = ()
         """Layers from the top down; the rest has ratio 1 and the law of the table material."""

@@ -38,7 +38,9 @@ class BowlSupport:
 
         kind: Literal["bowl"] = "bowl"
         """The specimen lies in a bowl of its own shape."""
-        clearance: Annotated[float, BeforeValidator(members.above(0.0, "must be positive"))] | None = None
+        clearance: (
+            Annotated[float, BeforeValidator(members.above(0.0, "must be positive")), members.read_in("mm")] | None
+        ) = None
         """Semi-axes of the bowl minus those of the specimen, mm."""
         friction: Annotated[float, BeforeValidator(members.at_least(0.0, "must be >= 0"))] | None = None
         """Coulomb friction between bowl and specimen."""

@@ -439,6 +439,17 @@ class Option:
 Given = Mapping[str, tuple[float | str, ...]]
 
 
+class SettingUnits(Protocol):
+    """Units of settings; without it a unit that a table of specimens states for one is believed."""
+
+    def setting_unit(self, settings: Settings, keys: Sequence[str], /) -> str | None:
+        """The unit that numbers of a setting are in, by its keys ("specimen", "thickness"), "1" of a pure number.
+
+        None for what is no number, or no setting.
+        """
+        ...
+
+
 class NewStudies(Protocol):
     """First studies by `rso new`; without it a study of this backend is written by hand."""
 
@@ -489,7 +500,7 @@ CAPABILITY_GROUPS: Mapping[str, tuple[type, ...]] = {
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
     "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, FreeCurves, Exports),
-    "new studies": (NewStudies,),
+    "new studies": (NewStudies, SettingUnits),
     "identity": (Fingerprint,),
 }
 CAPABILITIES: tuple[type, ...] = tuple(kind for kinds in CAPABILITY_GROUPS.values() for kind in kinds)

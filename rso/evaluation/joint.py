@@ -31,6 +31,7 @@ ASKED_OF_ANY: Mapping[str, tuple[int, Any]] = {
     "nominal": (0, {}),
     "gauges": (0, {}),
     "dimensions": (0, {}),
+    "setting_unit": (0, None),
 }
 ASKED_OF_FIRST = ("derived", "physical", "ordinary")
 

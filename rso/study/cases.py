@@ -17,13 +17,14 @@ from rso.contract import (
     Case,
     ContactModulus,
     Programme,
+    SettingUnits,
     Sketches,
     by_contents,
     capability,
     digest,
     plain,
 )
-from rso.core.units import CHANNEL_UNITS, COLUMN_UNITS, UNITS_OF_KIND, same, value_in_unit
+from rso.core.units import CHANNEL_UNITS, COLUMN_UNITS, UNITS_OF_KIND, in_base, same, value_in_unit
 from rso.data import (
     N_CLOUD_POINTS,
     Hold,
@@ -36,6 +37,7 @@ from rso.data import (
     surface_cloud,
     without_spikes,
 )
+from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.dimensions import MISREAD_SETTING_ERRORS
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.input_sizes import refuse_inputs
@@ -368,7 +370,7 @@ def refuse_what_is_not_modelled(
     curves: Mapping[str, MeasuredCurve],
     clouds: Mapping[str, SurfaceCloud] = MappingProxyType({}),
 ) -> None:
-    problems = foreign_units(study, backend)
+    problems = [*foreign_units(study, backend), *foreign_setting_units(study, backend)]
     for n, e in enumerate(study.experiments):
         place: Place = ("experiments", n)
         unload = study.settings_of(e.name).get("unload", False)
@@ -420,6 +422,26 @@ def foreign_units(study: Study, backend: Backend) -> list[Problem]:
         )
         for c, unit in wrong
     ]
+
+
+def foreign_setting_units(study: Study, backend: Backend) -> list[Problem]:
+    """Columns of a table of specimens that state a setting in a unit of another kind than the backend reads it in."""
+    asked, problems = capability(backend, SettingUnits), []
+    for place, line in study.lines.items():
+        if asked is None or not (isinstance(line, LineElsewhere) and line.unit and "settings" in place):
+            continue
+        at = place.index("settings")
+        above, keys = place[:at], tuple(str(k) for k in place[at + 1 :])
+        if above[:1] == ("experiments",):
+            settings = study.settings_of(study.experiments[int(above[1])].name)
+        else:
+            settings = {BACKEND_SETTING: above[1]} if above[:1] == ("backends",) else {}
+        meant = asked.setting_unit(settings, keys)
+        if meant is not None and not same(in_base(f"1 {line.unit}")[1], meant):
+            what = "is a pure number" if meant == "1" else f"is in {meant}"
+            text = f"{line.unit!r} is no unit of it: {'.'.join(keys)} {what}"
+            problems.append(Problem(place, text))
+    return problems
 
 
 def _refusal(backend: Backend, case: Case) -> str | None:
