@@ -9,6 +9,7 @@ import rso
 from rso.calibration.plan import make_plan
 from rso.calibration.stated_settings import exact_dimensions
 from rso.calibration.uncertain_inputs import count, said_of_inputs
+from rso.cli import main
 from rso.contract import capability
 from rso.contract.capabilities import Gauges, StatedDimensions
 from rso.evaluation.joint import joint
@@ -251,3 +252,17 @@ def test_a_fixed_value_of_a_deck_may_be_off_by_as_much_as_itself():
     for value, bounds in (("3 mm", (0.0, 6.0)), (-2.0, (-4.0, 0.0))):
         declared, (low, high) = deck_parameter("R", ParameterTable(value=value))
         assert (declared.low, declared.high) == bounds and low == high
+
+
+def test_what_a_new_study_offers_as_a_comment_can_be_stated_as_it_is(tmp_path):
+    """Also of a scale, which has no unit."""
+    test_study(tmp_path, BODY, {"a": ""}).unlink()
+    file = tmp_path / "study.toml"
+    body = ["--slab", "8", "--profile", str(tmp_path / "tip.csv"), "--out", str(file)]
+    assert main(["new", str(tmp_path / "a.csv"), *body]) == 0
+    lines = file.read_text("utf-8").splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.startswith("# [uncertainty]"))
+    assert '# profile_scale = "1 %"  # <- if measured with care' in lines[begin + 1 :]
+    lines[begin : begin + 3] = [line.removeprefix("# ") for line in lines[begin : begin + 3]]
+    file.write_text("\n".join(lines) + "\n", "utf-8")
+    assert [i.name for i in make_plan(load_study(file)).resolved.inputs] == ["delta_thickness", "profile_scale"]
