@@ -48,7 +48,7 @@ def learn_effects(bench: Runner, values: Mapping[str, float]) -> tuple[Runner, t
         which: Run("input", v, tuple(itertools.islice(answers, len(cases))), cases)
         for which, (v, cases) in wanted.items()
     }
-    stated, effects, said = _responses(runs["", 0.0]), list[InputEffect](), _large(plan)
+    stated, effects, said = _responses(runs["", 0.0]), list[InputEffect](), _doubts(plan)
     for i in inputs:
         at = {side: runs.get((i.name, side)) for side in SIDES}
         above, below = ({} if r is None else _responses(r) for r in at.values())
@@ -111,14 +111,10 @@ def said_of_inputs(plan: Plan) -> list[str]:
         of = f" of {size_words(p, next(iter(sizes.values())))}" if one else ""
         words = "" if p.description == p.name else f", {p.description}"
         lines.append(f"  {p.name}: ±{size_words(p, i.uncertainty)}{of}{words}{_shared(plan, i)}")
-        if len(set(sizes.values())) > 1:
-            each = ", ".join(f"{size_words(p, v)} in {e!r}" for e, v in sizes.items())
-            lines.append(f"    these state {each}. Measured one by one, each has an error of its own:")
-            lines.append(f'    then write uncertainty = {{ {p.name} = "…" }} under each of these experiments')
         for side, words in SIDES.items():
             if reason := next((r for k in touched(plan, i) if (r := beside(plan, middle, i, side, k)[1])), None):
                 lines.append(f"    {one_sided(words, reason)}")
-    lines += [f"  {words}" for words in _large(plan)]
+    lines += [f"  {words}" for words in _doubts(plan)]
     if exact := exact_dimensions(plan):
         lines.append(f"  taken as exact, as [uncertainty] does not state them: {', '.join(exact)}")
     return lines
@@ -147,6 +143,26 @@ def _sizes(plan: Plan, one: UncertainInput) -> dict[str, float]:
         e: stated_size(plan.backend, plan.study.settings_of(e), plan.resolved.fixed, one) for e in _feeling(plan, one)
     }
     return {e: size for e, size in every.items() if size is not None}
+
+
+def _doubts(plan: Plan) -> list[str]:
+    """What is to be said of standard uncertainties as they are stated, whatever they make of the curves."""
+    return [*_of_several_sizes(plan), *_large(plan)]
+
+
+def _of_several_sizes(plan: Plan) -> list[str]:
+    """Inputs that are one error in tests which state different sizes: several bodies, measured one by one or not."""
+    said = []
+    for i in plan.resolved.inputs:
+        sizes = _sizes(plan, i)
+        if len(set(sizes.values())) > 1:
+            each = ", ".join(f"{size_words(i.parameter, v)} in {e!r}" for e, v in sizes.items())
+            own = f'uncertainty = {{ {i.parameter.name} = "…" }}'
+            said.append(
+                f"uncertainty: {i.name} is one error in tests that state several sizes: {each}. Sizes measured one by "
+                f"one have an error each: then write {own} under each of these experiments"
+            )
+    return said
 
 
 def _large(plan: Plan) -> list[str]:
