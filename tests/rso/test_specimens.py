@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rso
+from rso.cli import main
 from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.summary import folder_of
@@ -267,6 +268,25 @@ def test_a_setting_in_a_unit_of_another_kind_is_refused(springs, head, cell, sai
     with pytest.raises(StudyError) as caught:
         rso.specimens(springs)
     assert f"table.csv:2: column {head!r}" in str(caught.value) and said in str(caught.value)
+
+
+def test_a_check_says_whose_sizes_are_uncertain_and_which_count_as_exact(springs, capsys):
+    write(
+        springs, "name,experiments.press.uncertainty.delta_thickness [um],settings.specimen.thickness\na,60,6\nb,,5\n"
+    )
+    text = (springs / "study.toml").read_text()
+    body = 'specimen = { shape = "slab", thickness = 8.0 }\nindenter = { shape = "sphere", radius = 3.0 }'
+    text = text.replace("area = 2.0", body + '\nsupport = { kind = "bonded" }')
+    text = text.replace("nowhere:spring", "fem_backend.backend:BACKEND")
+    text = text.replace("k = { low = 0.5, high = 20.0", "mu = { low = 0.005, high = 0.02")
+    (springs / "study.toml").write_text(text.replace("n = { value = 1.5 }", "D1 = { value = 5.8 }"))
+    assert main(["check", str(springs / "study.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "delta_thickness: ±60 µm of 6 mm, error of the thickness of the slab (a)" in said
+    exact = [line for line in said.splitlines() if "taken as exact" in line]
+    assert [
+        line.endswith(end) for line, end in zip(exact, ("delta_R (a)", "delta_thickness, delta_R (b)"), strict=True)
+    ]
 
 
 def test_all_problems_of_all_rows_at_once(springs):
