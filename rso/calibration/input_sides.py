@@ -42,6 +42,10 @@ def beside(
     if not p.low <= values[p.name] <= p.high:
         bounds = f"[{p.low:g}, {p.high:g}] {p.unit}"
         return values, f"{p.name} = {size_words(p, values[p.name])} lies beyond its bounds, {bounds}"
+    try:
+        plan.backend.canonical(values, plan.cases[k])
+    except MISREAD_SETTING_ERRORS as error:
+        return values, str(error)
     offered = capability(plan.backend, Refusals)
     return values, None if offered is None else offered.refused(values, plan.cases[k])
 

@@ -185,6 +185,20 @@ def test_a_refused_side_is_not_run_and_said(tmp_path, monkeypatch):
     assert results["identification"]["inputs"]
 
 
+def test_a_side_that_has_no_key_is_no_fault_of_the_program(tmp_path, monkeypatch):
+    """A backend may refuse values already where it says which of them count."""
+
+    def canonical(self, values, case):
+        if values.get("radius", 3.0) < 2.8:
+            raise ValueError("radius: there is no such sphere")
+        return indentation_backend.Layer.canonical(self, values, case)
+
+    monkeypatch.setattr(Hollow, "canonical", canonical, raising=False)
+    results = run(tmp_path, monkeypatch, "radius = 0.3")
+    (said,) = [w for w in results["warnings"] if w.startswith("uncertainty:")]
+    assert "one standard uncertainty less (radius: there is no such sphere)" in said
+
+
 def test_a_run_warns_of_a_large_uncertainty(tmp_path, monkeypatch):
     monkeypatch.setattr(Hollow, "least", 0.0)
     results = run(tmp_path, monkeypatch, "radius = 1.5")
