@@ -323,7 +323,7 @@ LAYERS = {
         "layout",
         "reading",
         "language",
-        "canvas notes terminal",
+        "canvas exact_sizes notes terminal",
         "sketch",
         "discrepancy model_selection pareto population",
         "calibration optimal_design",

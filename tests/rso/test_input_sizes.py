@@ -1,5 +1,7 @@
 """[uncertainty] beside the sizes that it belongs to: which there are, which tests feel them, and what cannot be."""
 
+import json
+
 import indentation_backend
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ from rso.cli import main
 from rso.contract import capability
 from rso.contract.capabilities import Gauges, StatedDimensions
 from rso.evaluation.joint import joint
+from rso.report.model_selection.report import report as ladder_page
+from rso.report.optimal_design.report import report as next_page
 from rso.study.deck_table import deck_parameter
 from rso.study.errors import StudyError, choices_text
 from rso.study.loader import load_study
@@ -279,3 +283,32 @@ def test_what_a_new_study_offers_as_a_comment_can_be_stated_as_it_is(tmp_path):
     lines[begin : begin + 3] = [line.removeprefix("# ") for line in lines[begin : begin + 3]]
     file.write_text("\n".join(lines) + "\n", "utf-8")
     assert [i.name for i in make_plan(load_study(file)).resolved.inputs] == ["delta_thickness", "profile_scale"]
+
+
+class Gauged(Hollow):
+    """One whose sphere can be measured."""
+
+    least = 0.0
+
+    def plausible(self, settings, given):
+        return {"radius": (2.9, 3.1)}
+
+    def gauges(self, settings):
+        return {"radius": ("callipers", 0.01)}
+
+
+def test_ladder_and_next_say_what_counts_as_exact(tmp_path, monkeypatch):
+    monkeypatch.setattr(indentation_backend, "BACKEND", Gauged())
+    tables = {
+        "ladder": 'levels = [{ name = "study" }]\nruns = 8\ndraws = 99',
+        "next": "truths = { mu = [0.012] }\nruns = 8\ndraws = 10",
+    }
+    file = studies.write(tmp_path, **{**studies.QUICK, "parameters": ONE, "[experiments]": LOUD, **tables})
+    for way, page in (("ladder", ladder_page), ("next", next_page)):
+        done = studies.command(way, file)
+        assert done.returncode == 0, done.stderr
+        found = json.loads((tmp_path / f"results/{way}.json").read_text("utf-8"))
+        assert found["exact_inputs"] == ["radius"] and found["stated_inputs"] == []
+        assert "count as exact. The table [uncertainty] of the study says how well they are known: radius." in str(
+            page(found)
+        )
