@@ -175,6 +175,6 @@ def _large(plan: Plan) -> list[str]:
             whose = f" of {e!r}" if len(sizes) > 1 else ""
             percent, size = f"{100.0 * i.uncertainty / sizes[e]:.0f} %", size_words(i.parameter, sizes[e])
             share = f"±{size_words(i.parameter, i.uncertainty)} is {percent} of the {size}{whose}"
-            usual = usual_uncertainty(plan.backend, plan.study.settings_of(e), i)
+            usual = usual_uncertainty(plan.backend, plan.study.settings_of(e), i, sizes[e])
             said.append(f"uncertainty: {i.name}: {share}, too much for an effect to first order; {usual}")
     return said

@@ -40,7 +40,7 @@ def refuse_inputs(
             if size is not None and i.uncertainty >= size:
                 whose = f" in {e!r}" if len(each) > 1 else ""
                 text = f"is not below the size itself, {size_words(i.parameter, size)}{whose}"
-                problems.append(Problem(place, f"{text}; {usual_uncertainty(backend, settings, i)}", written))
+                problems.append(Problem(place, f"{text}; {usual_uncertainty(backend, settings, i, size)}", written))
                 break
     return problems
 
@@ -66,11 +66,11 @@ def stated_size(
     return abs(value) if value and one.parameter.neutral is None else None
 
 
-def usual_uncertainty(backend: Backend, settings: Mapping[str, Any], one: UncertainInput) -> str:
-    """What the standard uncertainty of an input is where it is measured, in words."""
+def usual_uncertainty(backend: Backend, settings: Mapping[str, Any], one: UncertainInput, size: float) -> str:
+    """What the standard uncertainty of an input is where its `size` is measured, in words."""
     found = dimension_errors(backend, settings).get(one.parameter.name)
     if found is None:
-        return "a share of it is expected, such as 1 %"
+        return f"a hundredth of it would be {size_words(one.parameter, 0.01 * size)}"
     return f"usual is {size_words(one.parameter, found[1])} ({found[0]})"
 
 

@@ -207,7 +207,7 @@ def test_a_run_warns_of_a_large_uncertainty(tmp_path, monkeypatch):
     monkeypatch.setattr(Hollow, "least", 0.0)
     results = run(tmp_path, monkeypatch, "radius = 1.5")
     (said,) = [w for w in results["warnings"] if w.startswith("uncertainty:")]
-    assert "±1.5 mm is 50 % of the 3 mm" in said
+    assert "±1.5 mm is 50 % of the 3 mm" in said and "a hundredth of it would be 30 µm" in said
 
 
 def test_settings_that_cannot_be_read_are_what_is_wrong(tmp_path):
