@@ -155,6 +155,14 @@ class FiniteElements:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
         return priors.gauges(experiment.read_settings(settings))
 
+    def dimensions(self, settings: Mapping[str, Any]) -> Mapping[str, float]:
+        """Knob → the stated size that it is an error of, in the knob's unit; 1 of what is a share."""
+        return priors.dimensions(experiment.read_settings(settings))
+
+    def setting_unit(self, settings: Mapping[str, Any], keys: Sequence[str]) -> str | None:
+        """The unit that numbers of a setting are in, "1" of a pure number; None for what is no number or no setting."""
+        return experiment.unit_of_setting(keys)
+
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
         return priors.variants(experiment.read_settings(settings))

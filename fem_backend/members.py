@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType, ModuleType
 from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError, core_schema
 
 from rso.contract import Option
@@ -312,7 +312,13 @@ def stamps(value: Any) -> tuple[tuple[str, int, int], ...]:
     return tuple(found)
 
 
-Length = Annotated[float, BeforeValidator(lengths(1))]
+def read_in(unit: str) -> Any:
+    """What says, beside a field of a table, the unit that its numbers are in; without it they have none."""
+    return Field(json_schema_extra={"unit": unit})
+
+
+Length = Annotated[float, BeforeValidator(lengths(1)), read_in("mm")]
+Three = Annotated[tuple[float, float, float], BeforeValidator(lengths(3)), read_in("mm")]
 Flag = Annotated[bool, BeforeValidator(flag)]
 
 

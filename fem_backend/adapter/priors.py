@@ -68,10 +68,19 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
     bench = f"specimen and {noun} on the bench: callipers, a micrometer, a balance"
     aligned = f"ink on the {noun} and a level on the holder"
     fine = {k: (bench, v) for k, v in {**own.specimen.gauges, **own.indenter.gauges}.items()}
+    carrier = f"the {own.support.name} on the bench: callipers, a bore gauge"
+    fine |= {k: (carrier, v) for k, v in own.support.gauges.items()}
     fine |= {k: (aligned, v) for k, v in POSE_UNCERTAINTY.items()} | {
         k: (bench, v) for k, v in BALANCE_UNCERTAINTY.items()
     }
     return {name: (words, by.get(name, 1.0) * value) for name, (words, value) in fine.items()}
+
+
+def dimensions(own: Settings) -> dict[str, float]:
+    """Knob → the stated size that it is an error of, in the knob's unit; 1 where it is a share of what is stated."""
+    there = {**own.specimen.dimensions(), **own.indenter.dimensions(), **own.support.dimensions()}
+    absent = own.specimen.absent() | own.support.absent(own.specimen)
+    return {name: float(v) for name, v in there.items() if name not in absent}
 
 
 def usual(own: Settings) -> dict[str, float]:

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -51,7 +51,7 @@ class Cone(OfRevolution):
 
         shape: Literal["cone"] = "cone"
         """A rigid cone."""
-        half_angle: float | None = None
+        half_angle: Annotated[float, members.read_in("deg")] | None = None
         """Angle between axis and flank, degrees."""
         pyramid: Literal["vickers", "berkovich", "cube_corner"] | None = None
         """In place of half_angle, the cone of equal cross-section: vickers | berkovich | cube_corner."""
@@ -140,6 +140,10 @@ class Cone(OfRevolution):
     def plain(self) -> dict[str, Any]:
         """The table of the canonical settings: a pyramid is the cone that stands for it."""
         return {"shape": self.name, "half_angle": self.half_angle, "tip_radius": self.tip_radius}
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Half angle and radius of the tip."""
+        return {"delta_half_angle": self.half_angle, "delta_tip_radius": self.tip_radius}
 
     def actual(self, knobs: Any, specimen: Any) -> Cone:
         """The cone with the errors of its angle and tip; ValueError where these are none of a rounded cone."""

@@ -121,6 +121,10 @@ class Flat(OfRevolution):
         """The table of the canonical settings."""
         return {"shape": self.name, "radius": self.radius, "fillet": self.fillet}
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Radius and fillet."""
+        return {"delta_punch_radius": self.radius, "delta_punch_fillet": self.fillet}
+
     def actual(self, knobs: Any, specimen: Any) -> Flat:
         """The cylinder with the errors of its sizes; ValueError where these are none of a rounded flat end."""
         radius, fillet = self.radius + knobs.delta_punch_radius, self.fillet + knobs.delta_punch_fillet

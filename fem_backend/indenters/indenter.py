@@ -52,6 +52,9 @@ class Indenter(Rigid, Protocol):
     @property
     def length(self) -> float: ...
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Own knobs that are an error of what its table states → what that states, in the knob's unit; 1 of a share."""
+
     @property
     def size(self) -> tuple[str, float]:
         """Key of its table and value (mm) of what must be small beside the specimen."""

@@ -261,6 +261,10 @@ class MeasuredProfile(OfRevolution):
         """The table of the canonical settings: the points, wherever they come from."""
         return {"shape": self.name, "points": [list(p) for p in self.points]}
 
+    def dimensions(self) -> Mapping[str, float]:
+        """The scale of the profile."""
+        return {"profile_scale": 1.0}
+
     def actual(self, knobs: Any, specimen: Any) -> MeasuredProfile:
         """The profile with the error of its scale."""
         k = knobs.profile_scale

@@ -94,6 +94,10 @@ class Sphere(Axial):
         """The table of the canonical settings."""
         return {"shape": self.name, "radius": self.R, "shaft": self.shaft}
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Its radius."""
+        return {"delta_R": self.R}
+
     def actual(self, knobs: Any, specimen: Any) -> Sphere:
         """The sphere with the error of its radius; ValueError where that leaves none, or none that a mesh takes."""
         R = self.R + knobs.delta_R

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
@@ -195,19 +195,19 @@ class DrainageTable(members.MemberTable):
 class SettingsTable(members.MemberTable):
     """The settings of one experiment beside the tables of the open sets."""
 
-    point: Annotated[tuple[float, float], BeforeValidator(members.numbers(2))] = (0.0, 0.0)
+    point: Annotated[tuple[float, float], BeforeValidator(members.numbers(2)), members.read_in("mm")] = (0.0, 0.0)
     """Where the axis of the indenter meets the specimen, (x, y) mm."""
     direction: Annotated[Literal["vertical", "normal"], BeforeValidator(members.one_of(("vertical", "normal")))] = (
         "vertical"
     )
     """The way of the indenter."""
-    speed: Annotated[Any, BeforeValidator(_speed)] = 1.0
+    speed: Annotated[Any, BeforeValidator(_speed), members.read_in("mm/s")] = 1.0
     """Not used: the programme carries the times."""
     unload: members.Flag = False
     """Not used: the programme has the unloading."""
-    profile: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_places)] = ()
+    profile: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_places), members.read_in("mm")] = ()
     """Surface marks (x, y) mm whose vertical displacement is asked for."""
-    earlier: Annotated[float, BeforeValidator(_earlier)] = 0.0
+    earlier: Annotated[float, BeforeValidator(_earlier), members.read_in("mm")] = 0.0
     """Deepest travel at this place before the test (softening), mm."""
     mesh: MeshTable = MeshTable()
     """The mesh."""
@@ -233,6 +233,50 @@ def _table(now: tuple) -> type[members.MemberTable]:
     made = create_model("ExperimentSettings", __base__=SettingsTable, **unions)
     made.__doc__ = "Settings of an experiment; every table of an open set is one of those of its members."
     return made
+
+
+def unit_of_setting(keys: Sequence[str]) -> str | None:
+    """The unit that the numbers of a setting are in, by its keys (specimen, thickness), "1" of a pure number.
+
+    None for what is no number or no setting.  Tables of all members of an open set count.
+    """
+    every = settings_schema(settings_model())
+    found = [unit for node in _properties(every, every, tuple(keys)) for unit in _units(every, node)]
+    return next(iter(found), None)
+
+
+@functools.lru_cache(maxsize=16)
+def settings_schema(model: type[members.MemberTable]) -> dict[str, Any]:
+    """The JSON schema of settings."""
+    return model.model_json_schema()
+
+
+def _resolved(whole: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """What a node of a schema stands for, and all of its alternatives."""
+    if "$ref" in node:
+        yield from _resolved(whole, whole["$defs"][node["$ref"].rpartition("/")[2]])
+    yield node
+    for kind in ("anyOf", "oneOf", "allOf"):
+        for one in node.get(kind, ()):
+            yield from _resolved(whole, one)
+
+
+def _properties(
+    whole: Mapping[str, Any], node: Mapping[str, Any], keys: tuple[str, ...]
+) -> Iterator[Mapping[str, Any]]:
+    """Nodes of a schema at these keys, those of alternatives one after the other."""
+    if not keys:
+        yield node
+        return
+    for one in _resolved(whole, node):
+        if keys[0] in one.get("properties", {}):
+            yield from _properties(whole, one["properties"][keys[0]], keys[1:])
+
+
+def _units(whole: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[str]:
+    every = list(_resolved(whole, node))
+    yield from (one["unit"] for one in every if "unit" in one)
+    yield from ("1" for one in every if one.get("type") in ("number", "integer"))
 
 
 def field_of(open_set: OpenSet) -> Any:

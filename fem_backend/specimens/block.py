@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from fem_backend import members
 from fem_backend.meshing import BadMesh, MeridianMesh, Size
@@ -38,7 +38,7 @@ class Cuboid(FlatTopped):
 
         shape: Literal["block"] = "block"
         """A block with a flat top and four sides."""
-        size: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL_SIZES_MM
+        size: members.Three = USUAL_SIZES_MM
         """Lengths along x, y and z, mm."""
         layers: Layers = ()
         """Layers from the top down; the rest has ratio 1 and the law of the table material."""
@@ -100,7 +100,7 @@ class Cuboid(FlatTopped):
     )
     smallest_words: ClassVar[str] = "height or half the width"
     of_revolution: ClassVar[bool] = False
-    gauges: ClassVar[Mapping[str, float]] = {"delta_lx": 0.02, "delta_ly": 0.02, "delta_lz": 0.02}
+    gauges: ClassVar[Mapping[str, float]] = {"delta_lx": 0.02, "delta_ly": 0.02, "delta_lz": 0.02, "delta_layer": 0.02}
 
     @property
     def height(self) -> float:  # type: ignore[override]
@@ -152,6 +152,13 @@ class Cuboid(FlatTopped):
         return replace(
             self, lx=float(now[0]), ly=float(now[1]), lz=float(now[2]), layers=self.changed(knobs, k), met=self.unlike
         )
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its sizes, and its layer."""
+        return {
+            **{f"delta_l{a}": v for a, v in zip(AXIS_NAMES, (self.lx, self.ly, self.lz), strict=True)},
+            **self.uppermost(),
+        }
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

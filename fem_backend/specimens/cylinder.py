@@ -44,9 +44,11 @@ class Cylinder(FlatTopped):
         """Radius, mm."""
         height: members.Length = USUAL_RADIUS_HEIGHT_MM[1]
         """Height, mm."""
-        fillet: Annotated[float, BeforeValidator(members.at_least(0.0, "the radius of the upper edge, at least 0"))] = (
-            0.0
-        )
+        fillet: Annotated[
+            float,
+            BeforeValidator(members.at_least(0.0, "the radius of the upper edge, at least 0")),
+            members.read_in("mm"),
+        ] = 0.0
         """Radius of the rounded upper edge, mm."""
         layers: Layers = ()
         """Layers from the top down; the rest has ratio 1 and the law of the table material."""
@@ -101,7 +103,7 @@ class Cylinder(FlatTopped):
         ),
         LAYERED,
     )
-    gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02}
+    gauges: ClassVar[Mapping[str, float]] = {"delta_radius": 0.02, "delta_height": 0.02, "delta_layer": 0.02}
 
     @property
     def height(self) -> float:  # type: ignore[override]
@@ -146,6 +148,10 @@ class Cylinder(FlatTopped):
         """Its sizes and layers."""
         radius, height = members.length_words(self.radius), members.length_words(self.tall)
         return f"a cylinder of radius {radius} and height {height}{self.layers_described}"
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Radius and height, and its layer."""
+        return {"delta_radius": self.radius, "delta_height": self.tall, **self.uppermost()}
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its size."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from fem_backend import members
 from fem_backend.specimens.ellipsoidal import Ellipsoidal
@@ -28,9 +27,9 @@ class Ellipsoid(Ellipsoidal):
 
         shape: Literal["ellipsoid"] = "ellipsoid"
         """A solid ellipsoid, its origin at the centre."""
-        semi_axes: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] = USUAL_SEMI_AXES_MM
+        semi_axes: members.Three = USUAL_SEMI_AXES_MM
         """Semi-axes along x, y and z, mm."""
-        cavity: Annotated[tuple[float, float, float], BeforeValidator(members.lengths(3))] | None = None
+        cavity: members.Three | None = None
         """Semi-axes of a cavity around the lowest point, mm: the knob `cavity` is its size over these."""
 
         def build(self) -> Ellipsoid:
@@ -101,6 +100,10 @@ class Ellipsoid(Ellipsoidal):
                 f"({MIN_SIZE_RATIO:g} of the smallest asked for)"
             )
         return replace(self, a=axes[0], b=axes[1], c=axes[2])
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its semi-axes."""
+        return dict(zip(("delta_a", "delta_b", "delta_c"), map(float, self.semi_axes), strict=True))
 
     def factors(self) -> Mapping[str, float]:
         """Each error goes with its semi-axis."""

@@ -326,6 +326,10 @@ class FlatTopped:
         k = np.searchsorted(np.cumsum([t for t, _ in self.layers]), self.height - X[..., 2])
         return (k + 1) % (len(self.layers) + 1)
 
+    def uppermost(self) -> dict[str, float]:
+        """Of `dimensions`: thickness and stiffness of the uppermost layer."""
+        return {"delta_layer": self.layers[0][0], "layer_ratio": 1.0} if self.layers else {}
+
     def upper(self) -> dict[str, float]:
         """Of `factors`: the error of a layer goes with its thickness, or that of what is below where that is less."""
         if not self.layers:

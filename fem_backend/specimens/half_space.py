@@ -94,6 +94,10 @@ class HalfSpace(FlatTopped):
         """It has no sizes."""
         return "a half-space"
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Its layer."""
+        return self.uppermost()
+
     def factors(self) -> Mapping[str, float]:
         """It has no sizes."""
         return {}

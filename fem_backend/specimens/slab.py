@@ -85,7 +85,7 @@ class Slab(FlatTopped):
         ),
         LAYERED,
     )
-    gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02}
+    gauges: ClassVar[Mapping[str, float]] = {"delta_thickness": 0.02, "delta_layer": 0.02}
 
     @property
     def alike(self) -> bool:  # type: ignore[override]
@@ -150,6 +150,10 @@ class Slab(FlatTopped):
     def described(self) -> str:
         """Its thickness and layers."""
         return f"a slab of thickness {members.length_words(self.thickness)}{self.layers_described}"
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its thickness, and its layer."""
+        return {"delta_thickness": self.thickness, **self.uppermost()}
 
     def factors(self) -> Mapping[str, float]:
         """The error goes with the thickness."""

@@ -99,6 +99,9 @@ class Specimen(Protocol):
     def described(self) -> str:
         """Itself with its sizes, as a noun phrase: a slab of thickness 2.3 mm."""
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Own knobs that are an error of what its table states → what that states, in the knob's unit; 1 of a share."""
+
     def factors(self) -> Mapping[str, float]:
         """Own knobs whose declared ranges and gauges go with one of its lengths → that over the usual one."""
 

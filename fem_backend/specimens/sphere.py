@@ -79,6 +79,10 @@ class SolidSphere(Ellipsoidal):
             )
         return replace(self, a=radius, b=radius, c=radius)
 
+    def dimensions(self) -> Mapping[str, float]:
+        """Its radius."""
+        return {"delta_sphere": self.a}
+
     def factors(self) -> Mapping[str, float]:
         """The error goes with the radius."""
         return {"delta_sphere": self.a / USUAL_SPHERE_RADIUS_MM}

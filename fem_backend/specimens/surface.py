@@ -33,7 +33,7 @@ N_GRID_ALONG_FACET, N_CANDIDATE_FACETS, N_GRID_HALVINGS = 8, 8, 40
 class HeldTable(members.MemberTable):
     """held: the region of the surface that a support holds, by one of a height, a box or a second surface."""
 
-    below: Annotated[float, BeforeValidator(members.finite_number)] | None = None
+    below: Annotated[float, BeforeValidator(members.finite_number), members.read_in("mm")] | None = None
     """All of the surface up to this z, mm."""
     box: Annotated[Any, BeforeValidator(lambda v: _box(v))] | None = None
     """[[x0, y0, z0], [x1, y1, z1]], mm: all of the surface inside of it."""
@@ -178,6 +178,10 @@ class Surface(InSpace):
     def planes(self) -> tuple[bool, bool]:
         """No scan is symmetric."""
         return False, False
+
+    def dimensions(self) -> Mapping[str, float]:
+        """The scale of the scan."""
+        return {"delta_scan": 1.0}
 
     def factors(self) -> Mapping[str, float]:
         """The error of the size is a share."""

@@ -38,7 +38,9 @@ class BowlSupport:
 
         kind: Literal["bowl"] = "bowl"
         """The specimen lies in a bowl of its own shape."""
-        clearance: Annotated[float, BeforeValidator(members.above(0.0, "must be positive"))] | None = None
+        clearance: (
+            Annotated[float, BeforeValidator(members.above(0.0, "must be positive")), members.read_in("mm")] | None
+        ) = None
         """Semi-axes of the bowl minus those of the specimen, mm."""
         friction: Annotated[float, BeforeValidator(members.at_least(0.0, "must be >= 0"))] | None = None
         """Coulomb friction between bowl and specimen."""
@@ -87,6 +89,7 @@ class BowlSupport:
         ),
     )
     lengths: ClassVar[tuple[str, ...]] = ("bowl_clearance",)
+    gauges: ClassVar[Mapping[str, float]] = {}
     loose: ClassVar[bool] = True
     variant: ClassVar[str] = "bowl"
     words: ClassVar[str] = "in a bowl"
@@ -126,6 +129,10 @@ class BowlSupport:
         if isinstance(specimen, EllipsoidShape):
             return None
         return f'support.kind = "bowl" has the shape of the specimen, an ellipsoid; there is none of a {specimen.name}'
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its clearance is a knob by itself."""
+        return {}
 
     def actual(self, knobs: Any) -> BowlSupport:
         """Knobs change its pairs alone."""

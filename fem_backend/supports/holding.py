@@ -22,6 +22,7 @@ class Holding:
     Knobs: ClassVar[type | None] = None
     options: ClassVar[tuple[SettingsOption, ...]] = ()
     lengths: ClassVar[tuple[str, ...]] = ()
+    gauges: ClassVar[Mapping[str, float]] = {}
     loose: ClassVar[bool] = False
     group: ClassVar[str] = ""
     seconds: ClassVar[tuple[float, float, float]] = (13.0, 5.0, 3.0)
@@ -39,6 +40,10 @@ class Holding:
 
     def defaults(self) -> Mapping[str, float]:
         """No knobs."""
+        return {}
+
+    def dimensions(self) -> Mapping[str, float]:
+        """It has no sizes."""
         return {}
 
     def actual(self, knobs: Any) -> Holding:

@@ -34,6 +34,8 @@ class Support(Protocol):
     options: ClassVar[tuple[SettingsOption, ...]]
     """Options of `rso new` that choose it."""
     lengths: ClassVar[tuple[str, ...]]
+    gauges: ClassVar[Mapping[str, float]]
+    """As of an indenter, for the usual size of specimen."""
     loose: ClassVar[bool]
     variant: ClassVar[str]
     words: ClassVar[str]
@@ -58,6 +60,9 @@ class Support(Protocol):
 
     def defaults(self) -> Mapping[str, float]:
         """Knobs that its table sets."""
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Own knobs that are an error of what its table states → what that states, in the knob's unit."""
 
     def actual(self, knobs: Any) -> Support:
         """Itself with what knobs make of it: its friction decides whether nodes are held or touched."""

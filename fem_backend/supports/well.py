@@ -102,6 +102,7 @@ class Well(Walls):
     words: ClassVar[str] = "in a well"
     group: ClassVar[str] = "well"
     lengths: ClassVar[tuple[str, ...]] = ("delta_well",)
+    gauges: ClassVar[Mapping[str, float]] = {"delta_well": 0.02}
 
     @property
     def described(self) -> str:
@@ -127,6 +128,10 @@ class Well(Walls):
         if self.radius and self.side == GAP:
             return self.radius + self.off
         return specimen.within(self.radius + self.off).half_width if self.radius else specimen.half_width
+
+    def dimensions(self) -> Mapping[str, float]:
+        """Its radius, where it is not that of the specimen."""
+        return {"delta_well": self.radius} if self.radius else {}
 
     def actual(self, knobs: Any) -> Well:
         """The friction, and the error of its radius; ValueError where hardly any of that is left."""

@@ -48,6 +48,7 @@ from rso.study.cases import (
     travels,
 )
 from rso.study.creep import Creeps, creep_case, loading_experiment, said_of, with_creep
+from rso.study.dimensions import dimensions_of_all
 from rso.study.errors import Problem, study_error
 from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
 from rso.study.resolve import Axis, Resolved, Search, resolve
@@ -179,6 +180,13 @@ class _Asked(dict[str, np.ndarray]):
         return self.setdefault(name, np.ones(1))
 
 
+def _dimensions(study: Study, backend: Backend) -> list[str]:
+    """Errors of dimensions of all experiments, where the study states one."""
+    if not (study.uncertainty or any(e.uncertainty for e in study.experiments)):
+        return []
+    return dimensions_of_all(backend, [study.settings_of(e.name) for e in study.experiments], list(study.parameters))
+
+
 def _derived(study: Study, backend: Backend) -> dict[str, str]:
     """Where a study names what is no parameter: of what the backend derives, from which parameters it follows."""
     offered, found = capability(backend, DerivedQuantities), {}
@@ -207,7 +215,7 @@ def make_plan(
     needs_data(study)
     source = source_of(study)
     backend = backend_of(study, source) if backend is None else backend
-    resolved = resolve(study, backend.parameters, _derived(study, backend))
+    resolved = resolve(study, backend.parameters, _derived(study, backend), _dimensions(study, backend))
     clouds = measured_clouds(study)
     curves = {**measured_curves(study), **measured_profiles(study)}
     curves |= {n: cloud_curve(c, study.experiment(n).compared[-1]) for n, c in clouds.items()}

@@ -16,12 +16,10 @@ import numpy as np
 from rso.calibration.plan import Plan
 from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
 from rso.core.digits import quantity_text
-from rso.core.symbols import unit_text
-from rso.core.units import people
 from rso.doe import read_condition
 from rso.evaluation.joint import BACKEND_SETTING
-from rso.study.cases import MISREAD_SETTING_ERRORS, case_for, travels
-from rso.study.dimensions import dimension_errors
+from rso.study.cases import case_for, travels
+from rso.study.dimensions import MISREAD_SETTING_ERRORS, dimension_errors
 from rso.study.schema import Study
 
 MAX_UNTOLD_MESH_ERROR_SHARE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
@@ -41,19 +39,6 @@ def of_study(plan: Plan) -> list[str]:
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
     groups = {"settings as stated": stated, "settings by the backend, by default or for its own use": unstated}
     return [line for words, found in groups.items() for line in _list(f"  {words}: ", map(_pair, found.items()))]
-
-
-def said_of_inputs(plan: Plan) -> list[str]:
-    """How well stated dimensions are known, and which of them count as exact; nothing of a backend that names none."""
-    lines = []
-    for i in plan.resolved.inputs:
-        label, factor = people(i.parameter.unit, i.uncertainty)
-        whose = f" in {i.experiment!r}" if i.experiment else ""
-        size = f"±{i.uncertainty * factor:.3g} {unit_text(label)}".strip()
-        lines.append(f"  {i.parameter.name}: {size}{whose}, {i.parameter.description}")
-    if exact := exact_dimensions(plan):
-        lines.append(f"  taken as exact, as [uncertainty] does not state them: {', '.join(exact)}")
-    return lines
 
 
 def exact_dimensions(plan: Plan) -> list[str]:

@@ -246,7 +246,7 @@ def _things(plan: Plan) -> list[str]:
         )
     ]
     lines += [f"  {words}" for words in plan.of_relaxation()]
-    lines += stated_settings.said_of_inputs(plan)
+    lines += uncertain_inputs.said_of_inputs(plan)
     lines += _refused(plan)
     lines += stated_settings.of_study(plan)
     for e in plan.study.experiments:

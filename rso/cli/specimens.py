@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rso.calibration import uncertain_inputs
 from rso.calibration.plan import Plan, source_of
 from rso.cli import output
 from rso.cli.answer import interval_in_unit
@@ -48,7 +49,9 @@ def check_specimens(options: argparse.Namespace, folder: Path) -> int:
         output.lines([*head, f"  {what} is foreign code and was not loaded; if you trust it: rso check --trust"])
         return 0
     plans = specimen_plans(found)
-    output.lines([*head, *sketch_lines(plans[0]), *_things(found, plans), *_alike(plans), f"  results: {folder}"])
+    output.lines(
+        [*head, *sketch_lines(plans[0]), *_things(found, plans), *_sizes(plans), *_alike(plans), f"  results: {folder}"]
+    )
     name = shlex.quote(found.names[0])
     output.say(f"  one alone, in full: rso check {shlex.quote(str(options.study))} --specimen {name}")
     return 0
@@ -68,6 +71,24 @@ def _things(found: SpecimenStudies, plans: Sequence[Plan]) -> list[str]:
         lines.append(f"  {name}: {tests}" + (f"; {own}" if own else ""))
     left = len(plans) - MAX_SPECIMEN_LINES
     return [*lines, f"  and {left} more"] if left > 0 else lines
+
+
+def _sizes(plans: Sequence[Plan]) -> list[str]:
+    """What is said of stated sizes and their uncertainties, with the specimens that it is said of where not of all."""
+    said: dict[str, list[str]] = {}
+    for plan in plans:
+        for line in uncertain_inputs.said_of_inputs(plan):
+            said.setdefault(line, []).append(plan.study.specimen)
+    lines = []
+    for line, names in list(said.items())[:MAX_SPECIMEN_LINES]:
+        few = ", ".join(names[:MAX_SPECIMEN_LINES])
+        lines.append(
+            line
+            if len(names) == len(plans)
+            else f"{line} ({few}{' and others' if len(names) > MAX_SPECIMEN_LINES else ''})"
+        )
+    left = len(said) - MAX_SPECIMEN_LINES
+    return [*lines, f"  and {left} more sentences on sizes"] if left > 0 else lines
 
 
 def _alike(plans: Sequence[Plan]) -> list[str]:

@@ -46,6 +46,14 @@ class NominalValues(Protocol):
         ...
 
 
+class StatedDimensions(Protocol):
+    """Sizes of body and indenter; without it an uncertainty is compared with the hard bounds of its knob alone."""
+
+    def dimensions(self, settings: Settings, /) -> Mapping[str, float]:
+        """Knob → the size, stated by these settings, that it is an error of, in the knob's unit; 1 of a share of it."""
+        ...
+
+
 class PhysicalBounds(Protocol):
     """Bounds of nature; without it only the hard bounds of knobs limit the sizes of effects."""
 
@@ -431,6 +439,17 @@ class Option:
 Given = Mapping[str, tuple[float | str, ...]]
 
 
+class SettingUnits(Protocol):
+    """Units of settings; without it a unit that a table of specimens states for one is believed."""
+
+    def setting_unit(self, settings: Settings, keys: Sequence[str], /) -> str | None:
+        """The unit that numbers of a setting are in, by its keys ("specimen", "thickness"), "1" of a pure number.
+
+        None for what is no number, or no setting.
+        """
+        ...
+
+
 class NewStudies(Protocol):
     """First studies by `rso new`; without it a study of this backend is written by hand."""
 
@@ -466,7 +485,7 @@ class Fingerprint(Protocol):
 
 
 CAPABILITY_GROUPS: Mapping[str, tuple[type, ...]] = {
-    "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
+    "priors": (PlausibleRanges, NominalValues, StatedDimensions, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy, Relaxation, ForceControl),
     "closed forms": (ClosedForm, Formulas, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (
@@ -481,7 +500,7 @@ CAPABILITY_GROUPS: Mapping[str, tuple[type, ...]] = {
     ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
     "what is modelled": (Sketches, DeformedBodies, FilledInputs, DerivedQuantities, FreeCurves, Exports),
-    "new studies": (NewStudies,),
+    "new studies": (NewStudies, SettingUnits),
     "identity": (Fingerprint,),
 }
 CAPABILITIES: tuple[type, ...] = tuple(kind for kinds in CAPABILITY_GROUPS.values() for kind in kinds)

@@ -25,6 +25,14 @@ ASKED_BY_CASE: Mapping[str, tuple[int, Any]] = {
     "reduction": (1, None),
     "formulas": (1, ()),
 }
+# What any of them may be asked, whether or not the first can say it:
+ASKED_OF_ANY: Mapping[str, tuple[int, Any]] = {
+    "plausible": (0, {}),
+    "nominal": (0, {}),
+    "gauges": (0, {}),
+    "dimensions": (0, {}),
+    "setting_unit": (0, None),
+}
 ASKED_OF_FIRST = ("derived", "physical", "ordinary")
 
 
@@ -82,13 +90,15 @@ class JointBackend:
 
     def __getattr__(self, name: str) -> Any:
         """What may be asked beside the answers: of the backend of the settings or of the case."""
+        if name in ASKED_OF_ANY and any(getattr(b, name, None) for b in (self.first, *self.others.values())):
+            return self._asked(name, getattr(self.first, name, None))
         if name in ASKED_OF_FIRST or name in ASKED_BY_SETTINGS or name in ASKED_BY_CASE:
             own = getattr(self.first, name)
             return own if name in ASKED_OF_FIRST else self._asked(name, own)
         raise AttributeError(name)
 
-    def _asked(self, name: str, own: Callable[..., Any]) -> Callable[..., Any]:
-        place, otherwise = (ASKED_BY_SETTINGS | ASKED_BY_CASE)[name]  # type: ignore[operator]
+    def _asked(self, name: str, own: Callable[..., Any] | None) -> Callable[..., Any]:
+        place, otherwise = {**ASKED_BY_SETTINGS, **ASKED_BY_CASE, **ASKED_OF_ANY}[name]
 
         def ask(*arguments: Any) -> Any:
             given = list(arguments)

@@ -61,9 +61,11 @@ class BudgetEntry:
 
 
 def with_effects(data: Data, place: CurvePlace, case: int, effects: Sequence[InputEffect]) -> Data:
-    """A measured curve with what stated inputs make uncertain of the simulated one."""
+    """A measured curve with what stated inputs make uncertain of the simulated one; those that do not move it are none
+    of it."""
     for e in effects:
-        data = data.with_input(e.name, e.shift(place, case))
+        shift = e.shift(place, case)
+        data = data.with_input(e.name, shift) if np.any(shift) else data
     return data
 
 

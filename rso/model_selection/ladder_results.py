@@ -15,6 +15,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.predictive_check import Channel, PredictiveCheck
 from rso.calibration.readings import curve_label
 from rso.calibration.results import data_hashes
+from rso.calibration.stated_settings import exact_dimensions
 from rso.core.digits import significant
 from rso.inference.error_model import shares
 from rso.inference.predictive_test import chi2_limit
@@ -51,6 +52,8 @@ def ladder_data(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
             "rivals": list(climb.rivals),
             "words": climb.words,
             "warnings": ladder_warnings(plan, found),
+            "stated_inputs": [i.name for i in plan.resolved.inputs],
+            "exact_inputs": exact_dimensions(plan),
             "start": _start(plan, found),
             "steps": [
                 {"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict, "words": s.words}

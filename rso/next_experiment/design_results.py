@@ -14,6 +14,7 @@ import rso
 from rso.calibration import result_files
 from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
+from rso.calibration.stated_settings import exact_dimensions
 from rso.core.distributions import chi2_ppf
 from rso.inference.error_model import shares
 from rso.inference.rules import RULES
@@ -55,6 +56,8 @@ def design_data(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]
             "words": design_sentences(found, singles, pairs),
             "experiments": [_experiment(v) for v in found.learnt],
             "warnings": design_warnings(found),
+            "stated_inputs": [i.name for i in plan.resolved.inputs],
+            "exact_inputs": exact_dimensions(plan),
             "problems": dict(found.problems),
             "fits": [_fit(box, j) for j in found.joint],
             "told": [_row(found, n) for n in [(), *singles, *pairs]],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.layout.digits import quantity, symbol
+from rso.report.layout.digits import percent, quantity, symbol
 from rso.report.reading import about_zero, lettered
 
 
@@ -68,7 +68,7 @@ def _budget(data: Mapping[str, Any]) -> list[str]:
     for p in data.get("parameters") or ():
         rows = [(r["share"].get(p["parameter"]) or 0.0, r) for r in data.get("inputs") or ()]
         each = [
-            f"{100 * share:.2g} % from {r['input']}{f' of {of}' if (of := r['experiment']) else ''} "
+            f"{percent(share)} from {r['input']}{f' of {of}' if (of := r['experiment']) else ''} "
             f"(±{quantity(r['uncertainty'], '' if r['unit'] == '1' else r['unit'], 3)})"
             for share, r in sorted(rows, key=lambda row: -row[0])
             if share >= MIN_SHOWN_VARIANCE_SHARE

@@ -168,6 +168,8 @@ class LadderFile(ResultBlock):
     rivals: Texts = holds("levels of its rung that are not 20 times less likely")
     words: str = holds("the answer")
     warnings: Texts = holds("what a reader must know before believing it")
+    stated_inputs: Texts = holds("errors of stated dimensions that [uncertainty] states")
+    exact_inputs: Texts = holds("those that count as none: nobody said how well these are known")
     start: StartBlock | None = holds("the start by closed form")
     steps: tuple[LadderStepBlock, ...] = holds("every level in order")
     levels: tuple[LevelBlock, ...] = holds("those tried")

@@ -106,6 +106,8 @@ class NextFile(ResultBlock):
     words: Texts = holds("the answer")
     experiments: tuple[AskedExperimentBlock, ...] = holds("experiments with an answer")
     warnings: Texts = holds("where the model misses the data, and truths that these exclude")
+    stated_inputs: Texts = holds("errors of stated dimensions that [uncertainty] states")
+    exact_inputs: Texts = holds("those that count as none: nobody said how well these are known")
     problems: dict[str, str] = holds("experiment → why it has no answer")
     fits: tuple[JointFitBlock, ...] = holds("what has been done, fitted alone and together")
     told: tuple[AddedBlock, ...] = holds("what each set shows")

@@ -16,16 +16,15 @@ from rso.contract import (
     Backend,
     Case,
     ContactModulus,
-    NominalValues,
-    PlausibleRanges,
     Programme,
+    SettingUnits,
     Sketches,
     by_contents,
     capability,
     digest,
     plain,
 )
-from rso.core.units import CHANNEL_UNITS, COLUMN_UNITS, UNITS_OF_KIND, same, value_in_unit
+from rso.core.units import CHANNEL_UNITS, COLUMN_UNITS, UNITS_OF_KIND, in_base, same, value_in_unit
 from rso.data import (
     N_CLOUD_POINTS,
     Hold,
@@ -38,8 +37,10 @@ from rso.data import (
     surface_cloud,
     without_spikes,
 )
-from rso.study.dimensions import dimension_errors
+from rso.evaluation.joint import BACKEND_SETTING
+from rso.study.dimensions import MISREAD_SETTING_ERRORS
 from rso.study.errors import Problem, choices_text, study_error
+from rso.study.input_sizes import refuse_inputs
 from rso.study.line_numbers import LineElsewhere, Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
@@ -65,8 +66,6 @@ PROFILE_NOT_USED_NOTE = (
 )
 # of settings
 UNDRAWN_SETTINGS = ("speed", "unload", "profile", "mesh", "solver", "earlier", "derivatives", "multipliers")
-# settings of the wrong type end in any of these
-MISREAD_SETTING_ERRORS = (ValueError, TypeError, LookupError, AttributeError)
 
 
 def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
@@ -371,7 +370,7 @@ def refuse_what_is_not_modelled(
     curves: Mapping[str, MeasuredCurve],
     clouds: Mapping[str, SurfaceCloud] = MappingProxyType({}),
 ) -> None:
-    problems = foreign_units(study, backend)
+    problems = [*foreign_units(study, backend), *foreign_setting_units(study, backend)]
     for n, e in enumerate(study.experiments):
         place: Place = ("experiments", n)
         unload = study.settings_of(e.name).get("unload", False)
@@ -398,8 +397,9 @@ def refuse_what_is_not_modelled(
         text = 'profiles are not fitted: at least one force curve needs role = "fit"'
         problems.append(Problem(("experiments",), text))
     problems += _refuse_search(study, backend)
-    problems += _refuse_inputs(study, backend, resolved)
     opened = [a.name for a in resolved.axes]
+    if not problems:  # settings that can be read
+        problems += refuse_inputs(study, backend, resolved.inputs, resolved.fixed, opened)
     for p in backend.parameters:
         if p.default is None and p.name not in opened and p.name not in resolved.fixed:
             text = f"the backend needs {p.name!r} ({p.description}, {p.unit}): give low and high, or value"
@@ -422,6 +422,26 @@ def foreign_units(study: Study, backend: Backend) -> list[Problem]:
         )
         for c, unit in wrong
     ]
+
+
+def foreign_setting_units(study: Study, backend: Backend) -> list[Problem]:
+    """Columns of a table of specimens that state a setting in a unit of another kind than the backend reads it in."""
+    asked, problems = capability(backend, SettingUnits), []
+    for place, line in study.lines.items():
+        if asked is None or not (isinstance(line, LineElsewhere) and line.unit and "settings" in place):
+            continue
+        at = place.index("settings")
+        above, keys = place[:at], tuple(str(k) for k in place[at + 1 :])
+        if above[:1] == ("experiments",):
+            settings = study.settings_of(study.experiments[int(above[1])].name)
+        else:
+            settings = {BACKEND_SETTING: above[1]} if above[:1] == ("backends",) else {}
+        meant = asked.setting_unit(settings, keys)
+        if meant is not None and not same(in_base(f"1 {line.unit}")[1], meant):
+            what = "is a pure number" if meant == "1" else f"is in {meant}"
+            text = f"{line.unit!r} is no unit of it: {'.'.join(keys)} {what}"
+            problems.append(Problem(place, text))
+    return problems
 
 
 def _refusal(backend: Backend, case: Case) -> str | None:
@@ -463,29 +483,6 @@ def _of_a_table(study: Study, place: Place, message: str) -> Place:
     named = re.match(r"\w+((?:\.\w+)+)", message)
     deep = (*place, *named[1][1:].split(".")) if named else place
     return deep if isinstance(study.lines.get(deep), LineElsewhere) else place
-
-
-def _refuse_inputs(study: Study, backend: Backend, resolved: Resolved) -> list[Problem]:
-    """Uncertain inputs that none of the experiments has that share them, or of which they state several values."""
-    ranges = capability(backend, PlausibleRanges)
-    given = [*(a.name for a in resolved.axes), *resolved.fixed]
-    offered, problems = capability(backend, NominalValues), list[Problem]()
-    for i in resolved.inputs:
-        each = [study.settings_of(e) for e in i.experiments or [e.name for e in study.experiments]]
-        values = set() if offered is None else {offered.nominal(s).get(i.parameter.name) for s in each}
-        if len(values) > 1 and i.parameter.name not in resolved.fixed:
-            text = "experiments state several values of it: give each of them its own uncertainty"
-            problems.append(Problem(("uncertainty", i.parameter.name), text))
-        if ranges is not None and all(
-            ranges.plausible(settings, given).get(i.parameter.name, ()) is None for settings in each
-        ):
-            n = [e.name for e in study.experiments].index(i.experiments[0]) if i.experiments else 0
-            own = i.experiments and i.parameter.name in study.experiments[n].uncertainty
-            place: Place = ("experiments", n, "uncertainty") if own else ("uncertainty",)
-            choices = list(dict.fromkeys(k for settings in each for k in dimension_errors(backend, settings, given)))
-            text = f"these settings have no {i.parameter.description}; {choices_text(i.parameter.name, choices)}"
-            problems.append(Problem((*place, i.parameter.name), text))
-    return problems
 
 
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:

@@ -157,7 +157,8 @@ def deck_parameter(name: str, table: Any) -> tuple[Parameter, tuple[float, float
     """A parameter that a study declares by its line in [parameters], and its range.
 
     The unit is that stated, or that of its values.  A positive parameter whose unit holds a stress may leave its range,
-    as similarity scales it with the modulus; any other stays in it, unless `bounds` says more.  Raises ValueError for a
+    as similarity scales it with the modulus; any other stays in it, unless `bounds` says more.  A fixed value keeps its
+    sign and may be up to twice as large: [uncertainty] says how far it is off.  Raises ValueError for a
     unit that there is not, values of different kinds, and bounds that do not hold the range.
     """
     if table.choices is not None:
@@ -183,6 +184,8 @@ def deck_parameter(name: str, table: Any) -> tuple[Parameter, tuple[float, float
         return Parameter(name, table.description or name, unit, first, last, whole=table.whole), (low, high)
     scaled = low > 0 and _of_stress(unit) and table.values is None and not table.whole
     hard = (low / HARD_BOUND_RATIO, high * HARD_BOUND_RATIO) if scaled else (low, high)
+    if table.value is not None and not (scaled or table.whole):
+        hard = (min(0.0, 2.0 * low), max(0.0, 2.0 * high))
     return Parameter(name, table.description or name, unit, *hard, whole=table.whole), (low, high)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -55,18 +55,29 @@ def _cut(message: str) -> str:
     return message if len(message) <= _MAX_MESSAGE_CHARACTERS else message[:_MAX_MESSAGE_CHARACTERS] + "…"
 
 
-def choices_text(name: str, choices: Iterable[str]) -> str:
-    """``did you mean 'mu'? choose from D1, mu``: the nearest names first, then all, or of many the nearest."""
+def choices_text(name: str, choices: Iterable[str], first: Collection[str] = (), rest: str = "") -> str:
+    """``did you mean 'mu'? choose from D1, mu``: the nearest names first, then all, or of many the nearest.
+
+    Those of `first` that are among them come ahead of the others, and `rest` says where one sees what is left out.
+    """
     known = sorted(choices)
     if not known:
         return "there is nothing to choose from"
-    by_lower = {c.lower(): c for c in known}
-    near = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=2, cutoff=0.5)]
+    likely = [c for c in known if c in first]
+    near = _nearest(name, likely, 2, 0.6) or _nearest(name, known, 2, 0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    if len(known) <= _MAX_LISTED_CHOICES:
-        return f"{hint}choose from {', '.join(known)}"
-    some = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=_N_NEAREST_CHOICES, cutoff=0.0)]
-    return f"{hint}choose from {', '.join(some)} and {len(known) - len(some)} more"
+    if len(known) <= (_N_NEAREST_CHOICES if first else _MAX_LISTED_CHOICES):
+        return f"{hint}choose from {', '.join([*likely, *(c for c in known if c not in likely)])}"
+    ahead = _nearest(name, likely, _N_NEAREST_CHOICES, 0.0)
+    others = _nearest(name, [c for c in known if c not in likely], _N_NEAREST_CHOICES, 0.0)
+    some = [*ahead, *others][:_N_NEAREST_CHOICES]
+    return f"{hint}choose from {', '.join(some)} and {len(known) - len(some)} more{rest and f': {rest}'}"
+
+
+def _nearest(name: str, choices: Sequence[str], count: int, cutoff: float) -> list[str]:
+    """So many of the choices at most, the nearest to a name first, whatever their case."""
+    by_lower = {c.lower(): c for c in choices}
+    return [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=cutoff)]
 
 
 def schema_problems(model: type[BaseModel], error: ValidationError) -> list[Problem]:

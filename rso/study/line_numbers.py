@@ -9,15 +9,17 @@ Place = tuple[str | int, ...]
 
 
 class LineElsewhere(int):
-    """A line of another file than the study's, such as a table of specimens, and what it is called there."""
+    """A line of another file than the study's, such as a table of specimens, what it is called there, and the unit that
+    its number has there; empty without one."""
 
     file: Path
     label: str
+    unit: str
 
-    def __new__(cls, line: int, file: Path, label: str) -> LineElsewhere:
+    def __new__(cls, line: int, file: Path, label: str, unit: str = "") -> LineElsewhere:
         """The line (from 1) of a file."""
         made = super().__new__(cls, line)
-        made.file, made.label = file, label
+        made.file, made.label, made.unit = file, label, unit
         return made
 
 

@@ -333,6 +333,7 @@ def _check_backends(study: Study, specimen: str) -> Iterator[Problem]:
 
 MEASURED_ONLY_KEYS = {  # tables and keys that mean something only where there are data
     "columns": (),
+    "uncertainty": (),
     "identify": (),
     "diagnose": (),
     "ladder": (),

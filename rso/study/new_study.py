@@ -223,7 +223,7 @@ def _uncertainty(backend: Backend, settings: Mapping[str, Line], parameters: Map
     if not found:
         return []
     units = {p.name: p.unit for p in backend.parameters}
-    each = {name: people(units[name], u) for name, (_, u) in found.items()}
+    each = {name: ("%", 100.0) if units[name] == "1" else people(units[name], u) for name, (_, u) in found.items()}
     return [
         "# [uncertainty]  # standard uncertainties of stated dimensions; without them intervals take these as exact",
         *(

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
 
 from rso.contract import Parameter
-from rso.core.units import value_in_unit
+from rso.core.default_backend import BACKEND_PACKAGE, DEFAULT_BACKEND
+from rso.core.symbols import unit_text
+from rso.core.units import people, spaced, value_in_unit
 from rso.doe import Box, Space, space
+from rso.study.dimensions import UncertainInput
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
 from rso.study.search_table import TargetTable
 
+NO_BOUND = 1e6  # of a unit: a hard bound that no study comes near is not worth a word
 _MAX_LOG_RANGE_RATIO = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
 
 
@@ -48,26 +52,6 @@ class Search:
 
 
 @dataclass(frozen=True)
-class UncertainInput:
-    """A stated input: its knob, the standard uncertainty in the knob's unit, and the experiments that share its error,
-    () for all."""
-
-    parameter: Parameter
-    uncertainty: float
-    experiments: tuple[str, ...] = ()
-
-    @property
-    def experiment(self) -> str:
-        """The experiments in words; empty for all."""
-        return ", ".join(self.experiments)
-
-    @property
-    def name(self) -> str:
-        """Name of the error that it makes."""
-        return f"{self.experiment}: {self.parameter.name}" if self.experiment else self.parameter.name
-
-
-@dataclass(frozen=True)
 class Resolved:
     """A study whose numbers have units: `axes` to be identified, `fixed` values; `variants`, `start` of the search;
     `inputs` are stated and uncertain."""
@@ -95,11 +79,15 @@ class Resolved:
 
 
 def resolve(
-    study: Study, parameters: tuple[Parameter, ...], derived: Mapping[str, str] = MappingProxyType({})
+    study: Study,
+    parameters: tuple[Parameter, ...],
+    derived: Mapping[str, str] = MappingProxyType({}),
+    dimensions: Collection[str] = (),
 ) -> Resolved:
     """Bounds in the units of `parameters` (the backend's, and the measurement chain's if they are open).
 
     `derived` says of quantities that are no parameters from which they follow: "b follows from a, c".
+    `dimensions` are knobs that are likely inputs of [uncertainty], named first where another is asked for.
 
     StudyError for unknown parameters, wrong units, values outside hard bounds, low ≥ high, a log scale that
     starts at or below 0, and variants that leave the study's range; all at once.
@@ -114,7 +102,7 @@ def resolve(
             if name in derived:
                 text = f"{derived[name]}: state these"
             else:
-                text = f"the backend has no such parameter; {choices_text(name, known)}"
+                text = f"the backend has no such parameter; {choices_text(name, known, rest=parameters_page(study))}"
             problems.append(Problem(place, text))
         elif table.value is not None:
             value = _number(table.value, known[name], (*place, "value"), problems)
@@ -135,7 +123,7 @@ def resolve(
                 narrowed[name] = _narrowed(axes[name], low, high, (*place, name), problems) or axes[name]
         variants.append(Search(variant.name, variant.targets or study.search.targets, tuple(narrowed.values())))
     start = _start(study, axes, problems)
-    inputs = _inputs(study, known, problems)
+    inputs = _inputs(study, known, dimensions, problems)
     if problems:
         raise study_error(study.file, study.lines, problems)
     return Resolved(
@@ -143,7 +131,14 @@ def resolve(
     )
 
 
-def _inputs(study: Study, known: Mapping[str, Parameter], problems: list[Problem]) -> tuple[UncertainInput, ...]:
+def parameters_page(study: Study) -> str:
+    """Where one sees all parameters of the backend of a study; empty where that is not known."""
+    return f"python -m {BACKEND_PACKAGE} --schema lists them" if study.backend.use == DEFAULT_BACKEND else ""
+
+
+def _inputs(
+    study: Study, known: Mapping[str, Parameter], dimensions: Collection[str], problems: list[Problem]
+) -> tuple[UncertainInput, ...]:
     """What [uncertainty] and experiments state of inputs, in their units; an experiment's own replaces the study's."""
     found = []
     own = {(name, e.name) for e in study.experiments for name in e.uncertainty}
@@ -151,7 +146,7 @@ def _inputs(study: Study, known: Mapping[str, Parameter], problems: list[Problem
     tables += [(("experiments", n, "uncertainty"), e.uncertainty, e.name) for n, e in enumerate(study.experiments)]
     for place, table, experiment in tables:
         for name, written in table.items():
-            one = _input(study, known, name, written, (*place, name), problems)
+            one = _input(study, known, dimensions, name, written, (*place, name), problems)
             if one is None:
                 continue
             others = tuple(e.name for e in study.experiments if (name, e.name) not in own)
@@ -163,18 +158,31 @@ def _inputs(study: Study, known: Mapping[str, Parameter], problems: list[Problem
 
 
 def _input(
-    study: Study, known: Mapping[str, Parameter], name: str, written: Any, place: Place, problems: list[Problem]
+    study: Study,
+    known: Mapping[str, Parameter],
+    dimensions: Collection[str],
+    name: str,
+    written: Any,
+    place: Place,
+    problems: list[Problem],
 ) -> float | None:
     """One standard uncertainty in the unit of its knob; None after noting a problem."""
     p = known.get(name)
     table = study.parameters.get(name)
-    offered = [n for n, q in known.items() if q.default is not None and not (q.choices or q.whole)]
+    stated = {n for n, t in study.parameters.items() if t.value is not None}
+    open_ = {n for n, t in study.parameters.items() if t.value is None}
+    offered = [
+        n
+        for n, q in known.items()
+        if (q.default is not None or n in stated) and not (q.choices or q.whole or n in open_)
+    ]
     if table is not None and table.value is None:
         text = "is a parameter that is fitted: its range in [parameters] says how well it is known"
         problems.append(Problem(place, text, written))
         return None
     if p is None or name not in offered:
-        problems.append(Problem(place, f"no input that the study states; {choices_text(name, offered)}", written))
+        hint = choices_text(name, offered, first=[*dimensions, *stated], rest=parameters_page(study))
+        problems.append(Problem(place, f"no input that the study states; {hint}", written))
         return None
     try:
         u = value_in_unit(written, p.unit)
@@ -182,10 +190,22 @@ def _input(
         problems.append(Problem(place, str(error), written))
         return None
     if not 0.0 < u <= p.high - p.low:
-        text = f"a standard uncertainty above 0 is expected, up to {p.high - p.low:g} {p.unit} ({p.description})"
-        problems.append(Problem(place, text, written))
+        problems.append(Problem(place, _expected_uncertainty(p), written))
         return None
     return u
+
+
+def _expected_uncertainty(p: Parameter) -> str:
+    """What a standard uncertainty may be, with one that is usual where that is declared."""
+    most, text = p.high - p.low, "a standard uncertainty above 0 is expected"
+    if most <= 0.0:
+        return f"{p.name} has one value alone: state its bounds = [low, high] in [parameters]"
+    if most < NO_BOUND:
+        text += f", up to {most:g}{spaced(p.unit)}"
+    if p.typical:
+        label, factor = people(p.unit, p.typical)
+        text += f", such as {f'{p.typical * factor:g} {unit_text(label)}'.strip()!r}"
+    return f"{text} ({p.description}); without this line it counts as exact"
 
 
 def _start(study: Study, axes: Mapping[str, Axis], problems: list[Problem]) -> dict[str, float]:

@@ -136,7 +136,7 @@ def rows_of_file(path: Path, problems: list[str]) -> list[SpecimenRow]:
         for head, (place, unit), cell in zip(heads, paths, cells + [""] * len(heads), strict=False):
             if not cell and place[0] != "data":
                 continue  # as the study has it
-            spots[place] = LineElsewhere(number, path, f"column {head!r}")
+            spots[place] = LineElsewhere(number, path, f"column {head!r}", unit)
             try:
                 values[place] = _cell(cell, place, unit)
             except ValueError as error:

@@ -115,6 +115,9 @@ class Block:
     def planes(self):
         return True, True
 
+    def dimensions(self):
+        return {"delta_brick": self.height}
+
     def factors(self):
         return {"delta_brick": self.height / 15.0}
 
@@ -223,6 +226,9 @@ class Paraboloid:
 
     def plain(self):
         return {"shape": self.name, "tip": self.tip}
+
+    def dimensions(self):
+        return {"delta_tip": self.tip}
 
     def actual(self, knobs, specimen):
         return replace(self, tip=self.tip + knobs.delta_tip)

@@ -36,6 +36,7 @@ U = np.array([0.5, 1.0])
 VALUES = {"mu": 0.01}
 ASKED = {  # what rso hands over, and a look at the answer
     "plausible": ((SETTINGS, {"C01"}), lambda v: v == {"delta_t": (-0.25, 0.25), "C20": None}),
+    "dimensions": ((SETTINGS,), lambda v: v == {"delta_t": SETTINGS["thickness"]}),
     "nominal": ((SETTINGS,), lambda v: v == {"friction": 0.0}),
     "physical": ((), lambda v: v["weight"][0] < v["weight"][1]),
     "ordinary": ((), lambda v: list(v) == ["mu * D1 <= 3"]),
@@ -54,6 +55,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "tests": ((SETTINGS,), lambda v: v == {"a cylinder of twice the radius": {"radius": 4.0}}),
     "marks": ((SETTINGS,), lambda v: all(len(at) == 2 for places in v.values() for at in places)),
     "prevented": ((), lambda v: v == {"the tests again with oil": ("friction",)}),
+    "setting_unit": ((SETTINGS, ("thickness",)), lambda v: v == "mm"),
     "gauges": ((SETTINGS,), lambda v: v["delta_t"][1] == 0.02),
     "sketch": ((SETTINGS, 1.0), lambda v: v.words and v.drawn[0].role == "specimen"),
     "deformed": ((VALUES, CASE), lambda v: v.frames[-1].travel == 1.0 and list(v.frames[-1].fields) == list(v.units)),

@@ -252,3 +252,21 @@ def test_a_cloud_validates_a_model_and_refutes_a_wrong_one(marked):
     (marked / "cloud.csv").write_text("\n".join([lines[0], *moved]) + "\n")
     (row,) = studies.run(marked, backend=MARKED, experiments=experiments)["predictions"]
     assert row["verdict"] == "no"
+
+
+@pytest.mark.parametrize(
+    "search", [studies.SECTIONS["search"], 'method = "gauss_newton"\nderivatives = "differences"'], ids=["rs", "gn"]
+)
+def test_a_size_that_is_uncertain_beside_a_cloud(marked, search):
+    """The sphere was one standard uncertainty larger than stated; it moves the force of this backend, no point."""
+    h = np.linspace(0, 2.0, 21)[1:]
+    F = indentation_backend.force(studies.MU, studies.D1, h, studies.THICKNESS, 3.1)
+    rows = "".join(f"{u!r},{f!r}\n" for u, f in zip(h.tolist(), F.tolist(), strict=True))
+    (marked / "top.csv").write_text("depth_mm,Fz_N\n" + rows)
+    changes = {"backend": MARKED, "experiments": TOP + CLOUD.format("fit") + FEW, "search": search}
+    exact_one = studies.run(marked, **changes)["identification"]["parameters"][0]
+    found = studies.run(marked, **changes, uncertainty="radius = 0.1")["identification"]
+    low, high = found["parameters"][0]["interval"]
+    assert low < studies.MU < high
+    assert not exact_one["interval"][0] < studies.MU < exact_one["interval"][1]
+    assert [list(d["fitted"]["inputs"]) for d in found["data"]] == [["radius"], []]

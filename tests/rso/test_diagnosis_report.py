@@ -396,6 +396,34 @@ def test_tests_that_settle_nothing_have_no_row():
     assert "None of 1 proposed tests would separate the causes" in said(found)
 
 
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("no_gap", "No gap was found, so there are no rival causes that a test could separate. Effects may be there"),
+        ("explained", "One explanation is left, so no test is needed"),
+        ("ambiguous", "No test was found that separates these causes: repeats"),
+        ("unexplained", "looks like nothing in the catalogue, so no further test is proposed"),
+    ],
+)
+def test_why_no_test_is_proposed_goes_with_the_verdict(verdict, words):
+    """Without a gap a further test may still show what this plan does not see, and narrow the parameters."""
+    found = story(verdict)
+    found["diagnosis"]["next_test"] = []
+    assert words in said(found)
+    blind = [v for v in found["diagnosis"]["detectable"] if not v["visible"]]
+    assert (f"{len(blind)} of {len(found['diagnosis']['detectable'])} at no plausible size" in said(found)) == (
+        verdict == "no_gap" and bool(blind)
+    )
+    assert ("which rso next answers" in said(found)) == (verdict == "no_gap")
+
+
+def test_on_the_border_repeats_come_first():
+    found = story("no_gap")
+    found["diagnosis"]["next_test"] = []
+    found["diagnosis"]["gap"]["p_value"] = 0.06
+    assert "more repeats of these tests, or less noise, decide it" in said(found)
+
+
 def test_a_share_that_is_not_known_is_not_printed():
     found = story("explained")
     assert "95 % of what exceeds the noise floor is closed (90 %: 81 to 99 %)" in said(found)

@@ -102,6 +102,9 @@ def test_a_stated_dimension_that_the_fit_moved_is_named():
     moved |= {"delta_thickness": -0.4, "delta_R": 0.05}
     said = caption(found, "curve-0")
     assert "; delta_thickness 0.4 standard uncertainties less than stated." in said and "delta_R" not in said
+    moved |= {"delta_R": -0.98, "top: tilt_x": 2.0}
+    said = caption(found, "curve-0")
+    assert "; delta_R one standard uncertainty less than stated; tilt_x 2 standard uncertainties more" in said
     moved["delta_R"] = 5.0
     assert "The delta_R is 5 times what was expected: check it, or the model." in caption(found, "curve-0")
 

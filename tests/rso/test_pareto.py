@@ -236,6 +236,7 @@ def test_no_design_within_the_limits_is_said(tmp_path):
         ("runs = 16", 'kind = "ccd"', []),
         ("[search]", '[search]\nmetric = "rmse"', ["search.metric", "study with data"]),
         ("[doe]", "[identify]\nrequire = []\n[doe]", ["identify", "study with data"]),
+        ("[doe]", "[uncertainty]\nx = 0.1\n[doe]", ["uncertainty", "study with data"]),
         ("[doe]", '[surrogate]\nkind = "whole_curve"\n[doe]', ["surrogate.kind", "kriging"]),
     ],
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rso
+from rso.cli import main
 from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.summary import folder_of
@@ -236,6 +237,56 @@ def test_what_the_backend_refuses_of_a_row_is_said_of_its_cell(springs, head, ce
     wrong = next(line for line in caught.value.problems if "specimen b" in line or head == "thicknes")
     place = f"table.csv:{2 if head == 'thicknes' else 3}: column 'settings.specimen.{head}'"
     assert place in wrong and said in wrong, wrong
+
+
+@pytest.mark.parametrize(
+    ("head", "cell", "said"),
+    [
+        ("settings.specimen.thickness [kPa]", "6000", "'kPa' is no unit of it: specimen.thickness is in mm"),
+        ("settings.indenter.radius [s]", "3", "'s' is no unit of it: indenter.radius is in mm"),
+        ("settings.specimen.thickness [%]", "600", "'%' is no unit of it: specimen.thickness is in mm"),
+        ("settings.support.friction [mm]", "0.2", "'mm' is no unit of it: support.friction is a pure number"),
+        ("experiments.press.settings.speed [kPa]", "6", "'kPa' is no unit of it: speed is in mm/s"),
+        ("settings.specimen.thickness [um]", "6000", ""),
+        ("settings.support.friction [%]", "20", ""),
+    ],
+)
+def test_a_setting_in_a_unit_of_another_kind_is_refused(springs, head, cell, said):
+    """A number with a unit was one of whatever that is a unit of: 6000 kPa a thickness of 6 mm."""
+    write(springs, f"name,{head}\na,{cell}\n")
+    text = (springs / "study.toml").read_text()
+    body = 'specimen = { shape = "slab", thickness = 8.0 }\nindenter = { shape = "sphere", radius = 3.0 }\n'
+    text = text.replace(
+        "area = 2.0", f'{body}support = {{ kind = "well", radius = 9.0, base = "slip", wall = "slip" }}'
+    )
+    text = text.replace("nowhere:spring", "fem_backend.backend:BACKEND")
+    text = text.replace("k = { low = 0.5, high = 20.0", "mu = { low = 0.005, high = 0.02")
+    (springs / "study.toml").write_text(text.replace("n = { value = 1.5 }", "D1 = { value = 5.8 }"))
+    if not said:
+        assert rso.specimens(springs)
+        return
+    with pytest.raises(StudyError) as caught:
+        rso.specimens(springs)
+    assert f"table.csv:2: column {head!r}" in str(caught.value) and said in str(caught.value)
+
+
+def test_a_check_says_whose_sizes_are_uncertain_and_which_count_as_exact(springs, capsys):
+    write(
+        springs, "name,experiments.press.uncertainty.delta_thickness [um],settings.specimen.thickness\na,60,6\nb,,5\n"
+    )
+    text = (springs / "study.toml").read_text()
+    body = 'specimen = { shape = "slab", thickness = 8.0 }\nindenter = { shape = "sphere", radius = 3.0 }'
+    text = text.replace("area = 2.0", body + '\nsupport = { kind = "bonded" }')
+    text = text.replace("nowhere:spring", "fem_backend.backend:BACKEND")
+    text = text.replace("k = { low = 0.5, high = 20.0", "mu = { low = 0.005, high = 0.02")
+    (springs / "study.toml").write_text(text.replace("n = { value = 1.5 }", "D1 = { value = 5.8 }"))
+    assert main(["check", str(springs / "study.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "delta_thickness: ±60 µm of 6 mm, error of the thickness of the slab (a)" in said
+    exact = [line for line in said.splitlines() if "taken as exact" in line]
+    assert [
+        line.endswith(end) for line, end in zip(exact, ("delta_R (a)", "delta_thickness, delta_R (b)"), strict=True)
+    ]
 
 
 def test_all_problems_of_all_rows_at_once(springs):

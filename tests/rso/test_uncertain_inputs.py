@@ -13,7 +13,8 @@ import sample_studies as studies
 import sloped_backend
 
 from rso.calibration.plan import make_plan
-from rso.calibration.stated_settings import exact_dimensions, said_of_inputs
+from rso.calibration.stated_settings import exact_dimensions
+from rso.calibration.uncertain_inputs import said_of_inputs
 from rso.core.distributions import normal_ppf
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
@@ -152,6 +153,8 @@ def test_an_error_that_two_tests_share_does_not_average_out_and_one_of_each_does
     assert half_width(a) == pytest.approx(z * deviation(J, together), rel=0.05)
     assert half_width(b) == pytest.approx(z * deviation(J, apart), rel=0.05)
     assert half_width(a) > 1.15 * half_width(b)
+    own = [list(d["fitted"]["inputs"]) for d in b["data"]]
+    assert own == [["top: radius"], ["thin: radius"]]  # a curve is moved by its own error
     assert [r["experiment"] for r in a["inputs"]] == [""] and [r["experiment"] for r in b["inputs"]] == ["top", "thin"]
 
 

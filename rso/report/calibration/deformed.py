@@ -92,15 +92,20 @@ def moved_sentence(band: BandView) -> str:
         said.append(f"contact {quantity(abs(contact), 'mm', 2)} {way} than recorded{usual}")
     if gain:
         said.append(f"force {percent(abs(gain))} too {'high' if gain > 0 else 'low'}{_usual(expected, 'gain', '')}")
-    inputs = {clean(n): x for n, v in (band.data.get("inputs") or {}).items() if (x := number(v)) is not None}
-    said += [
-        f"{name} {shortest(float(f'{abs(x):.1g}'))} standard uncertainties {'more' if x > 0 else 'less'} than stated"
-        for name, x in inputs.items()
-        if abs(x) >= MIN_SAID_INPUT_SD
-    ]
+    every = (band.data.get("inputs") or {}).items()  # of a test of its own its name stands ahead
+    inputs = {clean(n.rpartition(": ")[2]): x for n, v in every if (x := number(v)) is not None}
+    said += [_moved_input(name, x) for name, x in inputs.items() if abs(x) >= MIN_SAID_INPUT_SD]
     if not said:
         return ""
     return " ".join([f"Fitted with it: {'; '.join(said)}.", *_surprises(contact, gain, expected, inputs)])
+
+
+def _moved_input(name: str, x: float) -> str:
+    """By how many standard uncertainties a stated input is moved, in words."""
+    count, way = shortest(float(f"{abs(x):.1g}")), "more" if x > 0 else "less"
+    if count == "1":
+        return f"{name} one standard uncertainty {way} than stated"
+    return f"{name} {count} standard uncertainties {way} than stated"
 
 
 def _surprises(

@@ -6,21 +6,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from rso.report.calibration.derived import N_DERIVED_TILES, derived_rows
+from rso.report.exact_sizes import exact_sizes
 from rso.report.layout.digits import clean, percent, shown, signed
-from rso.report.layout.document import Block, Text, column, table, words
+from rso.report.layout.document import Block, column, table, words
 from rso.report.reading import Results, number, parameters
 
 
 def input_blocks(results: Results) -> tuple[Block, ...]:
     """What uncertain dimensions move each parameter by; of those that nobody stated, that they count as exact."""
     data = results.get("identification") or {}
-    rows, exact = list(data.get("inputs") or ()), [clean(n) for n in data.get("exact_inputs") or ()]
-    blocks: list[Block] = [_budget(results, rows)] if rows else []
-    if exact:
-        what = "Other stated dimensions" if rows else "The stated dimensions of specimen and indenter"
-        text = f"{what} count as exact. The table [uncertainty] of the study says how well they are known"
-        blocks.append(Text(f"{text}: {', '.join(exact)}."))
-    return tuple(blocks)
+    rows = list(data.get("inputs") or ())
+    return (*([_budget(results, rows)] if rows else []), *exact_sizes(data, others=bool(rows)))
 
 
 def _budget(results: Results, rows: list[Mapping[str, Any]]) -> Block:

@@ -9,7 +9,7 @@ from rso.core.digits import DASH, known
 from rso.discrepancy.parameters import called
 from rso.discrepancy.wording import MIN_NAMED_TEST_CHANCE
 from rso.report.discrepancy.figures import leading, least, power_rows
-from rso.report.discrepancy.reading import Found, amount, brief, core, effects_of
+from rso.report.discrepancy.reading import UNDECIDED, Found, amount, brief, core, effects_of, told
 from rso.report.layout.digits import aligned, clean, percent
 from rso.report.layout.document import Block, Cell, Picture, Section, Text, column, table, words
 from rso.report.reading import listed, number
@@ -105,13 +105,40 @@ def _pair(found: Found, test: Found) -> str:
     return " / ".join(clean(called(found, str(n))) for n in test.get("separates") or ())
 
 
+def _without_tests(found: Found) -> tuple[Block, ...]:
+    """Why no test is proposed, and what a further one would show all the same."""
+    verdict = told(found)
+    if verdict == UNDECIDED:
+        return (
+            Text("Whether there is a gap at all comes first: more repeats of these tests, or less noise, decide it."),
+        )
+    if verdict in ("partly", "unexplained"):
+        return (Text("What is left looks like nothing in the catalogue, so no further test is proposed."),)
+    if verdict == "ambiguous":
+        text = "No test was found that separates these causes: repeats, less noise or other channels are needed."
+        return (Text(text),)
+    if verdict != "no_gap":
+        return (Text("One explanation is left, so no test is needed to separate causes."),)
+    blocks: list[Block] = [Text("No gap was found, so there are no rival causes that a test could separate.")]
+    effects = list(core(found).get("detectable") or ())
+    if blind := sum(not v.get("visible") for v in effects):
+        text = f"Effects may be there that do not show: {blind} of {len(effects)} at no plausible size, the others "
+        blocks.append(
+            Text(f"{text}where they are small. A test of another kind or with less noise shows more of them.")
+        )
+    elif effects:
+        blocks.append(
+            Text("Effects may be there that are too small to show: a test with less noise shows more of them.")
+        )
+    blocks.append(Text("Which test narrows the parameters is another question, which rso next answers."))
+    return tuple(blocks)
+
+
 def next_test(found: Found) -> Section:
     """Section 8: tests by how well they separate what is still open."""
     title, rows = "Next test", list(core(found).get("next_test") or ())
     if not rows:
-        open_ = core(found).get("verdict") in ("partly", "unexplained")
-        why = "What is left looks like nothing in the catalogue" if open_ else "No rival causes are left to separate"
-        return Section("next", title, (Text(f"{why}, so no further test is proposed."),))
+        return Section("next", title, _without_tests(found))
     every, rows = rows, [t for t in rows if (number(t.get("chance")) or 0.0) >= MIN_NAMED_TEST_CHANCE]
     if not rows:
         told = f"None of {len(every)} proposed tests would separate the causes (chance below 1 %): "

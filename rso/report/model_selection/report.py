@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from rso.core.digits import DASH, NBSP, known, significant
+from rso.report.exact_sizes import exact_sizes
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import Unit, aligned, between, clean, duration, percent, sentence, shown, symbol
@@ -244,7 +245,9 @@ def parameters(found: Found) -> Section:
     note = "Profile likelihood. Only what a level adds must be determined; moduli that it adds are shares of μ."
     caption = "90 % interval of every parameter by level, and its value if it is determined; pale: the range searched."
     picture = Picture("intervals", caption)
-    return Section("parameters", "Parameters by level", (picture, table("What the data say", columns, note)))
+    said = table("What the data say", columns, note)
+    exact = exact_sizes(found, bool(found.get("stated_inputs")))
+    return Section("parameters", "Parameters by level", (picture, said, *exact))
 
 
 def _axis(name: Any) -> str:

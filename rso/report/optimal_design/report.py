@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from rso.core import disk
 from rso.core.digits import DASH, known, significant
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
+from rso.report.exact_sizes import exact_sizes
 from rso.report.language import PageOptions, names_of, write_page
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import clean, duration, quantity, sentence, shown, symbol
@@ -95,6 +96,7 @@ def answer(found: Found) -> Section:
         )
     )
     blocks.append(_table(found, "Each experiment", rows, titles))
+    blocks += exact_sizes(found, bool(found.get("stated_inputs")))
     blocks[1:1] = [Text(sentence(clean(w)), "warning") for w in found.get("warnings") or ()]
     for name, why in (found.get("problems") or {}).items():
         blocks.append(Text(sentence(f"{name} has no answer: {why}"), "warning"))
