@@ -75,6 +75,13 @@ def estimate(value: float, low: float, high: float, digits: int = 3) -> str:
     return rounded(value, 0.5 * (high - low)) if narrow else significant(value, digits)
 
 
+def two_digits(x: float) -> str:
+    """x with two significant digits and no power of ten where it is a percentage or a length that people read: 140,
+    not 1.4e+02."""
+    text = f"{x:.2g}"
+    return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
+
+
 def quantity_text(x: float, unit: str, digits: int = 3) -> str:
     """A length or force with its unit; one below a thousandth of it in a smaller one: 7e-09 N is 7 nN."""
     label, factor = _fitting(unit, abs(x))

@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 
 from rso.contract.responses import FORCE_CHANNELS
-from rso.core.digits import quantity_text
+from rso.core.digits import quantity_text, two_digits
 from rso.core.units import is_counted
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
@@ -126,7 +126,8 @@ class Measurement:
 class _Table:
     """Columns by name in base units, the label of each row's repeat and segment, and where each row stood.
 
-    `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
+    `found` are columns whose zero is sought, `customary` whether depth has a machine's name, `position` whether that is
+    none of a travel from contact, `own` what one mm or N
     of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
     `less` what was subtracted of the depth (n,) mm and `computed` that in words.
     """
@@ -140,6 +141,7 @@ class _Table:
     unread: tuple[str, ...]
     doubts: tuple[str, ...]
     found: tuple[str, ...]
+    customary: bool
     position: bool
     own: Mapping[str, tuple[float, str]]
     headers: Mapping[str, str]
@@ -305,9 +307,9 @@ def _off(onsets: Sequence[Onset]) -> float:
 
 
 def _sought(table: _Table, r: Repeat) -> bool:
-    """Whether a machine's position may count from where its force shows the contact."""
+    """Whether a machine's travel may count from where its force shows the contact."""
     return (
-        table.position
+        table.customary
         and not table.found
         and "Fz" in r.channels
         and np.sum(r.segment == "loading") > contact_point.MIN_READINGS_FOR_CONTACT
@@ -323,12 +325,14 @@ def _in_air(table: _Table, r: Repeat) -> bool:
 def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset | None, list[str]]:
     """A repeat with depth, and forces, counted from contact where that is to be found in its record; and what to say.
 
-    Machines' positions are taken so where one of the repeats is `in_air` at first, else from their first readings.
+    Machines' travels are taken so where one of the repeats is `in_air` at first, whatever their names say: some call
+    the travel less the bending indentation from the start of the record on.  Positions else count from their first
+    readings.
     """
     loading, names = r.segment == "loading", table.found
     if _sought(table, r):
         if not in_air:
-            return _from_first(table, r)
+            return _from_first(table, r) if table.position else (r, None, [])
         names = ("depth", *(n for n in FORCE_CHANNELS if n in r.channels))
     if not names:
         return r, None, []
@@ -388,11 +392,25 @@ def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[st
     loading = r.segment == "loading"
     first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
     if -way < first <= curve_shape.CURVE_EDGE_SHARE * way:
-        return r, None, []
+        return _from_zero(table, r)
     found = contact_point.contact_onset(r.depth[loading], r.channels["Fz"][loading])
     found = Onset(first, contact_point.LATE_CONTACT_SHARE * way, 0.0) if found is None else replace(found, depth=first)
     told = f"repeat {r.label}: depth counts from the first reading, at {_own(table, first, found.deviation)}"
     return replace(r, depth=r.depth - first), found, [f"{told}, as no approach is seen before it"]
+
+
+def _from_zero(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat that counts from the machine's 0, with what that may be off as a contact by the shape of its force."""
+    loading = r.segment == "loading"
+    found = contact_point.open_contact(r.depth[loading], r.channels["Fz"][loading])
+    if found is None:
+        return r, None, []
+    off = replace(found, depth=0.0, bias=math.hypot(found.bias, found.depth))
+    at = _own(table, found.depth, found.deviation)
+    told = f"repeat {r.label}: depth counts from where {table.headers['depth']!r} is 0, but the shape of Fz puts the "
+    told += f"contact at {at}. The contact counts as uncertain by {quantity_text(off.deviation, 'mm', 2)}, which "
+    told += "holds both. If you know it better, state noise.contact of the experiment, or zero in [columns] of the study"
+    return r, off, [told]
 
 
 def _own(table: _Table, depth: float, deviation: float) -> str:
@@ -400,7 +418,7 @@ def _own(table: _Table, depth: float, deviation: float) -> str:
     per, unit = table.own["depth"]
     off = abs(deviation * per)
     digits = max(1 - math.floor(math.log10(off)), 0) if off > 0.0 else 3
-    return f"{depth * per:.{digits}f} {unit} ± {off:.2g} {unit}"
+    return f"{depth * per:.{digits}f} {unit} ± {two_digits(off)} {unit}"
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
@@ -563,7 +581,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items() if name != SUBTRACTED_COLUMN}
     reckoned = _in_words(wanted)
-    position = "depth" in head.customary and not header_aliases.from_contact(headers["depth"])
+    customary = "depth" in head.customary
     return _Table(
         path,
         arrays,
@@ -584,7 +602,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             *_pulled(path, head, found.notes),
         ),
         head.found,
-        position,
+        customary,
+        customary and not header_aliases.from_contact(headers["depth"]),
         in_file,
         headers,
         tuple(turned),
