@@ -409,7 +409,9 @@ def _from_zero(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str
     at = _own(table, found.depth, found.deviation)
     told = f"repeat {r.label}: depth counts from where {table.headers['depth']!r} is 0, but the shape of Fz puts the "
     told += f"contact at {at}. The contact counts as uncertain by {quantity_text(off.deviation, 'mm', 2)}, which "
-    told += "holds both. If you know it better, state noise.contact of the experiment, or zero in [columns] of the study"
+    told += (
+        "holds both. If you know it better, state noise.contact of the experiment, or zero in [columns] of the study"
+    )
     return r, off, [told]
 
 
