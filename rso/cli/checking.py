@@ -20,7 +20,7 @@ from rso.cli.text_sketch import text_sketch
 from rso.contract import FilledInputs, ModelHierarchy, Programme, Reduction, Refusals, capability
 from rso.core.digits import quantity_text
 from rso.core.symbols import symbol
-from rso.core.units import spaced
+from rso.core.units import people, spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
@@ -261,7 +261,7 @@ def _things(plan: Plan) -> list[str]:
         reach = f"{what}{depths} depth(s) to {quantity_text(curve.depth.max(), 'mm', 6)}, {curve.n_repeats} repeat(s)"
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
         measured = plan.study.measurement(e.name)
-        remarks += stated_settings.replaced(plan.study, e.name)
+        remarks += [*stated_settings.replaced(plan.study, e.name), *stated_settings.doubts_of_sizes(plan, e.name)]
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
         known = (
             _recorded(measured, curve),
@@ -344,12 +344,15 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
                 "open `adhesion` in [parameters]"
             )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
-        out.append(f"shallow half, in the limit of small contacts{theory}: {knob} about {value:.2g} MPa")
+        unit, factor = people("MPa", value)
+        about = f"{symbol(knob)} about {value * factor:.2g} {unit}"
+        out.append(f"shallow half, in the limit of small contacts{theory}: {about}")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         fixed = plan.resolved.fixed.get(knob)
         low, high = (axis.low, axis.high) if axis else (fixed, fixed)
         if low is not None and high is not None and not low / FAR_MODULUS_RATIO < value < high * FAR_MODULUS_RATIO:
-            out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
+            own = interval_in_unit((low, high), "MPa")
+            out.append(f"  that is far from {own}: are the units of force and depth right?")
     return out
 
 

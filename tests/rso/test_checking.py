@@ -234,7 +234,7 @@ def test_forces_that_no_modulus_of_the_range_would_have_are_told(tmp_path, unit,
     """The same numbers in another unit: a thousand times what Hertz's limit of these forces has, or a thousandth."""
     lines = said(tmp_path, parameters=f'mu = {{ low = "1 {unit}", high = "40 {unit}" }}\nD1 = {{ value = 5.8 }}')
     found = [line for line in lines if "limit of small contacts (Hertz)" in line]
-    assert len(found) == 2 and all(re.search(r"mu about 0\.0\d+ MPa", line) for line in found)
+    assert len(found) == 2 and all(re.search(r"μ about [\d.]+ kPa", line) for line in found)
     assert sum("are the units of force and depth right?" in line for line in lines) == told
 
 
@@ -246,7 +246,7 @@ def test_what_is_pressed_with_another_indenter_is_called_so(tmp_path):
     narrow = 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }'
     lines = said(tmp_path, puck, backend__settings=flat, parameters=narrow)
     text = "\n".join(lines)
-    assert "limit of small contacts (Sneddon): mu about" in text
+    assert "limit of small contacts (Sneddon): μ about" in text
     assert not re.search(r"\b(ball|[Hh]ertz\w*)\b", text)
     found = [line.strip() for line in lines if "of revolution" in line]
     assert found == [
