@@ -239,16 +239,23 @@ def zeroed(
 def _level(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
     """The force (N) that readings (n,) of an approach have come to at the contact (mm): by a line where they clearly
     drift, else their median."""
+    line = drift_of_approach(depth, force, contact)
+    return float(np.median(force)) if line is None else line[0]
+
+
+def drift_of_approach(depth: np.ndarray, force: np.ndarray, contact: float = 0.0) -> tuple[float, float] | None:
+    """Level (N) at the contact (mm) and slope (N/mm) of readings (n,) of an approach; None where they do not drift."""
     n = len(depth)
     if n < MIN_READINGS_FOR_CONTACT or np.ptp(depth) == 0.0:
-        return float(np.median(force))
+        return None
     t = depth - contact
     A = np.stack([np.ones(n), t], axis=1)
     (level, slope), *_ = np.linalg.lstsq(A, force, rcond=None)
     rest = force - A @ (level, slope)
     spread = float(np.sum((t - t.mean()) ** 2))
     error = math.sqrt(float(rest @ rest) / (n - 2) / spread / _own_share(rest, n))
-    return float(level) if abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error else float(np.median(force))
+    drifts = bool(abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error)
+    return (float(level), float(slope)) if drifts else None
 
 
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

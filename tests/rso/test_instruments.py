@@ -254,6 +254,23 @@ def test_a_drift_in_air_is_no_contact_that_nobody_found(tmp_path):
     assert not any("depth must count from contact" in d for d in doubts)
 
 
+@pytest.mark.parametrize("share", [0.06, -0.06, 0.0])
+def test_a_small_drift_of_either_sense_is_told_where_noise_does_not_hide_it(tmp_path, share):
+    """A cell that cools or warms: three readings at either end scatter by as much, a hundred in air do not."""
+    rng, u = np.random.default_rng(4), np.linspace(-0.6, 0.6, 400)
+    force = 0.1 * np.maximum(u, 0.0) ** 1.5
+    most = float(force.max())
+    force += share * most * np.linspace(0.0, 1.0, 400) + 0.006 * most * rng.standard_normal(400)
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Position (mm),Load (N)"], [u + 0.6, force], ","))
+    told = [d for d in read_measurement(path).doubts if "in the approach, before the contact that was found" in d]
+    assert len(told) == (share != 0.0)
+    if told:
+        assert f"Fz {'grows' if share > 0 else 'falls'} by" in told[0]
+        on = float(told[0].split("about ")[1].split(" N ")[0])
+        assert on == pytest.approx(abs(share) * most / 2.0, rel=0.2)  # half of the drift comes beyond contact
+
+
 def test_a_cell_that_was_tared_in_the_approach_is_named(tmp_path):
     """No zero mends a record whose force has two of them."""
     u = np.linspace(-1.0, 0.6, 320)
