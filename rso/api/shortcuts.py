@@ -153,8 +153,8 @@ def _curve_file(data: str | os.PathLike[str] | pd.DataFrame | Mapping[str, Any])
         return data.to_csv(index=False).encode(), "curve.csv"
     if not isinstance(data, str | os.PathLike):
         raise ValueError(
-            f"data is a {type(data).__name__}: the path of a file or a table is expected. A table names columns and units, "
-            'such as {"depth_mm": depth, "Fz_N": force}'
+            f"data is a {type(data).__name__}: the path of a file or a table is expected. A table names columns and "
+            'units, such as {"depth_mm": depth, "Fz_N": force}'
         )
     path = Path(data)
     if not path.is_file():

@@ -727,6 +727,17 @@ def _against(less: np.ndarray, force: np.ndarray) -> bool:
     return float(x @ y) < -0.5 * float(np.sqrt((x @ x) * (y @ y)))
 
 
+def _way(table: _Table, rows: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """How far the drive went (n,) mm where something bends beneath it, else the depth.
+
+    A drive that rests is a hold though the depth grows: what bends gives way as the force relaxes.
+    """
+    if table.less is None:
+        return depth
+    way = depth + table.less[rows]
+    return way - way[0]
+
+
 def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     """The rows of one repeat, checked."""
     rows = table.rows[label]
@@ -756,7 +767,7 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     elif kind == "profile":
         segment = np.full(len(depth), "loading")
     else:
-        segment = segments(table.path, label, depth, time)
+        segment = segments(table.path, label, _way(table, rows, depth), time)
     channels = {k: v for k, v in data.items() if not k.endswith("_sigma")}
     sigma = {k.removesuffix("_sigma"): v for k, v in data.items() if k.endswith("_sigma")}
     return Repeat(label, depth, time, channels, sigma, segment)
