@@ -25,12 +25,12 @@ import numpy as np
 
 from rso.contract.responses import FORCE_CHANNELS
 from rso.core.digits import quantity_text, two_digits
-from rso.core.units import is_counted
+from rso.core.units import conversion_factor, is_counted, is_of, kind_of
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
 from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
-from rso.data.files.cantilever import Unsaid, bending
+from rso.data.files.cantilever import Unsaid, bending, is_corrected
 from rso.data.files.cells import (
     cell_number,
     counters,
@@ -53,6 +53,7 @@ from rso.data.files.columns import (
     fail,
     find_head,
     is_head,
+    is_number,
     with_less,
 )
 from rso.data.files.commented_header import head_of
@@ -66,6 +67,9 @@ from rso.data.force_holds import HeldForce
 DISPLACEMENT_COLUMNS = ("ux", "uy", "uz")
 BOTH_SIGNS_TURNED_DOUBT = "a pull looks the same where pressing counts as positive"
 EARLIER_CYCLES_DOUBT = "the cycles before this one are not simulated: what they left in the body is in its readings"
+CALENDAR_TIME_S = 1e8  # s: no test takes three years, so such a time counts from a date, mostly 1970
+MIN_RIVAL_CORRELATION = 0.995  # of a column that is not read with one that is: both are of one motion
+SAME_RANGE_TOLERANCE = 0.01  # of the range: two columns of one motion that say the same
 MAX_LISTED_CODES = 8  # codes of segments that a message shows
 REPORTED_SUBTRACTION_SHARE = 0.5  # of the depth: where more was subtracted of it, that is said
 
@@ -543,6 +547,8 @@ def _values_of(path: Path, found: _Rows) -> tuple[dict[str, np.ndarray], dict[st
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
+    if "time" in arrays and arrays["time"][0] > CALENDAR_TIME_S:
+        arrays["time"] -= arrays["time"][0]
     for name, values_of in arrays.items():
         require_plausible(path, line, name, values_of, head.unit[name])
     return arrays, words, np.array(line)
@@ -554,6 +560,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     found = _rows_of(path, wanted)
     head = found.head
     arrays, words, lines = _values_of(path, found)
+    beside = _beside(found, arrays)
     less = arrays.pop(SUBTRACTED_COLUMN, None)
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
@@ -601,6 +608,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             *doubts,
             *reckoned,
             *_unsubtracted(head, wanted),
+            *beside,
             *_pulled(path, head, found.notes),
         ),
         head.found,
@@ -612,6 +620,36 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         less,
         tuple(reckoned),
     )
+
+
+def _beside(found: _Rows, arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """What to say of columns of the same kind that are not read, move with what is read and go less or further."""
+    head, said = found.head, []
+    for name in ("depth", "Fz"):
+        if name not in head.customary or (name == "depth" and is_corrected(head.cells[head.at[name]])):
+            continue
+        read = arrays[name]
+        for k, cell in enumerate(head.cells):
+            unit = header_aliases.header_unit(cell, head.units[k], name)
+            if k in head.at.values() or not is_of(kind_of(name), unit):
+                continue
+            own = _numbers_of(found, k) * float(conversion_factor(unit, kind_of(name)))
+            if not np.isfinite(own).all() or np.ptp(own) == 0.0 or np.ptp(read) == 0.0:
+                continue
+            ratio = abs(float(np.polyfit(read, own, 1)[0]))
+            if abs(np.corrcoef(own, read)[0, 1]) < MIN_RIVAL_CORRELATION or abs(ratio - 1.0) < SAME_RANGE_TOLERANCE:
+                continue
+            text = f"{cell!r} is not read. It moves with {head.cells[head.at[name]]!r}, {ratio:.3g} times as far: "
+            near = "of two travels the depth is that nearer to the specimen" if name == "depth" else "which is right?"
+            said.append(text + near)
+    return said
+
+
+def _numbers_of(found: _Rows, k: int) -> np.ndarray:
+    """The k-th column (n,) of the rows as it stands, NaN where there is no number."""
+    cells = (cells_of(row, found.head.separator) for _, row in found.rows)
+    texts = (row[k] if k < len(row) else "" for row in cells)
+    return np.array([float(t.replace(",", ".").replace("\u2212", "-")) if is_number(t) else math.nan for t in texts])
 
 
 def _pulled(path: Path, head: Head, notes: Sequence[str]) -> list[str]:
