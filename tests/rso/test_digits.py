@@ -62,3 +62,10 @@ def test_two_ends_have_one_unit_that_of_the_larger():
 
 def test_percentages_have_no_power_of_ten():
     assert [two_digits(x) for x in (0.034, 7.0, 99.7, 138.2, 2500.0)] == ["0.034", "7", "100", "138", "2500"]
+
+
+def test_the_end_of_an_interval_that_round_off_missed_is_nothing():
+    """A Poisson ratio of −1e-10, beside one of 0.4; a compressibility of 1e-10 on a logarithm is a number."""
+    assert interval_ends(-1.1e-10, 0.435) == ("0", "0.435")
+    assert interval_ends(1.1e-10, 0.435)[0] != "0"
+    assert interval_ends(-0.012, 0.435) == ("−0.0120", "0.435")
