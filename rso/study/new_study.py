@@ -136,8 +136,7 @@ def _beginning(
     settings = studies.first_settings(test.given, depths)
     shown = [e for e in experiments if "Fz" in e.measurement.channels] or experiments
     asked = shown if test.specimens else shown[:1]
-    bounds = {p.name: (p.low, p.high) for p in backend.parameters}
-    return experiments, settings, _widest([_parameters(studies, settings, e, bounds) for e in asked])
+    return experiments, settings, _widest([_parameters(backend, studies, settings, e) for e in asked])
 
 
 def _head(
@@ -290,10 +289,10 @@ def _line(key: str, line: Line) -> str:
 
 
 def _parameters(
-    studies: NewStudies, settings: Mapping[str, Line], force: _Experiment, bounds: Mapping[str, tuple[float, float]]
+    backend: Backend, studies: NewStudies, settings: Mapping[str, Line], force: _Experiment
 ) -> Mapping[str, Line]:
     """Ranges by a curve of force, without one for any record; ValueError naming its file, also where they leave the
-    `bounds` of their parameters."""
+    hard bounds of their parameters."""
     values = {key: line.value for key, line in settings.items()}
     if "Fz" not in force.measurement.channels:
         return studies.first_parameters(values, np.empty(0), np.empty(0))
@@ -308,6 +307,7 @@ def _parameters(
         found = studies.first_parameters({**values, "point": list(force.point or TOP_POINT_MM)}, depth, value)
     except ValueError as error:
         raise ValueError(f"{force.files[0]}: {error}") from error
+    bounds = {p.name: (p.low, p.high) for p in backend.parameters}
     for name, line in found.items():
         hard = bounds.get(name)
         ends = [_number(line.value[end]) for end in ("low", "high") if end in line.value]
@@ -328,7 +328,6 @@ def _number(bound: float | str) -> float:
 
 def _widest(found: Sequence[Mapping[str, Line]]) -> Mapping[str, Line]:
     """The least range of each parameter that holds those of all."""
-
     lines = {}
     for name in dict.fromkeys(name for one in found for name in one):
         given = [one[name] for one in found if name in one]
