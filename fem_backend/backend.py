@@ -17,7 +17,16 @@ from fem_backend import closed_forms, members, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.calibration import uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated_errors
-from fem_backend.adapter import cost_model, deformed, derived, model_hierarchy, new_study, priors, programmes
+from fem_backend.adapter import (
+    cost_model,
+    deformed,
+    derived,
+    model_hierarchy,
+    new_study,
+    priors,
+    programmes,
+    stated_sizes,
+)
 from fem_backend.adapter import formulas as literature
 from fem_backend.adapter import sketch as sketches
 from fem_backend.export import files as export_files
@@ -150,6 +159,10 @@ class FiniteElements:
     def uncalibrated(self, settings: Mapping[str, Any]) -> str | None:
         """What to know of the errors that runs with these settings state; None where they are calibrated."""
         return uncalibrated(experiment.read_settings(settings))
+
+    def odd_sizes(self, settings: Mapping[str, Any], depth: float, notes: Sequence[str]) -> Sequence[str]:
+        """What does not fit between sizes, the deepest reading (mm) and the notes of its file."""
+        return stated_sizes.doubts_of_radius(experiment.read_settings(settings), depth, notes)
 
     def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""

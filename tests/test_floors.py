@@ -32,7 +32,7 @@ LAYERS = {
         "admissible_depth",
     ),
     "fem_backend.adapter": (
-        "command_line cost_model deformed derived model_hierarchy new_study priors programmes sketch",
+        "command_line cost_model deformed derived model_hierarchy new_study priors programmes sketch stated_sizes",
         "formulas",
     ),
     "fem_backend.closed_forms": (

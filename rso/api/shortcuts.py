@@ -49,15 +49,15 @@ def indent(
     """
     backend = load_backend(DEFAULT_BACKEND)
     tables = _tables(specimen, indenter, support, material, settings)
-    travel = np.unique(np.asarray(depths, float))
+    travel = np.unique(_in_mm(depths))
     case = Case("indent", Programme.ramp(tuple(map(float, travel)), speed), tables)
-    given = _numbers(backend, values)
+    given = _numbers(backend, values, tables)
     backend.check(case)
     return backend(given, case)
 
 
 def fit(
-    data: str | os.PathLike[str] | pd.DataFrame,
+    data: str | os.PathLike[str] | pd.DataFrame | Mapping[str, Any],
     *,
     specimen: Table,
     indenter: Table,
@@ -73,10 +73,10 @@ def fit(
 ) -> RunResult:
     """What the material is by one force curve: a study is written, run and read, all in one.
 
-    `data` is a file, or a table whose columns say name and unit: ``depth_mm``, ``Fz_N``.  The tables are those of
-    [backend.settings]; `parameters` is name → (low, high) in the backend's units or with their own, or a value that
-    fixes it.  What is left out of it is guessed from the curve, as `rso new` does.  `noise` is that of an experiment,
-    `uncertainty` how well stated dimensions are known, as ``{"delta_thickness": "0.1 mm"}``.
+    `data` is a file, or a table or mapping of arrays whose columns say name and unit: ``depth_mm``, ``Fz_N``.  The
+    tables are those of [backend.settings]; `parameters` is name → (low, high) in the backend's units or with their
+    own, or a value that fixes it.  What is left out of it is guessed from the curve, as `rso new` does.  `noise` is
+    that of an experiment, `uncertainty` how well stated dimensions are known, as ``{"delta_thickness": "0.1 mm"}``.
     Everything lies in `folder` (by default ``fits/`` and a name by the contents), and the same call is answered from
     there.  Its study.toml can be run by `rso run`.
 
@@ -113,13 +113,28 @@ def _tables(
     return {**stated, **(more or {})}
 
 
-def _numbers(backend: Backend, values: Mapping[str, Quantity]) -> dict[str, float]:
+def _in_mm(depths: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Depths (n,) mm; ValueError for what is no list of numbers."""
+    try:
+        travel = np.atleast_1d(np.asarray(depths, float))
+    except (TypeError, ValueError):
+        travel = np.empty((0, 0))
+    if travel.ndim != 1 or not travel.size or not np.isfinite(travel).all():
+        raise ValueError(f"depths = {depths!r}: a list of finite numbers is expected, in mm, such as [0.5, 1.0]")
+    return travel
+
+
+def _numbers(backend: Backend, values: Mapping[str, Quantity], settings: Table) -> dict[str, float]:
     """Values in the units of the backend; ValueError naming what is unknown or of another unit."""
     units = {p.name: p.unit for p in backend.parameters}
     found = {}
     for name, value in values.items():
         if name not in units:
-            raise ValueError(f"{name} = {value!r}: {backend.name} has no such parameter; {choices_text(name, units)}")
+            from rso.calibration.plan import derived_from
+
+            known = derived_from(backend, settings).get(name)
+            why = f"{known}, which are stated" if known else choices_text(name, units)
+            raise ValueError(f"{name} = {value!r}: {backend.name} has no such parameter; {why}")
         try:
             found[name] = value_in_unit(value, units[name])
         except ValueError as error:
@@ -127,10 +142,20 @@ def _numbers(backend: Backend, values: Mapping[str, Quantity]) -> dict[str, floa
     return found
 
 
-def _curve_file(data: str | os.PathLike[str] | pd.DataFrame) -> tuple[bytes, str]:
+def _curve_file(data: str | os.PathLike[str] | pd.DataFrame | Mapping[str, Any]) -> tuple[bytes, str]:
     """Contents and name of the file of the curve; ValueError where there is none."""
+    if isinstance(data, Mapping):
+        try:
+            data = pd.DataFrame(data)
+        except ValueError as error:
+            raise ValueError(f"data: the columns {', '.join(map(repr, data))} make no table: {error}") from error
     if isinstance(data, pd.DataFrame):
         return data.to_csv(index=False).encode(), "curve.csv"
+    if not isinstance(data, str | os.PathLike):
+        raise ValueError(
+            f"data is a {type(data).__name__}: the path of a file or a table is expected. A table names columns and "
+            'units, such as {"depth_mm": depth, "Fz_N": force}'
+        )
     path = Path(data)
     if not path.is_file():
         raise ValueError(f"{path}: {'is a folder, not a file' if path.is_dir() else 'there is no such file'}")

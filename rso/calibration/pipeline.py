@@ -37,6 +37,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.range_extension import ExtendedRanges
 from rso.calibration.search_stage import SearchResult
 from rso.calibration.stages import Runner
+from rso.core.digits import two_digits
 from rso.core.plain_results import RUN_STAGES
 from rso.core.symbols import symbol, unit_text
 from rso.core.units import people, spaced
@@ -358,7 +359,7 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
             share = max(curve["error"], default=0.0) / size if size else 0.0
             worst[name] = max(worst.get(name, 0.0), share)
     return [
-        f"{name}: the numerical error of the simulations is up to {100 * share:.2g} % of the largest value, so "
+        f"{name}: the numerical error of the simulations is up to {two_digits(100 * share)} % of the largest value, so "
         "agreement within errors says little. The contact is small against the elements: use a finer mesh.level or "
         "a smaller specimen"
         for name, share in worst.items()
@@ -416,7 +417,8 @@ def _warn_of_poor_surrogates(plan: Plan, fitted: stages.FittedSurrogates, found:
         name = max(poor, key=lambda i: poor[i])
         found["warnings"].append(
             f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % of the spread of "
-            f"their output on the last {used[name].n} unseen runs. The worst is {name} with {100 * poor[name]:.2g} %"
+            f"their output on the last {used[name].n} unseen runs. The worst is {name} with "
+            f"{two_digits(100 * poor[name])} %"
         )
 
 

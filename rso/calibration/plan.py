@@ -187,16 +187,22 @@ def _dimensions(study: Study, backend: Backend) -> list[str]:
     return dimensions_of_all(backend, [study.settings_of(e.name) for e in study.experiments], list(study.parameters))
 
 
-def _derived(study: Study, backend: Backend) -> dict[str, str]:
-    """Where a study names what is no parameter: of what the backend derives, from which parameters it follows."""
+def derived_from(backend: Backend, settings: Mapping[str, Any]) -> dict[str, str]:
+    """What the backend derives from parameters, by name: what it is and from which of them it follows."""
     offered, found = capability(backend, DerivedQuantities), {}
-    if offered is not None and study.parameters.keys() - {p.name for p in backend.parameters}:
+    if offered is not None:
         needed = [p.name for p in backend.parameters if p.default is None]
-        for q in offered.derived(study.backend.settings, needed):
+        for q in offered.derived(settings, needed):
             values = _Asked()
             q.of(values)
             found[q.name] = f"{q.description} follows from {' and '.join(values)}"
     return found
+
+
+def _derived(study: Study, backend: Backend) -> dict[str, str]:
+    """The same where a study names what is no parameter."""
+    unknown = study.parameters.keys() - {p.name for p in backend.parameters}
+    return derived_from(backend, study.backend.settings) if unknown else {}
 
 
 def make_plan(

@@ -19,7 +19,13 @@ from rso.calibration.plan import Plan
 from rso.calibration.readings import measured, profile_positions
 from rso.calibration.search_stage import SearchResult, Validation, baselines, mean_over_design
 from rso.calibration.stages import Design, FittedSurrogates, Run
-from rso.calibration.stated_settings import extraordinary, replaced, uncalibrated_experiments, unresolved_experiments
+from rso.calibration.stated_settings import (
+    doubts_of_sizes,
+    extraordinary,
+    replaced,
+    uncalibrated_experiments,
+    unresolved_experiments,
+)
 from rso.contract import plain
 from rso.core import disk
 from rso.data import MeasuredCurve, sheet_of
@@ -72,6 +78,12 @@ def begun_results(plan: Plan, command: str, started: str, jobs: int) -> dict[str
         "warnings": [
             *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
             *(f"experiment {e.name!r}: {lost}" for e in study.experiments for lost in replaced(study, e.name)),
+            *(
+                f"{e.name}, {words}"
+                for e in study.experiments
+                if e.name in plan.curves
+                for words in doubts_of_sizes(plan, e.name)
+            ),
             *extraordinary(plan),
             *uncalibrated_experiments(plan),
             *unresolved_experiments(plan),

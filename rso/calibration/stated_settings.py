@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
+from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, SizeChecks, capability
 from rso.core.digits import quantity_text
 from rso.doe import read_condition
 from rso.evaluation.joint import BACKEND_SETTING
@@ -173,3 +173,13 @@ def _list(head: str, found: Iterable[str]) -> list[str]:
     """One line, or none where there is nothing."""
     text = ", ".join(found)
     return [head + text] if text else []
+
+
+def doubts_of_sizes(plan: Plan, name: str) -> list[str]:
+    """What does not fit between the sizes stated for an experiment and its record, a sentence each."""
+    sizes, e = capability(plan.backend, SizeChecks), plan.study.experiment(name)
+    if sizes is None or e.kind != "force" or e.backend is not None:
+        return []
+    settings = {k: v for k, v in plan.study.settings_of(name).items() if k != "unload"}
+    m = plan.study.measurement(name)
+    return list(sizes.odd_sizes(settings, max(float(r.depth.max()) for r in m.repeats), m.notes))

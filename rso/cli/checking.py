@@ -261,7 +261,7 @@ def _things(plan: Plan) -> list[str]:
         reach = f"{what}{depths} depth(s) to {quantity_text(curve.depth.max(), 'mm', 6)}, {curve.n_repeats} repeat(s)"
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
         measured = plan.study.measurement(e.name)
-        remarks += stated_settings.replaced(plan.study, e.name)
+        remarks += [*stated_settings.replaced(plan.study, e.name), *stated_settings.doubts_of_sizes(plan, e.name)]
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
         known = (
             _recorded(measured, curve),

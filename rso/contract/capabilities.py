@@ -226,6 +226,14 @@ class ErrorCalibration(Protocol):
         ...
 
 
+class SizeChecks(Protocol):
+    """Whether stated sizes fit the record of a test; without it nobody compares them."""
+
+    def odd_sizes(self, settings: Settings, depth: float, notes: Sequence[str], /) -> Sequence[str]:
+        """What does not fit between sizes, the deepest reading (mm) and the notes of the file, a sentence each."""
+        ...
+
+
 class DistortionDepth(Protocol):
     """Where programs of one model part company; without it that is the deepest travel of the tests."""
 

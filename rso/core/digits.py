@@ -13,6 +13,7 @@ NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 # of its larger end: an interval that is less wide is written to the digits of its half-width
 NARROW_INTERVAL_RATIO = 0.5
 MIN_KEPT_UNIT_SIZE = 1e-3  # of a unit: what is smaller is written in a smaller unit
+MISSED_ZERO_SHARE = 1e-6  # of its larger end: what is nearer to 0 in an interval about it
 MAX_SIGNIFICANT_DIGITS = 5  # significant digits of a number that is known however well
 
 
@@ -71,8 +72,17 @@ def interval_ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
 
 def estimate(value: float, low: float, high: float, digits: int = 3) -> str:
     """A value written as the ends of its interval are, so that it lies in what is written, too."""
+    if low < 0.0 < high and abs(value) < MISSED_ZERO_SHARE * max(-low, high):
+        return "0"  # the end of a range that arithmetic has missed: no logarithm has one of either sign
     narrow = 0.0 < high - low < NARROW_INTERVAL_RATIO * max(abs(low), abs(high))
     return rounded(value, 0.5 * (high - low)) if narrow else significant(value, digits)
+
+
+def two_digits(x: float) -> str:
+    """x with two significant digits and no power of ten where it is a percentage or a length that people read: 140,
+    not 1.4e+02."""
+    text = f"{x:.2g}"
+    return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
 def quantity_text(x: float, unit: str, digits: int = 3) -> str:

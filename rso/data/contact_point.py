@@ -191,12 +191,30 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     fit = _fit(u, F, MAX_CONTACT_FORCE_SHARE)
     if fit is None or found.depth - float(depth.min()) < LATE_CONTACT_SHARE * float(np.ptp(depth)):
         return False
+    return _left_from_start(fit) > fit.left + MIN_CHI2_FALL * fit.variance
+
+
+def _left_from_start(fit: _Fit) -> float:
+    """Squares left by the best of the curves that begin at contact with the first reading."""
     shapes = [fit.t**p for p in np.linspace(1.0, MAX_FORCE_POWER, 61)]
     shapes += [fit.t**LEADING_EXPONENT * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
-    return (
-        min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes)
-        > fit.left + MIN_CHI2_FALL * fit.variance
-    )
+    return min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes)
+
+
+def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
+    """Where the contact of a loading curve (n,) in mm and N may be beside 0; None where it is hardly elsewhere.
+
+    A machine's 0 is where somebody set it.  A record that neither begins in air beyond doubt nor at contact beyond
+    doubt leaves both open: the contact by its shape is then one of two, and the bias of the other holds their distance.
+    """
+    if len(depth) < MIN_READINGS_FOR_CONTACT or (found := contact_onset(depth, force)) is None:
+        return None
+    if abs(found.depth) <= max(LATE_CONTACT_SHARE * float(np.ptp(depth)), found.deviation):
+        return None
+    fit = _fit(*_pressed(depth, force), MAX_CONTACT_FORCE_SHARE)
+    if fit is None or _left_from_start(fit) < fit.left - MIN_CHI2_FALL * fit.variance:
+        return None
+    return found
 
 
 def zeroed(
@@ -221,16 +239,23 @@ def zeroed(
 def _level(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
     """The force (N) that readings (n,) of an approach have come to at the contact (mm): by a line where they clearly
     drift, else their median."""
+    line = drift_of_approach(depth, force, contact)
+    return float(np.median(force)) if line is None else line[0]
+
+
+def drift_of_approach(depth: np.ndarray, force: np.ndarray, contact: float = 0.0) -> tuple[float, float] | None:
+    """Level (N) at the contact (mm) and slope (N/mm) of readings (n,) of an approach; None where they do not drift."""
     n = len(depth)
     if n < MIN_READINGS_FOR_CONTACT or np.ptp(depth) == 0.0:
-        return float(np.median(force))
+        return None
     t = depth - contact
     A = np.stack([np.ones(n), t], axis=1)
     (level, slope), *_ = np.linalg.lstsq(A, force, rcond=None)
     rest = force - A @ (level, slope)
     spread = float(np.sum((t - t.mean()) ** 2))
     error = math.sqrt(float(rest @ rest) / (n - 2) / spread / _own_share(rest, n))
-    return float(level) if abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error else float(np.median(force))
+    drifts = bool(abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error)
+    return (float(level), float(slope)) if drifts else None
 
 
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

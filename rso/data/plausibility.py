@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rso.core.digits import quantity_text, range_text
+from rso.core.digits import quantity_text, range_text, two_digits
 from rso.data import curve_shape
-from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air
+from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air, drift_of_approach
 from rso.data.scatter import step_of_scale
 
 MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
@@ -174,14 +174,13 @@ def _of_force(
             f"travel in air (zero = … "
             "or \"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
-    if found and (grown := curve_shape.before_contact(d, F)):
-        on = grown * float(d.max()) / abs(float(d.min()))
+    if found and (drift := _drift(d, F, span)):
+        change, on = drift
         notes.append(
-            f"repeat {label}: Fz grows by {quantity_text(grown, 'N')} in the approach, before the contact that "
-            f"was found. If the "
-            f"sensor drifts, it goes on by about {quantity_text(on, 'N', 2)} up to the deepest reading: "
-            f"subtract it before, or state "
-            "noise.correlation"
+            f"repeat {label}: Fz {'grows' if change > 0.0 else 'falls'} by {quantity_text(abs(change), 'N')} in the "
+            f"approach, before the contact that was found. If the sensor drifts, it goes on by about "
+            f"{quantity_text(abs(on), 'N', 2)} ({two_digits(100.0 * abs(on) / span)} % of all) up to the deepest "
+            "reading. Subtract that before, or state noise.correlation"
         )
     elif grown := curve_shape.before_contact(d, F):
         notes.append(
@@ -223,6 +222,19 @@ def _of_force(
             "such readings out"
         )
     return notes
+
+
+def _drift(d: np.ndarray, F: np.ndarray, span: float) -> tuple[float, float] | None:
+    """By how much (N) a force changes before the contact that was found, and by how much it would until the deepest
+    reading; None where it does not, or too little to matter."""
+    air = d < 0.0
+    if (line := drift_of_approach(d[air], F[air])) is not None:
+        grown, on = -line[1] * float(d.min()), line[1] * float(d.max())
+        if abs(on) > DOUBTED_UNTARED_FORCE_SHARE * span:
+            return grown, on
+    if (jump := curve_shape.before_contact(d, F)) is not None:
+        return jump, jump * float(d.max()) / abs(float(d.min()))
+    return None
 
 
 def _presses_before(late: float, d: np.ndarray, F: np.ndarray) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rso.core.digits import significant
+from rso.core.digits import significant, two_digits
 from rso.core.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.inference import sloppy_directions as along
@@ -408,7 +408,7 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     text += ": the model agrees with the data within their errors"
     share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)
     if share > RULES.wide_error_share:
-        text += f", which are up to {100 * share:.2g} % of the largest value and say little"
+        text += f", which are up to {two_digits(100 * share)} % of the largest value and say little"
     return f"{text}."
 
 
@@ -438,7 +438,7 @@ def _together(misfit: Misfit, fit: Fit) -> str:
             missed = (said - d.value)[np.argsort(d.depth, kind="stable")]
             left = math.sqrt(max(float(np.mean(missed[1:] * missed[:-1])), 0.0))  # without what each has by itself
             each.append(
-                f"{d.name} by {size(left, d.unit)} ({100 * left / float(np.abs(d.value).max()):.2g} % of its "
+                f"{d.name} by {size(left, d.unit)} ({two_digits(100 * left / float(np.abs(d.value).max()))} % of its "
                 "largest value)"
             )
     if not each:

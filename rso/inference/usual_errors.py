@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rso.core.digits import two_digits
 from rso.inference.identifiability import AsStated, Determination, determine
 from rso.inference.intervals import Interval
 from rso.inference.verdict import physical
@@ -117,4 +118,4 @@ def _size(d: Determination, name: str, key: str) -> str:
         )
         return f"{float(np.median(np.abs(U[order, 0]) / np.maximum(np.abs(slope), 1e-300))):.2g} mm"
     deviation = np.sqrt(np.sum(U**2, axis=1))
-    return f"{100 * float(deviation.max()) / largest:.2g} % of the largest value"
+    return f"{two_digits(100 * float(deviation.max()) / largest)} % of the largest value"

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from rso.core.digits import interval_ends, significant
+from rso.core.digits import interval_ends, significant, two_digits
 from rso.core.symbols import unit_text
 from rso.core.units import people
 from rso.doe import Box
@@ -165,7 +165,7 @@ def _little(over: str, change: float, sigma: float, place: str, unit: str) -> st
     what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
     if change < ROUND_OFF_SHARE * sigma:
         return f"{over} the {what} does not change."
-    much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
+    much = f"{change / sigma:.2g} times" if change >= sigma else f"{two_digits(100 * change / sigma)} % of"
     return (
         f"{over} the {what} changes by at most {much} its uncertainty: "
         f"{size(change, unit)} against {size(sigma, unit)}, at {place}."

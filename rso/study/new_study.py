@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from rso.contract import Backend, Given, Line, NewStudies, capability
 from rso.core.default_backend import DEFAULT_BACKEND
+from rso.core.digits import quantity_text
 from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES, in_base, people
 from rso.data import (
@@ -135,7 +136,7 @@ def _beginning(
     settings = studies.first_settings(test.given, depths)
     shown = [e for e in experiments if "Fz" in e.measurement.channels] or experiments
     asked = shown if test.specimens else shown[:1]
-    return experiments, settings, _widest([_parameters(studies, settings, e) for e in asked])
+    return experiments, settings, _widest([_parameters(backend, studies, settings, e) for e in asked])
 
 
 def _head(
@@ -287,8 +288,11 @@ def _line(key: str, line: Line) -> str:
     return f"{key} = {inline(line.value)}{mark}{line.remark}"
 
 
-def _parameters(studies: NewStudies, settings: Mapping[str, Line], force: _Experiment) -> Mapping[str, Line]:
-    """Ranges by a curve of force, without one for any record; ValueError naming its file."""
+def _parameters(
+    backend: Backend, studies: NewStudies, settings: Mapping[str, Line], force: _Experiment
+) -> Mapping[str, Line]:
+    """Ranges by a curve of force, without one for any record; ValueError naming its file, also where they leave the
+    hard bounds of their parameters."""
     values = {key: line.value for key, line in settings.items()}
     if "Fz" not in force.measurement.channels:
         return studies.first_parameters(values, np.empty(0), np.empty(0))
@@ -300,17 +304,30 @@ def _parameters(studies: NewStudies, settings: Mapping[str, Line], force: _Exper
         rows = rows[np.argsort(r.depth[rows], kind="stable")]
         depth, value = r.depth[rows], r.channels["Fz"][rows]
     try:
-        return studies.first_parameters({**values, "point": list(force.point or TOP_POINT_MM)}, depth, value)
+        found = studies.first_parameters({**values, "point": list(force.point or TOP_POINT_MM)}, depth, value)
     except ValueError as error:
         raise ValueError(f"{force.files[0]}: {error}") from error
+    bounds = {p.name: (p.low, p.high) for p in backend.parameters}
+    for name, line in found.items():
+        hard = bounds.get(name)
+        ends = [_number(line.value[end]) for end in ("low", "high") if end in line.value]
+        if hard is not None and any(not hard[0] <= end <= hard[1] for end in ends):
+            at = f"{quantity_text(float(value[-1]), 'N')} at {quantity_text(float(depth[-1]), 'mm')}"
+            asked = " to ".join(str(line.value[end]) for end in ("low", "high") if end in line.value)
+            raise ValueError(
+                f"{force.files[0]}: {at} ask for {name} = {asked}, which no material has. Is a unit of the file wrong, "
+                "or a size of the indenter or the specimen? Lengths behind options are in mm"
+            )
+    return found
+
+
+def _number(bound: float | str) -> float:
+    """A bound of a range in base units."""
+    return in_base(bound)[0] if isinstance(bound, str) else bound
 
 
 def _widest(found: Sequence[Mapping[str, Line]]) -> Mapping[str, Line]:
     """The least range of each parameter that holds those of all."""
-
-    def base(bound: float | str) -> float:
-        return in_base(bound)[0] if isinstance(bound, str) else bound
-
     lines = {}
     for name in dict.fromkeys(name for one in found for name in one):
         given = [one[name] for one in found if name in one]
@@ -318,7 +335,7 @@ def _widest(found: Sequence[Mapping[str, Line]]) -> Mapping[str, Line]:
         if "low" not in given[0].value:  # a value that is fixed
             lines[name] = given[0]
             continue
-        low, high = (at((g.value[end] for g in given), key=base) for at, end in ((min, "low"), (max, "high")))
+        low, high = (at((g.value[end] for g in given), key=_number) for at, end in ((min, "low"), (max, "high")))
         remark = (
             given[0].remark
             if len(given) == 1

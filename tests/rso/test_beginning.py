@@ -280,6 +280,19 @@ def test_a_modulus_that_is_none_is_refused(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    ("text", "ball"), [(hertz(gain=1e-5), "3"), (hertz().replace("depth_mm", "depth_m"), "3"), (hertz(), "3e8")]
+)
+def test_a_modulus_that_no_material_has_is_asked_about(tmp_path, capsys, text, ball):
+    """A force, a depth or a radius in another unit: said of the file, not of a study that nobody saw."""
+    (tmp_path / "a.csv").write_text(text)
+    given = ["--half-space", "--ball", ball, "--out", str(tmp_path / "study.toml")]
+    assert main(["new", str(tmp_path / "a.csv"), *given]) == 2
+    said = capsys.readouterr().err
+    assert "a.csv: " in said and "mu = " in said and "no material has" in said and "unit" in said
+    assert "study.toml" not in said and not (tmp_path / "study.toml").exists()
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.usefixtures("no_library")
 def test_two_signs_that_were_turned_are_marked_as_a_guess(tmp_path, sign):

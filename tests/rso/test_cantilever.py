@@ -141,3 +141,24 @@ def test_a_header_in_comments_that_does_not_fit_names_both_counts(tmp_path):
         (tmp_path / "a.txt").write_text(text.replace(old, new))
         with pytest.raises(ValueError, match=words):
             read_measurement(tmp_path / "a.txt")
+
+
+def test_a_piezo_that_rests_is_a_hold_though_the_tip_goes_on(tmp_path):
+    """A body that relaxes lets the cantilever unbend: the depth grows while the piezo waits."""
+    t, rest = 0.01 * np.arange(len(Z)), 0.02 * np.arange(1, 151)
+    falls = 1.0 - 0.3 * (1.0 - np.exp(-rest))
+    wait, relaxed = np.full(len(rest), Z[-1]), D[-1] * falls
+    z, d = np.r_[Z, wait, Z[::-1]], np.r_[D, relaxed, 0.7 * D[::-1]]
+    time = np.r_[t, t[-1] + rest, t[-1] + rest[-1] + 0.01 + t]
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Height (nm),Deflection (nm),Time (s)"], 1e6 * (PARKED - z), 1e6 * (d + LIGHT), time))
+    with pytest.raises(Unsaid) as asked:
+        read_measurement(path)
+    said = {name: dict(column) for name, column in asked.value.columns.items()}
+    said["Fz"]["stiffness"] = "0.0876 N/m"
+    (r,) = read_measurement(path, ColumnsTable(**said).columns()).repeats
+    assert [int(np.sum(r.segment == s)) for s in ("loading", "hold", "unloading")] == pytest.approx(
+        [len(Z), len(rest), len(Z)], abs=2
+    )
+    held = r.segment == "hold"
+    assert r.depth[held][-1] > r.depth[r.segment == "loading"].max() + 0.2 * D[-1]  # the cantilever's share

@@ -184,6 +184,21 @@ def test_what_may_be_two_things_or_is_misspelt_is_not_guessed(tmp_path):
     assert "unknown column 'T (C)'" in refusal(write(tmp_path, table("depth_mm,Fz_N,T (C)", "{u},{F},{t}")))
 
 
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("Time (s),Force (N)", ["no column is called a depth", "'Time (s)', 'Force (N)'", "steady speed", "depth_mm"]),
+        ("Z (mm),Load (mN)", ["no column is called a depth", "'Z (mm)', 'Load (mN)'"]),
+        ("Time (s),Extension (mm)", ["no column is called a force", "'Extension (mm)'"]),
+    ],
+)
+def test_a_file_without_a_depth_or_a_force_is_told_that(tmp_path, head, words):
+    """Its other columns have usual names: none of them is unknown."""
+    rows = "".join(f"{0.1 * k:g},{0.01 * k:g}\n" for k in range(9))
+    said = refusal(write(tmp_path, f"{head}\n{rows}"))
+    assert all(word in said for word in words) and "unknown" not in said
+
+
 def test_customary_names_stand_beside_known_ones_and_columns_have_the_last_word(tmp_path):
     path = write(tmp_path, table("Time (s),Displacement (um),Fx_N,Load (N),Cycle", "{t},{u},0.1,{F},1"))
     m = read_measurement(path)

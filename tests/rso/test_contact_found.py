@@ -141,7 +141,7 @@ def test_repeats_of_one_test_all_count_from_contact_or_none_does(tmp_path):
         write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise)
         for k, noise in enumerate(0.02 * rng.standard_normal((9, 121)))
     ]
-    alone = [read_measurement(file).contact > 0.0 for file in files]
+    alone = [any("contact is found" in d for d in read_measurement(file).doubts) for file in files]
     assert any(alone) and not all(alone)
     m = read_measurement(files)
     np.testing.assert_allclose([r.depth.max() for r in m.repeats], 4.0, atol=0.5)
@@ -165,6 +165,39 @@ def test_a_position_without_an_approach_counts_from_its_first_reading(tmp_path):
         write(tmp_path / "b.csv", "Indentation (mm),Force (N)", u + 1.0, pressed(u + 1.0))
     )  # from contact by name
     assert m.repeats[0].depth[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["Indentation (nm)", "Penetration (nm)", "Displacement (nm)"])
+def test_a_travel_that_begins_in_air_counts_from_contact_whatever_its_name_says(tmp_path, name):
+    """Nanoindenters call the piezo's travel less the bending indentation from the start of the record on."""
+    rng, u = np.random.default_rng(3), np.linspace(-AIR, 4.0, 241)
+    F = pressed(u) + 0.005 * pressed(u).max() * rng.standard_normal(241)
+    m = read_measurement(write(tmp_path / "a.csv", f"{name},Load (uN)", (u + AIR) * 1e3, F))
+    assert abs(m.repeats[0].depth.max() - 4e-3) < 3.0 * m.contact < 1e-3
+    (said,) = [d for d in m.doubts if "contact is found" in d]
+    assert "e+" not in said
+
+
+def test_the_zero_of_a_machine_is_no_contact_that_its_record_doubts(tmp_path):
+    """Half a millimetre in air of 4.5 mm under 3 % of noise is no approach beyond doubt, and no contact at 0 either."""
+    rng, u = np.random.default_rng(5), np.linspace(-0.5, 4.0, 121)
+    off, said = [], []
+    for k in range(20):
+        F = pressed(u) + 0.03 * pressed(u).max() * rng.standard_normal(121)
+        m = read_measurement(write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u + 0.5, F))
+        true = 4.0 - float(m.repeats[0].depth.max())  # where the contact is in what was read
+        off.append(abs(true) / max(m.contact, 0.01 * 4.5))
+        said += [any("contact is found" in d or "puts the contact" in d for d in m.doubts)]
+    assert np.mean(said) > 0.8
+    assert np.mean(np.array(off) < 1.645) > 0.8  # nine in ten of the 90 % intervals, less what 20 scatter by
+
+
+def test_a_contact_at_the_zero_of_a_machine_stays_certain(tmp_path):
+    rng, u = np.random.default_rng(6), np.linspace(0.0, 4.0, 121)
+    for k in range(10):
+        F = pressed(u) + 0.002 * pressed(u).max() * rng.standard_normal(121)
+        m = read_measurement(write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, F))
+        assert m.contact == 0.0 and m.repeats[0].depth[0] == 0.0
 
 
 def sensed(tmp_path, u, F):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.cli.answer import estimate_text, interval_in_unit
-from rso.core.digits import estimate, interval_ends, quantity_text, range_text
+from rso.core.digits import estimate, interval_ends, quantity_text, range_text, two_digits
 from rso.report.calibration.derived import derived_span, derived_value
 
 
@@ -58,3 +58,14 @@ def test_two_ends_have_one_unit_that_of_the_larger():
     assert range_text(1e-9, 7e-9, "N") == "1 to 7 nN"
     assert range_text(0.0, 2.0, "mm", "and") == "0 and 2 mm"
     assert range_text(-3e-4, 1e-5, "mm", digits=2) == "-0.3 to 0.01 µm"
+
+
+def test_percentages_have_no_power_of_ten():
+    assert [two_digits(x) for x in (0.034, 7.0, 99.7, 138.2, 2500.0)] == ["0.034", "7", "100", "138", "2500"]
+
+
+def test_the_end_of_an_interval_that_round_off_missed_is_nothing():
+    """A Poisson ratio of −1e-10, beside one of 0.4; a compressibility of 1e-10 on a logarithm is a number."""
+    assert interval_ends(-1.1e-10, 0.435) == ("0", "0.435")
+    assert interval_ends(1.1e-10, 0.435)[0] != "0"
+    assert interval_ends(-0.012, 0.435) == ("−0.0120", "0.435")

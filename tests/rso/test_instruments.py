@@ -229,6 +229,37 @@ def test_a_segment_that_is_named_where_it_begins_goes_on_below(tmp_path):
     np.testing.assert_allclose(r.channels["Fz"], force, atol=2e-6)
 
 
+@pytest.mark.parametrize(
+    ("other", "values", "told"),
+    [
+        ("LVDT displacement (um)", 1e3 * (U - 0.1 * F), True),  # the frame gives way by 0.1 mm/N
+        ("LVDT displacement (mm)", 5.0 - U, False),  # the same travel as a gap
+        ("Width (mm)", 8.0 + 0.0 * U, False),
+        ("Gauge 2 (mm)", np.sin(7.0 * U), False),
+        ("Raw load (mN)", 800.0 * F, True),  # before the calibration
+        ("Force filtered (N)", F + 1e-4 * np.cos(90.0 * U), False),
+        ("Torque (Nmm)", F, False),
+    ],
+)
+def test_a_second_travel_or_force_that_says_something_else_is_told(tmp_path, other, values, told):
+    path = tmp_path / "a.csv"
+    path.write_text(table([f"Time (s),Crosshead (mm),Force (N),{other}"], [T, U, F, values], ","))
+    said = [d for d in read_measurement(path).doubts if f"{other!r} is not read. It moves with" in d]
+    assert len(said) == told
+
+
+def test_times_since_1970_are_those_of_the_test(tmp_path):
+    """Loggers write seconds, milliseconds or nanoseconds since 1970."""
+    for unit, per in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        path = tmp_path / f"{unit}.csv"
+        rows = [
+            f"{1615471325 * round(per) + round(10 * k * per)},{b:.6f},{c:.6f}"
+            for k, (b, c) in enumerate(zip(U, F, strict=True))
+        ]
+        path.write_text("\n".join([f"Timestamp ({unit}),Displacement (mm),Force (N)", *rows]) + "\n")
+        np.testing.assert_allclose(read_measurement(path).repeats[0].time, 10.0 * np.arange(len(U)), atol=1e-5)
+
+
 def test_a_sensor_at_its_end_is_no_creep(tmp_path):
     """The drive goes on as before: what a held force lets happen slower and slower is another thing."""
     path, most = tmp_path / "a.csv", 0.6 * F[-1]
@@ -252,6 +283,23 @@ def test_a_drift_in_air_is_no_contact_that_nobody_found(tmp_path):
     on = 0.1 * (0.1 * 0.6**1.5) * 0.6 / 2.1  # what the drift adds beyond contact
     assert float(drift.split("about ")[1].split(" N")[0]) == pytest.approx(on, rel=0.2)  # a level of the first tenth
     assert not any("depth must count from contact" in d for d in doubts)
+
+
+@pytest.mark.parametrize("share", [0.06, -0.06, 0.0])
+def test_a_small_drift_of_either_sense_is_told_where_noise_does_not_hide_it(tmp_path, share):
+    """A cell that cools or warms: three readings at either end scatter by as much, a hundred in air do not."""
+    rng, u = np.random.default_rng(4), np.linspace(-0.6, 0.6, 400)
+    force = 0.1 * np.maximum(u, 0.0) ** 1.5
+    most = float(force.max())
+    force += share * most * np.linspace(0.0, 1.0, 400) + 0.006 * most * rng.standard_normal(400)
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Position (mm),Load (N)"], [u + 0.6, force], ","))
+    told = [d for d in read_measurement(path).doubts if "in the approach, before the contact that was found" in d]
+    assert len(told) == (share != 0.0)
+    if told:
+        assert f"Fz {'grows' if share > 0 else 'falls'} by" in told[0]
+        on = float(told[0].split("about ")[1].split(" N ")[0])
+        assert on == pytest.approx(abs(share) * most / 2.0, rel=0.2)  # half of the drift comes beyond contact
 
 
 def test_a_cell_that_was_tared_in_the_approach_is_named(tmp_path):

@@ -264,7 +264,9 @@ def test_one_indentation_is_that_of_the_program():
     ("change", "words"),
     [
         ({"mu": "1 mm"}, "mu: '1 mm'"),
-        ({"nu": 0.3}, "has no such parameter; did you mean 'mu'"),
+        ({"nu": 0.3}, "has no such parameter; Poisson's ratio follows from mu and D1"),
+        ({"E": "30 kPa"}, "has no such parameter; Young's modulus follows from mu and D1"),
+        ({"Mu": 0.01}, "has no such parameter; did you mean 'mu'"),
         ({"specimen": {"shape": "slap"}}, "did you mean 'slab'"),
         ({"settings": {"indenter": {}}}, "indenter is given twice"),
     ],
@@ -272,6 +274,35 @@ def test_one_indentation_is_that_of_the_program():
 def test_bad_input_of_an_indentation_is_named(change, words):
     with pytest.raises(ValueError, match=words):
         rso.indent([0.2], **{**SLAB, "mu": 0.01, "D1": 5.8, **change})
+
+
+@pytest.mark.parametrize("depths", ["0.5 mm", ["0.5 mm"], [], [0.5, np.nan], None, [[0.1], [0.2]]])
+def test_depths_that_are_no_numbers_are_named(depths):
+    with pytest.raises(ValueError, match=r"depths = .*in mm"):
+        rso.indent(depths, **SLAB, mu=0.01, D1=5.8)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ((DEPTHS, DEPTHS), "data is a tuple: .*depth_mm"),
+        (np.c_[DEPTHS, DEPTHS], "data is a ndarray: .*depth_mm"),
+        ({"depth_mm": DEPTHS, "Fz_N": DEPTHS[1:]}, "'depth_mm', 'Fz_N' make no table: .*same length"),
+    ],
+)
+def test_a_curve_that_is_no_table_is_named(tmp_path, data, words):
+    with pytest.raises(ValueError, match=words):
+        rso.fit(data, **SLAB, folder=tmp_path)
+
+
+def test_arrays_by_name_are_a_table(tmp_path, monkeypatch):
+    import rso.api.shortcuts as shortcuts
+
+    for folder, kind in (("mapping", dict), ("frame", pd.DataFrame)):
+        monkeypatch.setattr(shortcuts, "load", lambda path: type("Stub", (), {"run": lambda self, **k: path})())
+        rso.fit(kind({"depth_mm": DEPTHS, "Fz_N": 0.05 * DEPTHS**1.5}), **SLAB, folder=tmp_path / folder)
+    mapping, frame = ((tmp_path / name / "curve.csv").read_bytes() for name in ("mapping", "frame"))
+    assert mapping == frame
 
 
 def test_a_fit_writes_a_study_that_can_be_run(tmp_path, monkeypatch):

@@ -108,6 +108,11 @@ def question(
     return Unsaid(text, columns)
 
 
+def is_corrected(cell: str) -> bool:
+    """Whether a header says that what bends was subtracted of a travel, which then differs from the machine's."""
+    return any(part in header_aliases.bare_header(cell, "depth") for part in CORRECTED_TRAVEL_WORDS)
+
+
 def _is_force(cell: str, beneath: str) -> bool:
     return header_aliases.bare_header(cell, "Fz") in KNOWN_COLUMN_NAMES["Fz"] and _has(beneath, cell, "N")
 

@@ -15,6 +15,7 @@ from rso.data.files import tables
 from rso.data.files.columns import Head, Row, cells_of, clock_seconds, fail, is_number
 
 _MAX_CELL_NUMBER = 1e12  # in any unit: beyond it stand marks of loggers
+_MAX_CELL_TIME = 1e19  # of a cell of times: nanoseconds since 1970 are 1.7e18
 _MAX_PLAUSIBLE = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
 _GROUPED_DIGITS = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
 _AMBIGUOUS_THOUSANDS, _WHOLE_NUMBER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
@@ -121,8 +122,9 @@ def cell_number(path: Path, line: int, name: str, cells: Sequence[str], head: He
     if not math.isfinite(value) or "_" in cell:
         tables.no_reading(path, line, cells, head)
         fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{_hint(name, cell)}")
-    if abs(value) > _MAX_CELL_NUMBER:
-        large = f"is larger than anything measured ({_MAX_CELL_NUMBER:g}); "
+    most = _MAX_CELL_TIME if name == "time" else _MAX_CELL_NUMBER
+    if abs(value) > most:
+        large = f"is larger than anything measured ({most:g}); "
         large += "a mark for an overload or a gap? Delete such rows"
         fail(path, line, f"column {name!r}: {cell[:40]!r} {large}")
     if value < 0 and name.endswith("_sigma"):

@@ -35,6 +35,7 @@ from rso.core.units import (
     weight,
 )
 from rso.data.files import cantilever, header_aliases
+from rso.data.files.header_words import KNOWN_COLUMN_NAMES
 
 _QUOTED_CELL = re.compile(r'"[^"]*"')
 _CLOCK_TIME = re.compile(
@@ -333,8 +334,34 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         header(cell)
     except ValueError as error:
         message = str(error)
+    if header_aliases.is_one(cell) and (missing := _missing(rows, best)):
+        message = missing  # what is there is understood
     headless = _HEADLESS_ADVICE if numbers_in(rows[best][1]) else _by_blanks(rows, best)
     fail(path, rows[best][0], f"{message}; {_OTHER_NAMES_ADVICE}{headless}")
+
+
+def _missing(rows: Sequence[Row], k: int) -> str:
+    """Which of depth and Fz no column of a line is by a usual name; empty where both are there, or neither."""
+    _, cells, units, _ = _split(rows, k)
+    there = {
+        name: [
+            cell
+            for cell, unit in zip(cells, units, strict=True)
+            if _name(cell, unit) == name or header_aliases.bare_header(cell, name) in KNOWN_COLUMN_NAMES[name]
+        ]
+        for name in ("depth", "Fz")
+    }
+    lacking = [name for name, own in there.items() if not own]
+    if len(lacking) != 1:
+        return ""
+    found = ", ".join(repr(cell[:_MAX_HEADER_CHARACTERS]) for cell in cells[:_MAX_HEADERS] if cell)
+    text = f"no column is called {'a depth' if lacking == ['depth'] else 'a force'}; found are {found}"
+    timed = lacking == ["depth"] and any(
+        header_aliases.bare_header(c, "time") in KNOWN_COLUMN_NAMES["time"] for c in cells
+    )
+    return (
+        f"{text}. At a steady speed the depth is that times the time: write it as a column depth_mm" if timed else text
+    )
 
 
 def _customary(path: Path, rows: Sequence[Row], notes: Sequence[str] = ()) -> dict[str, Column]:
@@ -504,7 +531,11 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         try:
             known[who] = conversion_factor(unit, base)
         except ValueError as error:
-            fail(path, line, f"column {name!r} ({column.header!r}): {who} says {error}; choose from {choices}")
+            fail(
+                path,
+                line,
+                f"column {name!r} ({column.header!r}): {who} says {unit!r}: {error}; choose from {choices}",
+            )
         if known[who] != known[first]:
             fail(path, line, f"column {name!r} ({column.header!r}): {first} says {said[first]!r}, {who} {said[who]!r}")
     return units[first]

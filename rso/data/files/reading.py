@@ -24,13 +24,13 @@ from typing import Literal
 import numpy as np
 
 from rso.contract.responses import FORCE_CHANNELS
-from rso.core.digits import quantity_text
-from rso.core.units import is_counted
+from rso.core.digits import quantity_text, two_digits
+from rso.core.units import conversion_factor, is_counted, is_of, kind_of
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
 from rso.data.contact_point import Onset
 from rso.data.files import header_aliases, tables
-from rso.data.files.cantilever import Unsaid, bending
+from rso.data.files.cantilever import Unsaid, bending, is_corrected
 from rso.data.files.cells import (
     cell_number,
     counters,
@@ -53,6 +53,7 @@ from rso.data.files.columns import (
     fail,
     find_head,
     is_head,
+    is_number,
     with_less,
 )
 from rso.data.files.commented_header import head_of
@@ -66,6 +67,9 @@ from rso.data.force_holds import HeldForce
 DISPLACEMENT_COLUMNS = ("ux", "uy", "uz")
 BOTH_SIGNS_TURNED_DOUBT = "a pull looks the same where pressing counts as positive"
 EARLIER_CYCLES_DOUBT = "the cycles before this one are not simulated: what they left in the body is in its readings"
+CALENDAR_TIME_S = 1e8  # s: no test takes three years, so such a time counts from a date, mostly 1970
+MIN_RIVAL_CORRELATION = 0.995  # of a column that is not read with one that is: both are of one motion
+SAME_RANGE_TOLERANCE = 0.01  # of the range: two columns of one motion that say the same
 MAX_LISTED_CODES = 8  # codes of segments that a message shows
 REPORTED_SUBTRACTION_SHARE = 0.5  # of the depth: where more was subtracted of it, that is said
 
@@ -126,7 +130,8 @@ class Measurement:
 class _Table:
     """Columns by name in base units, the label of each row's repeat and segment, and where each row stood.
 
-    `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
+    `found` are columns whose zero is sought, `customary` whether depth has a machine's name, `position` whether that is
+    none of a travel from contact, `own` what one mm or N
     of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
     `less` what was subtracted of the depth (n,) mm and `computed` that in words.
     """
@@ -140,6 +145,7 @@ class _Table:
     unread: tuple[str, ...]
     doubts: tuple[str, ...]
     found: tuple[str, ...]
+    customary: bool
     position: bool
     own: Mapping[str, tuple[float, str]]
     headers: Mapping[str, str]
@@ -305,9 +311,9 @@ def _off(onsets: Sequence[Onset]) -> float:
 
 
 def _sought(table: _Table, r: Repeat) -> bool:
-    """Whether a machine's position may count from where its force shows the contact."""
+    """Whether a machine's travel may count from where its force shows the contact."""
     return (
-        table.position
+        table.customary
         and not table.found
         and "Fz" in r.channels
         and np.sum(r.segment == "loading") > contact_point.MIN_READINGS_FOR_CONTACT
@@ -323,12 +329,14 @@ def _in_air(table: _Table, r: Repeat) -> bool:
 def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset | None, list[str]]:
     """A repeat with depth, and forces, counted from contact where that is to be found in its record; and what to say.
 
-    Machines' positions are taken so where one of the repeats is `in_air` at first, else from their first readings.
+    Machines' travels are taken so where one of the repeats is `in_air` at first, whatever their names say: some call
+    the travel less the bending indentation from the start of the record on.  Positions else count from their first
+    readings.
     """
     loading, names = r.segment == "loading", table.found
     if _sought(table, r):
         if not in_air:
-            return _from_first(table, r)
+            return _from_first(table, r) if table.position else (r, None, [])
         names = ("depth", *(n for n in FORCE_CHANNELS if n in r.channels))
     if not names:
         return r, None, []
@@ -388,11 +396,27 @@ def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[st
     loading = r.segment == "loading"
     first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
     if -way < first <= curve_shape.CURVE_EDGE_SHARE * way:
-        return r, None, []
+        return _from_zero(table, r)
     found = contact_point.contact_onset(r.depth[loading], r.channels["Fz"][loading])
     found = Onset(first, contact_point.LATE_CONTACT_SHARE * way, 0.0) if found is None else replace(found, depth=first)
     told = f"repeat {r.label}: depth counts from the first reading, at {_own(table, first, found.deviation)}"
     return replace(r, depth=r.depth - first), found, [f"{told}, as no approach is seen before it"]
+
+
+def _from_zero(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat that counts from the machine's 0, with what that may be off as a contact by the shape of its force."""
+    loading = r.segment == "loading"
+    found = contact_point.open_contact(r.depth[loading], r.channels["Fz"][loading])
+    if found is None:
+        return r, None, []
+    off = replace(found, depth=0.0, bias=math.hypot(found.bias, found.depth))
+    at = _own(table, found.depth, found.deviation)
+    told = f"repeat {r.label}: depth counts from where {table.headers['depth']!r} is 0, but the shape of Fz puts the "
+    told += f"contact at {at}. The contact counts as uncertain by {quantity_text(off.deviation, 'mm', 2)}, which "
+    told += (
+        "holds both. If you know it better, state noise.contact of the experiment, or zero in [columns] of the study"
+    )
+    return r, off, [told]
 
 
 def _own(table: _Table, depth: float, deviation: float) -> str:
@@ -400,7 +424,7 @@ def _own(table: _Table, depth: float, deviation: float) -> str:
     per, unit = table.own["depth"]
     off = abs(deviation * per)
     digits = max(1 - math.floor(math.log10(off)), 0) if off > 0.0 else 3
-    return f"{depth * per:.{digits}f} {unit} ± {off:.2g} {unit}"
+    return f"{depth * per:.{digits}f} {unit} ± {two_digits(off)} {unit}"
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
@@ -523,6 +547,8 @@ def _values_of(path: Path, found: _Rows) -> tuple[dict[str, np.ndarray], dict[st
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
+    if "time" in arrays and arrays["time"][0] > CALENDAR_TIME_S:
+        arrays["time"] -= arrays["time"][0]
     for name, values_of in arrays.items():
         require_plausible(path, line, name, values_of, head.unit[name])
     return arrays, words, np.array(line)
@@ -534,6 +560,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     found = _rows_of(path, wanted)
     head = found.head
     arrays, words, lines = _values_of(path, found)
+    beside = _beside(found, arrays)
     less = arrays.pop(SUBTRACTED_COLUMN, None)
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
@@ -563,7 +590,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items() if name != SUBTRACTED_COLUMN}
     reckoned = _in_words(wanted)
-    position = "depth" in head.customary and not header_aliases.from_contact(headers["depth"])
+    customary = "depth" in head.customary
     return _Table(
         path,
         arrays,
@@ -581,16 +608,48 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             *doubts,
             *reckoned,
             *_unsubtracted(head, wanted),
+            *beside,
             *_pulled(path, head, found.notes),
         ),
         head.found,
-        position,
+        customary,
+        customary and not header_aliases.from_contact(headers["depth"]),
         in_file,
         headers,
         tuple(turned),
         less,
         tuple(reckoned),
     )
+
+
+def _beside(found: _Rows, arrays: Mapping[str, np.ndarray]) -> list[str]:
+    """What to say of columns of the same kind that are not read, move with what is read and go less or further."""
+    head, said = found.head, []
+    for name in ("depth", "Fz"):
+        if name not in head.customary or (name == "depth" and is_corrected(head.cells[head.at[name]])):
+            continue
+        read = arrays[name]
+        for k, cell in enumerate(head.cells):
+            unit = header_aliases.header_unit(cell, head.units[k], name)
+            if k in head.at.values() or not is_of(kind_of(name), unit):
+                continue
+            own = _numbers_of(found, k) * float(conversion_factor(unit, kind_of(name)))
+            if not np.isfinite(own).all() or np.ptp(own) == 0.0 or np.ptp(read) == 0.0:
+                continue
+            ratio = abs(float(np.polyfit(read, own, 1)[0]))
+            if abs(np.corrcoef(own, read)[0, 1]) < MIN_RIVAL_CORRELATION or abs(ratio - 1.0) < SAME_RANGE_TOLERANCE:
+                continue
+            text = f"{cell!r} is not read. It moves with {head.cells[head.at[name]]!r}, {ratio:.3g} times as far: "
+            near = "of two travels the depth is that nearer to the specimen" if name == "depth" else "which is right?"
+            said.append(text + near)
+    return said
+
+
+def _numbers_of(found: _Rows, k: int) -> np.ndarray:
+    """The k-th column (n,) of the rows as it stands, NaN where there is no number."""
+    cells = (cells_of(row, found.head.separator) for _, row in found.rows)
+    texts = (row[k] if k < len(row) else "" for row in cells)
+    return np.array([float(t.replace(",", ".").replace("\u2212", "-")) if is_number(t) else math.nan for t in texts])
 
 
 def _pulled(path: Path, head: Head, notes: Sequence[str]) -> list[str]:
@@ -706,6 +765,17 @@ def _against(less: np.ndarray, force: np.ndarray) -> bool:
     return float(x @ y) < -0.5 * float(np.sqrt((x @ x) * (y @ y)))
 
 
+def _way(table: _Table, rows: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """How far the drive went (n,) mm where something bends beneath it, else the depth.
+
+    A drive that rests is a hold though the depth grows: what bends gives way as the force relaxes.
+    """
+    if table.less is None:
+        return depth
+    way = depth + table.less[rows]
+    return way - way[0]
+
+
 def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     """The rows of one repeat, checked."""
     rows = table.rows[label]
@@ -735,7 +805,7 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     elif kind == "profile":
         segment = np.full(len(depth), "loading")
     else:
-        segment = segments(table.path, label, depth, time)
+        segment = segments(table.path, label, _way(table, rows, depth), time)
     channels = {k: v for k, v in data.items() if not k.endswith("_sigma")}
     sigma = {k.removesuffix("_sigma"): v for k, v in data.items() if k.endswith("_sigma")}
     return Repeat(label, depth, time, channels, sigma, segment)

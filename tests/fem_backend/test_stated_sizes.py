@@ -1,0 +1,47 @@
+"""A radius in another unit fits every curve as well: what a record and its notes say against it."""
+
+import pytest
+
+from fem_backend.backend import BACKEND
+
+HALF_SPACE = {"specimen": {"shape": "half_space"}}
+
+
+def said(indenter, depth, *notes):
+    return BACKEND.odd_sizes({**HALF_SPACE, "indenter": indenter}, depth, notes)
+
+
+@pytest.mark.parametrize("shape", [{"shape": "sphere"}, {"shape": "flat", "fillet": 1e-3}])
+def test_a_radius_in_another_unit_is_asked_for(shape):
+    """A colloid of 5 µm that is pressed in by 2 µm, as 5 mm; a ball of 5 mm pressed in by 0.6 mm, as 5 µm."""
+    for radius, depth, words in ((5.0, 2e-3, "2500 times the deepest reading"), (5e-3, 0.6, "120 times")):
+        own = {**shape, "radius": radius} | ({"fillet": 0.1 * radius} if "fillet" in shape else {})
+        (text,) = said(own, depth)
+        assert words in text and f"indenter.radius = {radius:g} mm" in text and "units" in text
+        assert not said({**own, "radius": depth / 0.2} | ({"fillet": 0.5 * depth} if "fillet" in own else {}), depth)
+
+
+@pytest.mark.parametrize(
+    "note",
+    ["Tip radius (um) 50.000000", "Probe diameter [µm]: 100", "tip_radius = 0.05 mm", "Kugeldurchmesser: 0,1 mm"],
+)
+def test_the_radius_that_a_file_notes_is_compared(note):
+    note = note.replace("0,1", "0.1")
+    ball = {"shape": "sphere", "radius": 0.05}
+    assert said(ball, 0.005, note) == []
+    (text,) = said({**ball, "radius": 0.1}, 0.005, note)
+    assert note in text and "indenter.radius = 0.1 mm" in text
+
+
+def test_what_is_no_radius_of_the_indenter_is_left_alone():
+    ball = {"shape": "sphere", "radius": 0.05}
+    notes = (
+        "Tip radius (um)",
+        "Tip radius 50",
+        "Cell radius (um) 3",
+        "k (N/m) 0.5",
+        "Tip radius (N) 3",
+        "radius: 3 mm",
+    )
+    assert said(ball, 0.005, *notes) == []
+    assert said({"shape": "cone", "half_angle": 70.0, "tip_radius": 1e-3}, 0.5, "Tip radius (um) 50") == []
