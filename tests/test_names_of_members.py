@@ -19,6 +19,7 @@ SHAPES = {"ellipsoid", "ellipsoidal", "bowl", "ball", "sphere", "spherical", "R"
 OTHERS = {"profile"}  # members whose name is a key of the settings, too: there it means surface marks
 # What still names a shape, and why; a file that no longer does has to leave the list.
 ALLOWED = {
+    "fem_backend/adapter/stated_sizes.py": "words that files of instruments have for a tip",
     "fem_backend/geometry.py": "the shape itself, whose distances specimen, bowl and holes share",
     "fem_backend/meshing/mapped.py": "makes meshes of this one specimen",
     "fem_backend/meshing/mesh.py": "makes meshes of this one specimen",

@@ -120,7 +120,7 @@ class PolynomialBatch:
         """Means (n, m) at X (n, d) in the unit cube: those of :meth:`Polynomial.mean` but for round-off."""
         exponents, C, logs, W, s = self._together
         m = (A := legendre(X, exponents)) @ C
-        if logs.any():
+        if len(logs):
             rows = max(1, MAX_BATCH_VALUES // W.shape[1])
             for a in range(0, len(X), rows):
                 at = slice(a, a + rows)

@@ -143,6 +143,8 @@ def test_polynomials_asked_together_answer_as_each_alone(most, monkeypatch):
     assert [columns for columns, _ in together.batches] == [[2], [0, 1, 3, 4]]
     for Q in (X[:1], sobol_sequence(3, 64, 5)):  # round-off of two ways to the same sum
         np.testing.assert_allclose(together.mean(Q), np.stack([m.mean(Q) for m in models], axis=1), rtol=1e-12)
+        for m in models:
+            np.testing.assert_allclose(multi_output([m]).mean(Q)[:, 0], m.mean(Q), rtol=1e-12)
 
 
 def test_kriging_error_falls_with_the_number_of_points():
