@@ -157,6 +157,7 @@ def test_energy_is_the_strain_energy_and_that_of_the_contact(graded):
 # ---------------------------------------------------------------------------------------------- failure
 
 
+@pytest.mark.verification  # daily by the backend: test_failures.py
 def test_too_deep_is_stopped_with_a_cause_and_what_was_reached(small):
     with pytest.raises(Stopped) as stopped:
         small.solve([1.0, 30.0])

@@ -609,7 +609,11 @@ INNER = {"inclusion_ratio": 5.0, "inclusion_radius": 4.0, "inclusion_depth": 12.
 
 @pytest.mark.parametrize(
     "values",
-    [{"weight": 1e-5}, {"skin_thickness": 1.0, "skin_ratio": 3.0}, pytest.param(INNER, marks=pytest.mark.verification)],
+    [
+        {"weight": 1e-5},
+        pytest.param({"skin_thickness": 1.0, "skin_ratio": 3.0}, marks=pytest.mark.verification),
+        pytest.param(INNER, marks=pytest.mark.verification),
+    ],
     ids=["weight", "skin", "inner"],
 )
 def test_a_scan_has_weight_and_zones(kidney, same_mesh, values):
