@@ -404,7 +404,7 @@ BLOCK = {**IN_SPACE, "specimen": {"shape": "block"}, "indenter": {"shape": "sphe
     ],
 )
 def test_a_canonical_run_is_its_own(values, settings, programme):
-    """What is run is the canonical case: its key must say of that how it is meshed, whatever was dropped of the case."""
+    """What is run is the canonical case: its key says how that is meshed, whatever was dropped."""
     kept, once = BACKEND.canonical({**VALUES, **values}, Case("case", programme, settings))
     assert BACKEND.canonical(kept, once) == (kept, once)
 
