@@ -26,7 +26,9 @@ def refuse_inputs(
         name, sharing = i.parameter.name, i.experiments or tuple(e.name for e in study.experiments)
         each = {e: study.settings_of(e) for e in sharing}
         place, written = place_of_input(study, i)
-        values = set() if offered is None else {offered.nominal(s).get(name) for s in each.values()}
+        values = (
+            set() if offered is None else {offered.nominal(s).get(name, i.parameter.default) for s in each.values()}
+        )
         if len(values) > 1 and name not in fixed:
             text = "experiments state several values of it: give each of them its own uncertainty"
             problems.append(Problem(place, text))
