@@ -59,12 +59,15 @@ def place_of_input(study: Study, one: UncertainInput) -> tuple[Place, Any]:
 def stated_size(
     backend: Backend, settings: Mapping[str, Any], fixed: Mapping[str, float], one: UncertainInput
 ) -> float | None:
-    """The size that an input is an error of, in its unit, or the fixed value that it is itself; None of another."""
+    """The size that an input is an error of, in its unit, or the value, fixed or stated, that it is itself; None of
+    another."""
     name = one.parameter.name
     sizes = stated_dimensions(backend, settings)
     if sizes is not None and name in sizes:
         return sizes[name] or None  # an edge of radius 0 has no share
-    value = fixed.get(name, one.parameter.default or 0.0)
+    offered = capability(backend, NominalValues)
+    nominal = {} if offered is None else offered.nominal(settings)
+    value = fixed.get(name, nominal.get(name, one.parameter.default or 0.0))
     return abs(value) if value and one.parameter.neutral is None else None
 
 

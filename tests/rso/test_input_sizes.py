@@ -344,3 +344,13 @@ def test_a_further_backend_that_names_no_sizes_keeps_the_errors_of_its_gauges():
 
     both = joint(load_backend(DEFAULT_BACKEND), {"layer": Gauged()})
     assert dimension_errors(both, {BACKEND_SETTING: "layer"}) == dimension_errors(Gauged(), {}) != {}
+
+
+def test_the_size_of_what_a_table_states_is_that_of_the_table(tmp_path):
+    """Not the usual friction of a bowl, 0.2."""
+    body = ['specimen = { shape = "ellipsoid", semi_axes = [60, 35, 35] }', BALL]
+    bowl = 'support = { kind = "bowl", friction = 0.5 }'
+    plan = planned(tmp_path, [*body, bowl], {"a": ""}, "bowl_friction = 0.25")
+    assert any("is 50 % of the 0.5" in line for line in said_of_inputs(plan))
+    with pytest.raises(StudyError, match=r"not below the size itself, 0\.5"):
+        planned(tmp_path, [*body, bowl], {"a": ""}, "bowl_friction = 0.6")
