@@ -271,7 +271,7 @@ class FiniteElements:
         if settings.direction == "normal" and settings.point == (0.0, 0.0):
             plain["direction"] = "vertical"
         if "mullins" not in kept:
-            plain["earlier"] = 0.0
+            plain["earlier"], settings = 0.0, dataclasses.replace(settings, earlier=0.0)
         if "permeability" not in kept:
             plain.pop("drainage", None)
         programme, by_force = case.programme, programmes.controlled(case.programme)
@@ -279,8 +279,6 @@ class FiniteElements:
             plain["support"]["rolling"] = experiment.MARKS["rolling"]
         if any(kept.get(name) for name in MISALIGNMENT_KNOBS):
             plain["mesh"]["follows"] = experiment.MARKS["follows"]
-        if _read(case).large_strain and not _placed(settings, kept, lambda at: at.meridian):
-            plain["mesh"]["large_strain"] = experiment.MARKS["large_strain"]
         if by_force:  # contact is exact there, and no derivative is made
             plain.pop("multipliers", None)
             plain["derivatives"] = False
@@ -294,13 +292,17 @@ class FiniteElements:
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             asked = sorted(v for v in {*programme.asked_mm, *(float(v) for v in held)} if v > 0.0)
             programme = Programme.ramp(tuple(asked or [max(programme.travel_mm)]), 1.0)
+        if _read(dataclasses.replace(case, programme=programme), kept).large_strain and not _placed(
+            settings, kept, lambda at: at.meridian
+        ):
+            plain["mesh"]["large_strain"] = experiment.MARKS["large_strain"]
         if revision := mended(settings, kept, given, programme):
             plain["specimen"]["mended"] = revision
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def refused(self, values: Mapping[str, float], case: Case) -> str | None:
         """Why a simulation with these values has no answer to its depth; None where nothing speaks against it."""
-        settings = experiment.read_settings(case.settings)
+        settings = dataclasses.replace(_read(case, values), large_strain=False)
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm, default=0.0)
             placement = modelling.placement_of(settings, knobs)
@@ -337,10 +339,10 @@ class FiniteElements:
         if "adhesion" in given and on_axis(own):
             return {}
         if not own.level:
-            return {"mapped": at_depth(own, depth)}
+            return {"mapped": at_depth(own, depth, "adhesion" in given)}
         names = [own.level, *(name for name in LEVELS_BY_COST if name != own.level)]
         each = {n: experiment.read_settings({**settings, "mesh": {"level": n}}) for n in names}
-        return {name: at_depth(one, depth) for name, one in each.items()}
+        return {name: at_depth(one, depth, "adhesion" in given) for name, one in each.items()}
 
     def reduction(self, values: Mapping[str, float], case: Case) -> str | None:
         """How much of a specimen of revolution is modelled with these values, in words; None of another specimen."""
@@ -383,7 +385,7 @@ class FiniteElements:
         self.check(case)
         if programmes.controlled(case.programme):
             raise ValueError("a programme that a force controls is not written for other programs")
-        settings = dataclasses.replace(_read(case), large_strain=False)
+        settings = dataclasses.replace(_read(case, values), large_strain=False)
         path = case.artefact("mesh")
         mesh = None if path is None else str(path)
         try:
@@ -426,7 +428,7 @@ class FiniteElements:
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
-        settings = _read(case)
+        settings = _read(case, values)
         knobs = self.knobs(values, settings)
         if _of_revolution(settings, knobs):
             return {}  # a grid of the meridian is made in no time
@@ -461,7 +463,7 @@ class FiniteElements:
     def solve(self, values: Mapping[str, float], case: Case) -> Solved:
         """As a call, but with the states themselves, for files and pictures."""
         self.check(case)
-        settings = _read(case)
+        settings = _read(case, values)
         knobs = self.knobs(values, settings)
         path, anchor = case.artefact("mesh"), case.artefact("anchor")
         if programmes.controlled(case.programme):
@@ -670,8 +672,7 @@ def _small_in_space(settings: Settings, kept: Mapping[str, float], programme: Pr
     """The same in space, where a force says too late how deep it leads."""
     if programmes.controlled(programme):
         return False
-    deepest = max(*programme.travel_mm, settings.earlier)
-    if contact_elements.shallow_in_space(settings, deepest).recipe == settings.recipe:
+    if _followed(settings, kept, max(*programme.travel_mm, settings.earlier)).recipe == settings.recipe:
         return False
     return _placed(settings, kept, lambda at: not at.meridian)
 
@@ -719,13 +720,21 @@ def _placement(settings: Settings, kept: tuple[tuple[str, float], ...], knobs: t
         return None  # the run itself will say why
 
 
-def _read(case: Case) -> Settings:
-    """The settings of a case, with mesh and element for its deepest travel; where force leads that is not known."""
+def _read(case: Case, values: Mapping[str, float]) -> Settings:
+    """The settings of a case, with mesh and element for its deepest travel; where force leads that is not known.
+
+    What went before the test counts for a body that remembers it.
+    """
     settings = experiment.read_settings(case.settings)
     if programmes.controlled(case.programme):
         return settings
-    deepest = max(*case.programme.travel_mm, settings.earlier)
-    return experiment.for_travel(contact_elements.shallow_in_space(settings, deepest), deepest)
+    deepest = max(*case.programme.travel_mm, settings.earlier if values.get("mullins") else 0.0)
+    return experiment.for_travel(_followed(settings, values, deepest), deepest)
+
+
+def _followed(settings: Settings, values: Mapping[str, float], deepest: float) -> Settings:
+    """The settings with a grid in space for a contact at the deepest travel (mm); what sticks is wider than that."""
+    return settings if values.get("adhesion") else contact_elements.shallow_in_space(settings, deepest)
 
 
 def _through(settings: Settings) -> float:

@@ -450,7 +450,7 @@ def unresolved_contact(settings: Settings, knobs: Knobs, result: Result) -> dict
     return {n: along * share * force for n, along in directed(result).items()}
 
 
-def at_depth(settings: Settings, depth: float) -> float:
+def at_depth(settings: Settings, depth: float, sticks: bool = False) -> float:
     """Share of the force that the mesh misses at a depth (mm), before any run, with a of the closed form.
 
     Of a nearly incompressible body at the top: that of `unresolved_contact` where a < h₀/2, else that of `columns` with
@@ -458,8 +458,9 @@ def at_depth(settings: Settings, depth: float) -> float:
     Of what may be solved on its meridian: 0.13 % f² + 35 % (h₀/a)², f the fineness, as of slabs and a half-space at 0.1
     to 1.5 R beside an independent program.
     """
-    follow = contact_elements.shallow if on_axis(settings) else contact_elements.shallow_in_space
-    settings = follow(settings, depth)
+    if not sticks:  # then contact is wider
+        follow = contact_elements.shallow if on_axis(settings) else contact_elements.shallow_in_space
+        settings = follow(settings, depth)
     h0 = element_size(settings, on_axis(settings))
     H = settings.specimen.mean_curvature(*settings.point)
     a = float(settings.indenter.contact_radius(np.array(max(depth, 1e-12)), H))

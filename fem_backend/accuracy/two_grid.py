@@ -189,7 +189,7 @@ def _twice(settings: Settings) -> Settings:
 
 def rougher_mesh(settings: Settings) -> Settings:
     """The settings with a third to two thirds of the nodes in space: a level below, or a mapped mesh of ⅔ n."""
-    mesh, length = dict(settings.mesh), settings.indenter.length
+    mesh, length = dict(settings.mesh), min(settings.indenter.length, meshing.graded_for(settings.recipe))
     if settings.level not in ROUGHER_LEVEL:
         n = max(4, 2 * mesh["n"] // 3)
         made = settings.specimen.meshing(length, mesh["mesher"], "", n, mesh["slip"])

@@ -15,9 +15,10 @@ SAME_SIZE_TOLERANCE = 0.02  # of a size: what two words of one indenter differ b
 _SIZE_OF_UNIT = {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "nm": 1e-6}  # mm
 _SIZE_NOTE = re.compile(
     r"(?:tip|probe|ball|bead|sphere|indenter|punch|colloid|kugel|stempel|indenteur)[ _-]?(radius|diameter|durchmesser)"
-    r"\s*[\[(,]?\s*([a-zµμ]{0,3})\s*[\])]?\s*[:=,;]?\s+([0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)\s*([a-zµμ]{0,3})\b",
+    r"\s*[\[(,]?\s*([a-zµμ]{0,3})\s*[\])]?\s*[:=,;]?\s+([0-9]+(?:[.,][0-9]+)?(?:e[-+]?[0-9]+)?)\s*([a-zµμ]{0,3})\b",
     re.IGNORECASE,
 )
+_THOUSANDS = re.compile(r"^[1-9][0-9]{0,2},[0-9]{3}$")
 
 
 def doubts_of_radius(settings: Settings, depth: float, notes: Sequence[str]) -> list[str]:
@@ -39,7 +40,11 @@ def doubts_of_radius(settings: Settings, depth: float, notes: Sequence[str]) -> 
 
 
 def _in_mm(found: re.Match[str]) -> float | None:
-    """The radius (mm) of a note, None without a unit of length."""
+    """The radius (mm) of a note; None without a unit of length, of a 0, which says that nobody filled it in, and of a
+    comma that may part thousands."""
     kind, before, number, behind = found.groups()
     unit = _SIZE_OF_UNIT.get(before.lower()) or _SIZE_OF_UNIT.get(behind.lower())
-    return None if unit is None else float(number) * unit * (1.0 if kind.lower() == "radius" else 0.5)
+    if unit is None or _THOUSANDS.search(number):
+        return None
+    size = float(number.replace(",", ".")) * unit * (1.0 if kind.lower() == "radius" else 0.5)
+    return size or None

@@ -55,6 +55,8 @@ def channels(
         patch = ring_patch(surface, x, touching.pressure, touching.attraction)
     else:
         normal, planes, width = placement.normal, placement.planes, graded_for(at.settings.recipe)
+        # a grid for the indenter itself says nothing of the contact, nor where the actual one is larger
+        width = width if width < at.settings.indenter.length else np.inf
         patch = placement.indenter.patch(
             surface, x, touching.pressure, centre, normal, planes, touching.attraction, width
         )

@@ -59,10 +59,11 @@ def _stated(plan: Plan, here: Mapping[str, float], one: UncertainInput, k: int) 
 
 
 def _felt(plan: Plan, one: UncertainInput, k: int, here: Mapping[str, float]) -> bool:
+    """Whether the key of a run has the value; what its bounds refuse is told by the values that they do not."""
     at, name, found = _stated(plan, here, one, k), one.parameter.name, []
-    for side in SIDES:
+    for side in (0.0, *SIDES):
         try:
             found.append(plan.backend.canonical({**here, name: at + side * one.uncertainty}, plan.cases[k]))
         except MISREAD_SETTING_ERRORS:
-            return True  # what is refused is felt
-    return found[0] != found[1]
+            continue
+    return len(found) < 2 or any(f != found[0] for f in found)

@@ -15,6 +15,7 @@ from rso.core.power_law import LEADING_EXPONENT, POWER_LAW_FAMILIES, ROUNDED_EXP
 CONSTANT_FORCE_PRIOR, DRIFTING_FORCE_PRIOR, RELAXING_FORCE_PRIOR, RELAXING_WAY_SHARES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
 MAX_FORCE_BEFORE_CONTACT_SHARE = 0.2  # of the range of the force that it does so by, at most
 MIN_CHI2_FALL = 25.0  # fall of χ² with one number more that is no scatter
+LEAST_SCATTER_SHARE = 1e-3  # of the range of the force: a reading is not known better
 MAX_CONTACT_FORCE_SHARE = 0.7  # of the largest force: what tells the contact
 # the whole of that and half of it, whose contacts are compared
 CONTACT_FORCE_SHARES = (MAX_CONTACT_FORCE_SHARE, 0.5 * MAX_CONTACT_FORCE_SHARE)
@@ -191,14 +192,17 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     fit = _fit(u, F, MAX_CONTACT_FORCE_SHARE)
     if fit is None or found.depth - float(depth.min()) < LATE_CONTACT_SHARE * float(np.ptp(depth)):
         return False
-    return _left_from_start(fit) > fit.left + MIN_CHI2_FALL * fit.variance
+    return _from_start(fit)[0] > fit.left + MIN_CHI2_FALL * fit.variance
 
 
-def _left_from_start(fit: _Fit) -> float:
-    """Squares left by the best of the curves that begin at contact with the first reading."""
+def _from_start(fit: _Fit) -> tuple[float, float]:
+    """Squares left by the best of the curves that begin at contact with the first reading, and the variance of a
+    reading about it, as of `_profile`."""
     shapes = [fit.t**p for p in np.linspace(1.0, MAX_FORCE_POWER, 61)]
     shapes += [fit.t**LEADING_EXPONENT * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
-    return min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes)
+    left, rest = min((_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes), key=lambda found: found[0])
+    least, n = (LEAST_SCATTER_SHARE * float(np.ptp(fit.F))) ** 2, len(rest)
+    return left, max(left / max(n - 4, 1) / _own_share(rest, n), least)  # a level, a size, a power and the place
 
 
 def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
@@ -212,9 +216,11 @@ def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     if abs(found.depth) <= max(LATE_CONTACT_SHARE * float(np.ptp(depth)), found.deviation):
         return None
     fit = _fit(*_pressed(depth, force), MAX_CONTACT_FORCE_SHARE)
-    if fit is None or _left_from_start(fit) < fit.left - MIN_CHI2_FALL * fit.variance:
+    if fit is None:
         return None
-    return found
+    # by what a reading scatters about the better of the two: a shape that does not fit is left with more
+    left, variance = _from_start(fit)
+    return None if left < fit.left - MIN_CHI2_FALL * min(variance, fit.variance) else found
 
 
 def zeroed(
@@ -284,7 +290,7 @@ def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
     n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
     if n < MIN_READINGS_FOR_CONTACT or u[n - 1] <= u[0]:
         return None
-    way, least = float(u[n - 1] - u[0]), (1e-3 * float(np.ptp(F))) ** 2
+    way, least = float(u[n - 1] - u[0]), (LEAST_SCATTER_SHARE * float(np.ptp(F))) ** 2
     t, F = (u[:n] - u[0]) / way, F[:n]
     best, more = (
         _profile(t, F, ROUNDED_EXPONENTS, False, least),
@@ -359,7 +365,7 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
                     rounded.append(ROUNDED_EXPONENTS in family)
     if not every:
         return None
-    least = (1e-3 * float(np.ptp(F))) ** 2
+    least = (LEAST_SCATTER_SHARE * float(np.ptp(F))) ** 2
     variances = [max(float(left.min()) / max(n - 1 - k, 1), least) for _, k, left, _ in every]
     at = min(range(len(every)), key=lambda j: n * math.log(variances[j]) + every[j][1] * math.log(n))
     many = n * _own_share(every[at][3], n)
@@ -415,6 +421,6 @@ def _squares(
     return (left, rest[k]) if np.isfinite(left[k]) else None
 
 
-def _left(A: np.ndarray, F: np.ndarray) -> float:
+def _left(A: np.ndarray, F: np.ndarray) -> tuple[float, np.ndarray]:
     rest = F - A @ np.linalg.lstsq(A, F, rcond=None)[0]
-    return float(rest @ rest)
+    return float(rest @ rest), rest

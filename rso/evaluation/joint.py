@@ -30,7 +30,7 @@ ASKED_OF_ANY: Mapping[str, tuple[int, Any]] = {
     "plausible": (0, {}),
     "nominal": (0, {}),
     "gauges": (0, {}),
-    "dimensions": (0, {}),
+    "dimensions": (0, None),
     "setting_unit": (0, None),
 }
 ASKED_OF_FIRST = ("derived", "physical", "ordinary")

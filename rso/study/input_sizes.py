@@ -26,7 +26,9 @@ def refuse_inputs(
         name, sharing = i.parameter.name, i.experiments or tuple(e.name for e in study.experiments)
         each = {e: study.settings_of(e) for e in sharing}
         place, written = place_of_input(study, i)
-        values = set() if offered is None else {offered.nominal(s).get(name) for s in each.values()}
+        values = (
+            set() if offered is None else {offered.nominal(s).get(name, i.parameter.default) for s in each.values()}
+        )
         if len(values) > 1 and name not in fixed:
             text = "experiments state several values of it: give each of them its own uncertainty"
             problems.append(Problem(place, text))
@@ -57,12 +59,15 @@ def place_of_input(study: Study, one: UncertainInput) -> tuple[Place, Any]:
 def stated_size(
     backend: Backend, settings: Mapping[str, Any], fixed: Mapping[str, float], one: UncertainInput
 ) -> float | None:
-    """The size that an input is an error of, in its unit, or the fixed value that it is itself; None of another."""
+    """The size that an input is an error of, in its unit, or the value, fixed or stated, that it is itself; None of
+    another."""
     name = one.parameter.name
     sizes = stated_dimensions(backend, settings)
     if sizes is not None and name in sizes:
         return sizes[name] or None  # an edge of radius 0 has no share
-    value = fixed.get(name, one.parameter.default or 0.0)
+    offered = capability(backend, NominalValues)
+    nominal = {} if offered is None else offered.nominal(settings)
+    value = fixed.get(name, nominal.get(name, one.parameter.default or 0.0))
     return abs(value) if value and one.parameter.neutral is None else None
 
 

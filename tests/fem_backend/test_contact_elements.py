@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 
+from fem_backend import meshing
+from fem_backend.accuracy import two_grid
 from fem_backend.backend import BACKEND
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import contact_elements
 from fem_backend.simulation.experiment import read_settings
 from rso.contract import Case, Programme, Segment
 
 R, MU, K = 3.0, 0.01, 2.0
+LIGHT = {"support": {"kind": "bonded"}, "mesh": {"level": "coarse"}}
 SHARES = np.array([0.25, 0.5, 1.0])  # of the deepest travel
 
 
@@ -109,3 +113,31 @@ def test_only_a_small_contact_that_begins_in_a_point_asks_for_other_elements():
     assert contact_elements.shallow(flat, 0.1) is flat
     cone = settings({"shape": "cone", "half_angle": 60.0, "tip_radius": 0.3})
     assert contact_elements.shallow(cone, 3.0) is cone and contact_elements.shallow(cone, 0.1).fine is not None
+
+
+def test_a_grid_of_a_small_contact_is_checked_on_one_of_the_same_contact():
+    """A level below has a third to two thirds of the nodes; one for the whole ball had the contact in an element."""
+    thin = {"specimen": {"shape": "slab", "thickness": 0.5}, "indenter": {"shape": "sphere", "radius": R}}
+    for level, coarser in (("standard", meshing.CRUDE_LEVEL), ("fine", "coarse")):
+        own = contact_elements.shallow_in_space(read_settings({**thin, "mesh": {"level": level}}), 0.32)
+        other = two_grid.rougher_mesh(own)
+        assert meshing.graded_for(other.recipe) == meshing.graded_for(own.recipe) < R
+        assert other.level == coarser
+
+
+@pytest.mark.parametrize("depth,known", [(2.1, False), (0.05, True)])
+def test_only_a_grid_of_a_small_contact_says_how_wide_that_is(monkeypatch, depth, known):
+    """Edges are fitted as before where the grid is the indenter's own, also where the actual ball is larger."""
+    widths = []
+
+    def seen(self, *arguments):
+        widths.append(arguments[-1])
+        return of_sphere(self, *arguments)
+
+    of_sphere = Sphere.patch
+    monkeypatch.setattr(Sphere, "patch", seen)
+    block = {"shape": "block", "size": [20.0, 20.0, 6.0]}
+    settings = {"specimen": block, "indenter": {"shape": "sphere", "radius": 2.0}, **LIGHT}
+    case = Case("ball", Programme.ramp((depth,), 1.0), settings)
+    BACKEND(*BACKEND.canonical({"mu": MU, "D1": 2.0 / K, "delta_R": 0.2}, case))
+    assert {np.isfinite(w) for w in widths} == {known}

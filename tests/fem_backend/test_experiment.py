@@ -388,3 +388,32 @@ def test_marks_that_a_camera_could_follow_lie_on_the_body_beside_the_ball(point)
         away = np.array(line) - point
         assert len(line) >= 6 and np.linalg.norm(away, axis=1).min() > 3.0  # a ball of 3 mm pressed in to its equator
         BACKEND.check(Case("marks", Programme.ramp((1.0,)), {**settings, "profile": line}))
+
+
+BLOCK = {**IN_SPACE, "specimen": {"shape": "block"}, "indenter": {"shape": "sphere", "radius": 3.0}}
+
+
+@pytest.mark.parametrize(
+    "values,settings,programme",
+    [
+        ({}, {**BLOCK, "earlier": 4.0}, Programme.ramp((0.05, 0.1))),  # nothing softens
+        ({}, {**BLOCK, "earlier": 6.5}, Programme.ramp((0.05, 0.1))),
+        ({"mullins": 0.5}, {**BLOCK, "earlier": 4.0}, Programme.ramp((0.05, 0.1))),
+        ({}, BLOCK, Programme((0.0, 1.0), (0.0, 6.5), (1.0,))),  # an elastic run ends where it is asked last
+        ({"friction": 0.3}, BLOCK, Programme((0.0, 1.0), (0.0, 6.5), (1.0,))),
+    ],
+)
+def test_a_canonical_run_is_its_own(values, settings, programme):
+    """What is run is the canonical case: its key says how that is meshed, whatever was dropped."""
+    kept, once = BACKEND.canonical({**VALUES, **values}, Case("case", programme, settings))
+    assert BACKEND.canonical(kept, once) == (kept, once)
+
+
+def test_a_small_contact_that_sticks_keeps_its_grid():
+    """It is wider than the contact of a ball of the same depth that does not: finer elements would lie within it."""
+    sticking, at = {**VALUES, "adhesion": 1e-3, "adhesion_range": 0.5}, Case("case", Programme.ramp((0.01,)), BLOCK)
+    assert BACKEND.recipes(sticking, at)["mesh"] == read_settings(BLOCK).recipe
+    assert BACKEND.recipes(VALUES, at)["mesh"] != read_settings(BLOCK).recipe
+    assert BACKEND.canonical(sticking, at)[1].settings["specimen"].get("mended") != MARKS["mended"]
+    without, with_it = (BACKEND.resolution(BLOCK, 0.01, given) for given in ((), ("adhesion",)))
+    assert all(with_it[level] > without[level] for level in without)

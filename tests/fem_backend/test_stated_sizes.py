@@ -23,10 +23,15 @@ def test_a_radius_in_another_unit_is_asked_for(shape):
 
 @pytest.mark.parametrize(
     "note",
-    ["Tip radius (um) 50.000000", "Probe diameter [µm]: 100", "tip_radius = 0.05 mm", "Kugeldurchmesser: 0,1 mm"],
+    [
+        "Tip radius (um) 50.000000",
+        "Probe diameter [µm]: 100",
+        "tip_radius = 0.05 mm",
+        "Kugeldurchmesser: 0,1 mm",
+        "Tip radius (mm): 0,05",
+    ],
 )
 def test_the_radius_that_a_file_notes_is_compared(note):
-    note = note.replace("0,1", "0.1")
     ball = {"shape": "sphere", "radius": 0.05}
     assert said(ball, 0.005, note) == []
     (text,) = said({**ball, "radius": 0.1}, 0.005, note)
@@ -42,6 +47,8 @@ def test_what_is_no_radius_of_the_indenter_is_left_alone():
         "k (N/m) 0.5",
         "Tip radius (N) 3",
         "radius: 3 mm",
+        "Tip radius (um): 0",  # nobody filled it in
+        "Tip radius: 50,000 nm",  # 50 or 50 000
     )
     assert said(ball, 0.005, *notes) == []
     assert said({"shape": "cone", "half_angle": 70.0, "tip_radius": 1e-3}, 0.5, "Tip radius (um) 50") == []

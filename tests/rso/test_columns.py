@@ -1151,3 +1151,15 @@ def test_each_file_has_its_own_zero(tmp_path):
     assert [r.depth.tolist() for r in read_measurement(files, columns).repeats] == [[0.0, 1.0, 2.0, 3.0, 4.0]] * 2
     with pytest.raises(ValueError, match=r"column 'depth': zero = \[35.0, 34.5\] are 2 for 1 file"):
         read_measurement(files[:1], columns)
+
+
+@pytest.mark.parametrize(
+    "force,weight", [("Force (N)", "Weight (N)"), ("Kraft (N)", "Gewicht (N)"), ("Load (N)", "Mass")]
+)
+def test_the_weight_of_a_specimen_is_no_force_beside_one(tmp_path, force, weight):
+    rows = [f"{u},{F}" for _, u, F in TEXTS[:41]]
+    (tmp_path / "both.csv").write_text("\n".join([f"Displacement (mm),{force},{weight}", *(f"{r},0.2" for r in rows)]))
+    (tmp_path / "alone.csv").write_text("\n".join(["Displacement (mm),Weight (N)", *rows]))
+    for name in ("both.csv", "alone.csv"):
+        (r,) = read_measurement(tmp_path / name).repeats
+        np.testing.assert_allclose(r.channels["Fz"], [float(F) for _, _, F in TEXTS[:41]])

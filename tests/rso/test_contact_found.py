@@ -9,7 +9,7 @@ import pytest
 import sample_studies as studies
 
 from rso.data import ZERO_AT_CONTACT, Column, contact_point, read_measurement
-from rso.data.contact_point import approached, begins_in_air, contact_onset
+from rso.data.contact_point import approached, begins_in_air, contact_onset, open_contact
 from rso.data.files import header_aliases
 from rso.study.loader import load_study
 
@@ -176,6 +176,23 @@ def test_a_travel_that_begins_in_air_counts_from_contact_whatever_its_name_says(
     assert abs(m.repeats[0].depth.max() - 4e-3) < 3.0 * m.contact < 1e-3
     (said,) = [d for d in m.doubts if "contact is found" in d]
     assert "e+" not in said
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_an_indentation_with_an_approach_below_0_counts_from_its_own_0(tmp_path, noise):
+    """Who set the 0 of an indentation where its force begins to rise knows it better than the shape of the force."""
+    rng, u = np.random.default_rng(4), np.linspace(-AIR, 4.0, 241)
+    F = pressed(u) + noise * pressed(u).max() * rng.standard_normal(241)
+    m = read_measurement(write(tmp_path / "a.csv", "Indentation (mm),Load (N)", u, F))
+    np.testing.assert_allclose(m.repeats[0].depth, u, atol=1e-6)
+    assert m.contact == 0.0 and not [d for d in m.doubts if "contact is found" in d]
+
+
+@pytest.mark.parametrize("rate", [3.0, 5.0])
+def test_a_body_that_stiffens_from_the_first_reading_on_has_its_contact_there(rate):
+    """A later contact leaves 4 to 20 000 times the squares, by a shape that does not fit and scatters the more."""
+    u = np.linspace(0.0, 1.0, 60)
+    assert open_contact(u, 0.01 * u**1.5 * np.exp(rate * u)) is None
 
 
 def test_the_zero_of_a_machine_is_no_contact_that_its_record_doubts(tmp_path):

@@ -8,16 +8,20 @@ import pytest
 import sample_studies as studies
 
 import rso
+from rso.calibration.input_sides import touched
 from rso.calibration.plan import make_plan
 from rso.calibration.stated_settings import exact_dimensions
 from rso.calibration.uncertain_inputs import count, said_of_inputs
 from rso.cli import main
-from rso.contract import capability
+from rso.contract import Parameter, capability
 from rso.contract.capabilities import Gauges, StatedDimensions
-from rso.evaluation.joint import joint
+from rso.core.default_backend import DEFAULT_BACKEND
+from rso.evaluation.adapters import load_backend
+from rso.evaluation.joint import BACKEND_SETTING, joint
 from rso.report.model_selection.report import report as ladder_page
 from rso.report.optimal_design.report import report as next_page
 from rso.study.deck_table import deck_parameter
+from rso.study.dimensions import dimension_errors
 from rso.study.errors import StudyError, choices_text
 from rso.study.loader import load_study
 from rso.study.schema import ParameterTable
@@ -312,3 +316,41 @@ def test_ladder_and_next_say_what_counts_as_exact(tmp_path, monkeypatch):
         assert "count as exact. The table [uncertainty] of the study says how well they are known: radius." in str(
             page(found)
         )
+
+
+def test_a_side_beyond_the_bounds_makes_no_other_test_feel_an_input(tmp_path):
+    """The friction of a plate cannot be negative: that says nothing of a test whose specimen is bonded.
+
+    Nor does that test, which states none, state another than the usual one.
+    """
+    tests = {kind: f'settings = {{ support = {{ kind = "{kind}" }} }}' for kind in ("plate", "bonded")}
+    plan = planned(tmp_path, [SLAB, BALL], tests, "plate_friction = 0.1")
+    (one,) = plan.resolved.inputs
+    assert touched(plan, one) == (plan.case_of["plate"],)
+    assert any("; in 'plate'" in line for line in said_of_inputs(plan))
+
+
+def test_a_further_backend_that_names_no_sizes_keeps_the_errors_of_its_gauges():
+    """Of one that names none they are told by what is 0 where nothing is said, beside whichever first backend."""
+
+    class Gauged(indentation_backend.Layer):
+        @property
+        def parameters(self):
+            off = Parameter("off", "an error", "mm", -1.0, 1.0, default=0.0, plausible=(-0.1, 0.1))
+            return (*super().parameters, off)
+
+        def gauges(self, settings):
+            return {"off": ("callipers", 0.01)}
+
+    both = joint(load_backend(DEFAULT_BACKEND), {"layer": Gauged()})
+    assert dimension_errors(both, {BACKEND_SETTING: "layer"}) == dimension_errors(Gauged(), {}) != {}
+
+
+def test_the_size_of_what_a_table_states_is_that_of_the_table(tmp_path):
+    """Not the usual friction of a bowl, 0.2."""
+    body = ['specimen = { shape = "ellipsoid", semi_axes = [60, 35, 35] }', BALL]
+    bowl = 'support = { kind = "bowl", friction = 0.5 }'
+    plan = planned(tmp_path, [*body, bowl], {"a": ""}, "bowl_friction = 0.25")
+    assert any("is 50 % of the 0.5" in line for line in said_of_inputs(plan))
+    with pytest.raises(StudyError, match=r"not below the size itself, 0\.5"):
+        planned(tmp_path, [*body, bowl], {"a": ""}, "bowl_friction = 0.6")

@@ -19,6 +19,7 @@ from rso.data.files.header_words import (
     SEGMENT_COLUMN_NAMES,
     SEGMENT_WORDS,
     TENSILE_WORDS,
+    WEIGHT_WORDS,
 )
 from rso.data.files.rows import rows_by_label
 
@@ -87,6 +88,8 @@ def named_columns(
             mine = own  # beside an Extension (%) and a Force (g)
         if len(mine) > 1 and len(own := [k for k in mine if name == "depth" and from_contact(cells[k])]) == 1:
             mine = own  # beside the position of the machine
+        if len(mine) > 1 and name == "Fz" and (own := [k for k in mine if _bare(called[k]) not in WEIGHT_WORDS]):
+            mine = own  # beside the weight of the specimen
         if len(mine) > 1:
             each = " and ".join(repr(cells[k]) for k in mine[:3])
             raise ValueError(f"{each} may each be {name}: say with [columns] in the study file which is")

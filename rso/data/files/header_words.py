@@ -245,6 +245,7 @@ SEGMENT_WORDS: Mapping[str, str] = MappingProxyType(
         "unloading",
     )
 )
+WEIGHT_WORDS = ("weight", "mass", "gewicht")  # a force where there is none by another name
 TENSILE_WORDS = (
     "tensile",
     "tension test",

@@ -321,9 +321,17 @@ def _sought(table: _Table, r: Repeat) -> bool:
 
 
 def _in_air(table: _Table, r: Repeat) -> bool:
-    """Whether such a record has an approach beyond doubt."""
+    """Whether such a record has an approach beyond doubt.
+
+    One whose name says that it counts from contact, and whose force rises where it is 0, counts from there.
+    """
     at = r.segment == "loading"
-    return _sought(table, r) and contact_point.begins_in_air(r.depth[at], r.channels["Fz"][at])
+    if not _sought(table, r) or not contact_point.begins_in_air(r.depth[at], r.channels["Fz"][at]):
+        return False
+    if table.position:
+        return True
+    found = contact_point.approached(r.depth[at], r.channels["Fz"][at])
+    return abs(found.depth) > contact_point.MIN_APPROACH_SD * found.deviation
 
 
 def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset | None, list[str]]:
