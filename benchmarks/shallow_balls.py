@@ -5,7 +5,8 @@
     --space         in three dimensions: blocks, and slabs and pucks beside their axis or under a tilted way
 
 Bodies, supports and laws of `meridian_gate.py`, also layers; from 0.002 to 0.3 radii; forces at four depths.  For each
-level: what is off, what is stated, how many stated errors cover it, and their ratio.
+level: what is off, what is stated, how many stated errors cover it, and their ratio.  Off is what differs from the
+level reference; in space from standard and fine, extrapolated to elements of no size.
 """
 
 from __future__ import annotations
