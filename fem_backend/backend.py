@@ -669,10 +669,8 @@ def _small(settings: Settings, kept: Mapping[str, float], programme: Programme) 
 
 
 def _small_in_space(settings: Settings, kept: Mapping[str, float], programme: Programme) -> bool:
-    """The same in space, where a force says too late how deep it leads."""
-    if programmes.controlled(programme):
-        return False
-    if _followed(settings, kept, max(*programme.travel_mm, settings.earlier)).recipe == settings.recipe:
+    """The same in space."""
+    if _meshed(settings, kept, programme).recipe == settings.recipe:
         return False
     return _placed(settings, kept, lambda at: not at.meridian)
 
@@ -721,20 +719,25 @@ def _placement(settings: Settings, kept: tuple[tuple[str, float], ...], knobs: t
 
 
 def _read(case: Case, values: Mapping[str, float]) -> Settings:
-    """The settings of a case, with mesh and element for its deepest travel; where force leads that is not known.
-
-    What went before the test counts for a body that remembers it.
-    """
-    settings = experiment.read_settings(case.settings)
+    """The settings of a case, with mesh and element for its deepest travel, or for where force leads by Hertz."""
+    settings = _meshed(experiment.read_settings(case.settings), values, case.programme)
     if programmes.controlled(case.programme):
         return settings
-    deepest = max(*case.programme.travel_mm, settings.earlier if values.get("mullins") else 0.0)
-    return experiment.for_travel(_followed(settings, values, deepest), deepest)
+    return experiment.for_travel(settings, _deepest(settings, values, case.programme))
 
 
-def _followed(settings: Settings, values: Mapping[str, float], deepest: float) -> Settings:
-    """The settings with a grid in space for a contact at the deepest travel (mm); what sticks is wider than that."""
-    return settings if values.get("adhesion") else contact_elements.shallow_in_space(settings, deepest)
+def _meshed(settings: Settings, values: Mapping[str, float], programme: Programme) -> Settings:
+    """The settings with a grid in space for the contact of a programme; what sticks is wider than that."""
+    if programmes.controlled(programme):
+        return contact_elements.for_force_in_space(settings, values, *programmes.goals(programme))
+    if values.get("adhesion"):
+        return settings
+    return contact_elements.shallow_in_space(settings, _deepest(settings, values, programme))
+
+
+def _deepest(settings: Settings, values: Mapping[str, float], programme: Programme) -> float:
+    """The deepest travel (mm); what went before the test counts for a body that remembers it."""
+    return max(*programme.travel_mm, settings.earlier if values.get("mullins") else 0.0)
 
 
 def _through(settings: Settings) -> float:

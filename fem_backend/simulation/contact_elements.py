@@ -82,14 +82,28 @@ def for_force(settings: Settings, values: Mapping[str, float | None], travel: fl
 
     Without adhesion, whose contact is wider, and with the moduli among the `values` of the knobs.
     """
+    led = _led(settings, values, travel, force)
+    return settings if led is None else shallow(settings, *led)
+
+
+def for_force_in_space(settings: Settings, values: Mapping[str, float | None], travel: float, force: float) -> Settings:
+    """The same for a body in space: see :func:`shallow_in_space`; later the contact may be wider."""
+    led = _led(settings, values, travel, force)
+    return settings if led is None else shallow_in_space(settings, led[0])
+
+
+def _led(
+    settings: Settings, values: Mapping[str, float | None], travel: float, force: float
+) -> tuple[float, float] | None:
+    """Travels (mm), at least the one given, to which a force (N) leads by Hertz, at once and when all is relaxed."""
     mu, D1 = values.get("mu"), values.get("D1")
     if not math.isinf(settings.indenter.finest[1]) or not mu or not D1 or values.get("adhesion"):
-        return settings
+        return None
     R = settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
     E = stiff(mu, D1)
     left = max(1.0 - sum(values.get(name) or 0.0 for name in ("prony_g", "prony_g2", "prony_g3")), 0.01)
     soon, late = (max(travel, (0.75 * force / (e * math.sqrt(R))) ** (2.0 / 3.0)) for e in (E, left * E))
-    return shallow(settings, soon, late)
+    return soon, late
 
 
 def gathers(indenter: Indenter) -> bool:

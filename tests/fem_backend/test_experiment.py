@@ -21,6 +21,12 @@ VALUES = {"mu": 0.01, "D1": 5.8}
 BOWL = {"support": {"kind": "bowl"}}
 FLAT = {"shape": "flat", "radius": 2.0, "fillet": 0.2}
 CONE = {"shape": "cone", "half_angle": 60.0, "tip_radius": 1.0}
+
+
+def led(force):
+    return Programme(segments=(Segment("force", rate=force, to_N=force),), asked_N=(force,))
+
+
 IN_SPACE = {"support": {"kind": "bonded"}, "mesh": {"level": "coarse"}}
 ROUND = {"specimen": {"shape": "sphere", "radius": 35.0}}
 
@@ -198,6 +204,8 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({}, {**IN_SPACE, "specimen": {"shape": "block"}}, Programme.ramp((0.1,)), True),
         ({}, {**IN_SPACE, "specimen": {"shape": "block"}}, Programme.ramp((3.1,)), False),
         ({"tilt_y": 2.0}, {**IN_SPACE, "specimen": {"shape": "slab"}}, Programme.ramp((0.1,)), True),
+        ({}, {**IN_SPACE, "specimen": {"shape": "block"}}, led(1e-4), True),
+        ({}, {**IN_SPACE, "specimen": {"shape": "block"}}, led(10.0), False),
         ({}, ROUND, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), True),
         ({}, {}, Programme(segments=(Segment("force", rate=0.1, to_N=0.1),), asked_N=(0.1,)), False),
     ],
