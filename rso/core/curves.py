@@ -243,7 +243,8 @@ def _apart(s: np.ndarray) -> np.ndarray:
 
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """y(at) (T, n) row by row, linear between increasing x and constant beyond; at (n,) or (T, n), x (m,) or (T, m)."""
-    own = [np.ascontiguousarray(np.broadcast_to(v, (len(y), np.shape(v)[-1])), float) for v in (at, x, y)]
+    # copies, as views that may not be written to are other types, and each mixture would be compiled by itself
+    own = [np.array(np.broadcast_to(v, (len(y), np.shape(v)[-1])), float, order="C") for v in (at, x, y)]
     return _compiled()(*own)
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from rso.core import curves
 from rso.core.curves import Resampling, baseline, depth_window, error_between_points, metrics, rows_at
 
 # Round-off of a handful of operations on numbers of order one.
@@ -153,6 +154,16 @@ def test_rows_are_interpolated_as_numpy_does_one_by_one():
     each = [np.interp(at, a, b) for a, b in zip(x, y, strict=True)]
     np.testing.assert_allclose(rows_at(at, x, y), each, rtol=0, atol=1e-14)  # round-off
     np.testing.assert_allclose(rows_at(at[None] + np.zeros((20, 1)), x[0], y)[3], np.interp(at, x[0], y[3]), atol=1e-14)
+
+
+def test_rows_are_compiled_once_whatever_is_handed_over():
+    """Each mixture of views that may and may not be written to was a compilation of a second."""
+    at, x, y = np.linspace(0.1, 0.9, 5), np.linspace(0.0, 1.0, 4), np.ones((3, 4))
+    shared = np.broadcast_to(x, (3, 4))
+    for one in (x, shared, np.array(shared), np.asfortranarray(shared)):
+        rows_at(at, one, y)
+        rows_at(np.broadcast_to(at, (3, 5)), one, np.broadcast_to(y[0], y.shape))
+    assert len(curves._compiled().signatures) == 1
 
 
 def test_a_curve_is_not_off_where_it_was_computed():
