@@ -12,7 +12,7 @@ import numpy as np
 from rso.core.units import kind_of
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT
 from rso.data.files import tables
-from rso.data.files.columns import Head, Row, cells_of, clock_seconds, fail, is_number
+from rso.data.files.columns import Head, Row, cells_of, clock_seconds, decimal_number, fail, is_number
 
 _MAX_CELL_NUMBER = 1e12  # in any unit: beyond it stand marks of loggers
 _MAX_CELL_TIME = 1e19  # of a cell of times: nanoseconds since 1970 are 1.7e18
@@ -114,10 +114,7 @@ def cell_number(path: Path, line: int, name: str, cells: Sequence[str], head: He
     cell = cells[head.at[name]]
     if name == "time" and head.unit[name] == "s" and (clock := clock_seconds(cell)) is not None:
         return clock
-    try:
-        value = float(cell.replace(",", ".").replace("\u2212", "-"))  # a minus as a word processor writes it
-    except ValueError:
-        value = math.nan
+    value = math.nan if (found := decimal_number(cell)) is None else found
     # float() also reads 1_000 as a number, which nobody means in a table.
     if not math.isfinite(value) or "_" in cell:
         tables.no_reading(path, line, cells, head)
@@ -188,4 +185,4 @@ def _segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) ->
 
 
 def _same_number(a: str, b: str) -> bool:
-    return is_number(a) and is_number(b) and float(a.replace(",", ".")) == float(b.replace(",", "."))
+    return is_number(a) and decimal_number(a) == decimal_number(b)

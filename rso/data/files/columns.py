@@ -269,11 +269,15 @@ def _cell(rows: Sequence[Row], k: int, separator: str, i: int) -> str:
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal comma or point."""
+    return decimal_number(cell) is not None
+
+
+def decimal_number(cell: str) -> float | None:
+    """The number of a cell, with a decimal comma or point and a minus as a word processor writes it; None of words."""
     try:
-        float(cell.replace(",", ".").replace("\u2212", "-"))
+        return float(cell.replace(",", ".").replace("\u2212", "-"))
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _filled(row: str) -> list[str]:
@@ -398,7 +402,7 @@ def _numbers(rows: Sequence[Row], separator: str, width: int) -> np.ndarray:
     """The numbers (n, width) of some rows, NaN where there is none."""
 
     def number(cell: str) -> float:
-        return float(cell.replace(",", ".").replace("\u2212", "-")) if is_number(cell) else math.nan
+        return math.nan if (found := decimal_number(cell)) is None else found
 
     cells = [(cells_of(text, separator) + [""] * width)[:width] for _, text in rows]
     return np.array([[number(cell) for cell in row] for row in cells]).reshape(-1, width)

@@ -50,10 +50,10 @@ from rso.data.files.columns import (
     Row,
     cells_of,
     columns_of_file,
+    decimal_number,
     fail,
     find_head,
     is_head,
-    is_number,
     with_less,
 )
 from rso.data.files.commented_header import head_of
@@ -656,8 +656,8 @@ def _beside(found: _Rows, arrays: Mapping[str, np.ndarray]) -> list[str]:
 def _numbers_of(found: _Rows, k: int) -> np.ndarray:
     """The k-th column (n,) of the rows as it stands, NaN where there is no number."""
     cells = (cells_of(row, found.head.separator) for _, row in found.rows)
-    texts = (row[k] if k < len(row) else "" for row in cells)
-    return np.array([float(t.replace(",", ".").replace("\u2212", "-")) if is_number(t) else math.nan for t in texts])
+    values = (decimal_number(row[k]) if k < len(row) else None for row in cells)
+    return np.array([math.nan if v is None else v for v in values])
 
 
 def _pulled(path: Path, head: Head, notes: Sequence[str]) -> list[str]:
