@@ -6,7 +6,8 @@
 
 Bodies, supports and laws of `meridian_gate.py`, also layers; from 0.002 to 0.3 radii; forces at four depths.  For each
 level: what is off, what is stated, how many stated errors cover it, and their ratio.  Off is what differs from the
-level reference; in space from standard and fine, extrapolated to elements of no size.
+level reference; in space from standard and fine, extrapolated to elements of no size.  There a block comes first,
+beside the meridian of a puck.
 """
 
 from __future__ import annotations
@@ -89,6 +90,19 @@ def of_no_size(table: dict[str, Any], values: dict[str, float], depth: float) ->
     return finer + (finer - coarser) * share / (1.0 - share)
 
 
+def block_beside_puck() -> None:
+    """Print what a block misses beside the meridian of a puck as wide, whose sides lie 20 contact radii away."""
+    values, rest = {"mu": MU, "D1": 20.0}, {"indenter": {"radius": R}, "support": {"kind": "bonded"}}
+    block = {"specimen": {"shape": "block", "size": [20.0 * R, 20.0 * R, 5.0 * R]}, "derivatives": False, **rest}
+    puck = {**block, "specimen": {"shape": "cylinder", "radius": 10.0 * R, "height": 5.0 * R}}
+    for share in (0.02, 0.1):
+        F, error, _ = forces(block, values, share * R, "standard")
+        off = abs(F[-1] / forces(puck, values, share * R, "reference")[0][-1] - 1.0)
+        print(
+            f"block at {share:g} R, standard: off {100 * off:.2f} %, said {100 * error[-1] / F[-1]:.2f} %", flush=True
+        )
+
+
 def main() -> None:
     """Print a line a case and a line a level."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -96,6 +110,8 @@ def main() -> None:
     parser.add_argument("--levels", nargs="+", default=["coarse", "standard"])
     parser.add_argument("--space", action="store_true")
     options = parser.parse_args()
+    if options.space:
+        block_beside_puck()
     off: dict[str, list[np.ndarray]] = {level: [] for level in options.levels}
     said: dict[str, list[np.ndarray]] = {level: [] for level in options.levels}
     spent: dict[str, list[float]] = {level: [] for level in options.levels}
@@ -117,7 +133,7 @@ def main() -> None:
             f"{level} off {100 * off[level][-1][-1]:.2f} % said {100 * said[level][-1][-1]:.2f} %" for level in off
         )
         print(f"{words} {'layer ' * ('layers' in body)}{'; '.join(shown)}", flush=True)
-    for level in off:
+    for level in off if any(off.values()) else ():
         a, b = np.concatenate(off[level]), np.concatenate(said[level])
         last = np.array([v[-1] for v in off[level]])
         stated = np.array([v[-1] for v in said[level]])
