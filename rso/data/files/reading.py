@@ -647,8 +647,9 @@ def _beside(found: _Rows, arrays: Mapping[str, np.ndarray]) -> list[str]:
             ratio = abs(float(np.polyfit(read, own, 1)[0]))
             if abs(np.corrcoef(own, read)[0, 1]) < MIN_RIVAL_CORRELATION or abs(ratio - 1.0) < SAME_RANGE_TOLERANCE:
                 continue
-            text = f"{cell!r} is not read. It moves with {head.cells[head.at[name]]!r}, {ratio:.3g} times as far: "
-            near = "of two travels the depth is that nearer to the specimen" if name == "depth" else "which is right?"
+            text = f"{cell!r} is not read. It moves with {head.cells[head.at[name]]!r}, {ratio:.3g} times as far. "
+            near = "The gauge nearer to the specimen has the depth" if name == "depth" else "One of them is the force"
+            near += ": name it in [columns] of the study"
             said.append(text + near)
     return said
 
