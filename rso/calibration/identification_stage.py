@@ -403,10 +403,12 @@ def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:
             said.append(f"{known.name} = {values[known.name]:.4g} (the curves: {span})")
     if not said:
         return []
-    return [
-        f"the best candidate, {name}, is not what the whole curves say: {', '.join(said)}; its search knows only the "
-        "targets, more of them would bring it closer"
-    ]
+    why = (
+        "its search takes the stated inputs as they are, the fit moves them within their uncertainty"
+        if any(v.inputs for v in d.misfit.data)
+        else "its search knows only the targets, more of them would bring it closer"
+    )
+    return [f"the best candidate, {name}, is not what the whole curves say: {', '.join(said)}; {why}"]
 
 
 def not_identified(plan: Plan, reason: str) -> dict[str, Any]:

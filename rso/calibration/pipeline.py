@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -144,9 +145,10 @@ def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
         found["warnings"].append(str(error))
         notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
+    bench, before = _targets_with_inputs(bench, fitted, say)
     ranges = range_extension.extend_ranges(bench.around_failures(design.similar), design, fitted, say)
     plan, fitted = ranges.bench.plan, ranges.fitted
-    found["runs"] += results.added_runs(plan, fitted)
+    found["runs"] += [*results.run_rows(plan, before), *results.added_runs(plan, fitted)]
     _warn_of_poor_surrogates(plan, fitted, found)
     emulator_file.save_emulator(fitted.emulator, notes.path.parent / "surrogates")
     found["parameters"] = results.parameter_rows(bench.plan, plan)
@@ -200,9 +202,8 @@ def _identify(
     """What the curves determine; what is known then."""
     say("identification: what the curves determine")
     emulator = searches[-1].result.emulator
-    bench = _with_inputs(
-        bench, lambda: confirmed_optimum.most_likely_values(bench.plan, emulator, searches), notes, say
-    )
+    likeliest = functools.partial(confirmed_optimum.most_likely_values, bench.plan, emulator, searches)
+    bench = _with_inputs(bench, likeliest, notes, say)
     later = search_stage.validation_tasks(bench.plan, search_stage.chosen_candidates(searches, chosen))
     identified, extra, doubts, determination = identification_stage.identification(
         bench, emulator, searches, chosen, later
@@ -213,6 +214,24 @@ def _identify(
     return determination
 
 
+def _targets_with_inputs(
+    bench: Runner, fitted: stages.FittedSurrogates, say: Say
+) -> tuple[Runner, tuple[stages.Run, ...]]:
+    """The same, whose targets know what uncertain inputs make of them, and the runs that say so.
+
+    What has no answer is told where the identification asks again, at the point that it finds.
+    """
+    if not bench.plan.resolved.inputs:
+        return bench, ()
+    say("uncertainty: simulations with the stated inputs one standard uncertainty off, for the targets of the search")
+    try:
+        values = confirmed_optimum.most_likely_values(bench.plan, fitted.emulator, ())
+        aware, runs, _ = uncertain_inputs.learn_effects(bench, values)
+    except (ValueError, np.linalg.LinAlgError):
+        return bench, ()
+    return aware, runs
+
+
 def _with_inputs(bench: Runner, likeliest: Callable[[], Mapping[str, float]], notes: _Notes, say: Say) -> Runner:
     """The same, after simulations that say what the uncertain inputs of the study make of its curves."""
     if not bench.plan.resolved.inputs:
@@ -221,6 +240,7 @@ def _with_inputs(bench: Runner, likeliest: Callable[[], Mapping[str, float]], no
     try:
         bench, runs, lost = uncertain_inputs.learn_effects(bench, likeliest())
     except (ValueError, np.linalg.LinAlgError) as error:
+        bench = dataclasses.replace(bench, plan=dataclasses.replace(bench.plan, effects=()))
         runs, lost = (), [f"uncertainty: the stated inputs count as exact: {error}"]
     notes.found["runs"] += results.run_rows(bench.plan, runs)
     notes.found["warnings"] += lost

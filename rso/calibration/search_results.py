@@ -171,8 +171,8 @@ def _candidate(plan: Plan, found: SearchResult, k: int) -> dict[str, Any]:
 
 
 def goal(target: Target) -> dict[str, Any]:
-    """One target; `since_s` only of a moment in a hold."""
-    return {k: v for k, v in dataclasses.asdict(target).items() if k != "since_s" or v}
+    """One target; `since_s` only of a moment in a hold, `input_error` only where stated inputs are uncertain."""
+    return {k: v for k, v in dataclasses.asdict(target).items() if k not in ("since_s", "input_error") or v}
 
 
 def demand(d: Checked) -> dict[str, Any]:

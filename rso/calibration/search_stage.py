@@ -146,7 +146,7 @@ def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
     choice = optimise.choose_candidates(
         front,
         signed,
-        np.array([g.sigma for g in wanted.goals]),
+        np.array([g.uncertainty if g.read else g.sigma for g in wanted.goals]),
         seed=plan.seed,
         violations=limits,
         count=table.candidates,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from rso.calibration.input_sides import SIDES, beside, inputs_of_fits, touched
-from rso.calibration.plan import Plan
+from rso.calibration.plan import Plan, SearchPlan
 from rso.calibration.stages import Run, Runner
 from rso.calibration.stated_settings import exact_dimensions
 from rso.contract import Response
@@ -68,7 +69,18 @@ def learn_effects(bench: Runner, values: Mapping[str, float]) -> tuple[Runner, t
         ]
         if lone:
             said.append(f"uncertainty: {i.name} {one_sided(lone[0], reasons[0])}")
-    return replace(bench, plan=replace(plan, effects=tuple(effects))), tuple(runs.values()), said
+    plan = replace(plan, effects=tuple(effects), searches=tuple(_aware(plan, s, effects) for s in plan.searches))
+    return replace(bench, plan=plan), tuple(runs.values()), said
+
+
+def _aware(plan: Plan, search: SearchPlan, effects: Sequence[InputEffect]) -> SearchPlan:
+    """A search whose targets know what the inputs, which are independent, move the simulated values by."""
+    goals = []
+    for goal, output in zip(search.goals, search.outputs, strict=True):
+        k = plan.case_of[output.experiment]
+        shifts = [e.output_shift(output, k) for e in effects if k in e.stated and (k in e.above or k in e.below)]
+        goals.append(replace(goal, input_error=math.hypot(*shifts)))
+    return replace(search, goals=tuple(goals))
 
 
 def one_sided(words: str, reason: str) -> str:

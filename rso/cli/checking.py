@@ -202,7 +202,7 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
         "identification": 0 if exact else cases * confirmed_optimum.MAX_OPTIMUM_RUNS,
-        "uncertainty": uncertain_inputs.count(plan),
+        "uncertainty": 2 * uncertain_inputs.count(plan),  # before the search and at the most likely point
         "validation": candidates * len(plan.validation) + len(held_out_experiments(plan)),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]

@@ -9,12 +9,13 @@ Source: JCGM 100:2008 (GUM), 5.1.3, note 2, and 5.2.2.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rso.contract import Response
+from rso.emulation.emulator import Output
 from rso.inference.identifiability import Determination
 from rso.inference.likelihood import Data
 from rso.inference.models import CurvePlace, resample
@@ -42,12 +43,18 @@ class InputEffect:
 
     def shift(self, place: CurvePlace, case: int) -> np.ndarray:
         """By how much one standard uncertainty moves the curve of a case at its readings (n,), in their unit."""
-        if self.experiments and place.experiment not in self.experiments:
-            return np.zeros(len(place.depth))
+        return self._shift(place.experiment, case, lambda response: resample(response, place, ""))
+
+    def output_shift(self, output: Output, case: int) -> float:
+        """By how much one standard uncertainty moves an output of a case, in its unit."""
+        return float(self._shift(output.experiment, case, lambda response: np.array(output.read(response))))
+
+    def _shift(self, experiment: str, case: int, read: Callable[[Response], np.ndarray]) -> np.ndarray:
+        middle = read(self.stated[case])
+        if self.experiments and experiment not in self.experiments:
+            return np.zeros_like(middle)
         sides = [(side[case], sign) for side, sign in ((self.above, 1.0), (self.below, -1.0)) if case in side]
-        middle = resample(self.stated[case], place, "")
-        each = [sign * (resample(response, place, "") - middle) for response, sign in sides]
-        return np.asarray(np.mean(each, axis=0))
+        return np.asarray(np.mean([sign * (read(response) - middle) for response, sign in sides], axis=0))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -16,7 +17,8 @@ class Target:
     """A value to be met: one channel of one experiment at one depth (mm), with its standard deviation.
 
     `read`: read off noisy data, not stated; of a perfect model one in some hundreds then misses by more than 3 σ.
-    `since_s` is the time in a hold at that depth, 0 on the way there.
+    `since_s` is the time in a hold at that depth, 0 on the way there.  `input_error` is what one standard uncertainty
+    of each stated input moves the simulated value by, root sum of squares: what was read off has that error, too.
     """
 
     experiment: str
@@ -27,6 +29,12 @@ class Target:
     unit: str
     read: bool = False
     since_s: float = 0.0
+    input_error: float = 0.0
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard deviation of measured less simulated value of a perfect model, in the unit of the value."""
+        return math.hypot(self.sigma, self.input_error)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.value) and np.isfinite(self.sigma) and self.sigma >= 0):
@@ -108,9 +116,10 @@ READ_OFF_TOLERANCE_SD = 3.0  # standard deviations by which a value read off noi
 def against(target: Target, output: str, value: float, error: float = 0.0) -> Checked:
     """A recomputed value, of estimated numerical `error`, against a target; `output` is its id.
 
-    A stated value is met within σ, one that was read off the data within 3 σ + error: it is no more certain than that.
+    A stated value is met within σ, one that was read off the data within 3 u + error: it is no more certain than that.
+    u is σ with what the stated inputs may be off by.
     """
-    tolerance = READ_OFF_TOLERANCE_SD * target.sigma + error if target.read else target.sigma
+    tolerance = READ_OFF_TOLERANCE_SD * target.uncertainty + error if target.read else target.sigma
     demand = f"{target} = {target.value:.4g}{spaced(target.unit)}"
     return Checked("target", output, demand, value, value - target.value, tolerance, target.unit)
 

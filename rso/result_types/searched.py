@@ -19,6 +19,7 @@ class TargetBlock(ResultBlock):
     unit: str = holds("its unit")
     read: bool = holds("whether it was read off the data")
     since_s: Number = holds("time in a hold", "s", absent=True)
+    input_error: Number = holds("what inputs in [uncertainty] may move the simulated value by", absent=True)
 
 
 class FrontBlock(ResultBlock):

@@ -178,6 +178,32 @@ def test_runs_beside_the_stated_values_are_written_with_units(tmp_path):
     assert "radius [mm]" in header.split(",")
 
 
+DEEP = 'repair = false\npopulation = 8\ngenerations = 4\ncandidates = 1\ntargets = [{ experiment = "top", depth = 2 }, \
+{ experiment = "thin", depth = 2 }]'
+
+
+@pytest.mark.parametrize(
+    ("off", "stated", "met"),
+    [(1.0, f"radius = {10 * U}", True), (1.0, None, False), (0.0, None, True), (20.0, f"radius = {U}", False)],
+)
+@pytest.mark.parametrize("changes", [{"search": DEEP}, DIRECT], ids=["surfaces", "gauss_newton"])
+def test_targets_are_met_within_what_the_inputs_may_be_off_by(tmp_path, off, stated, met, changes):
+    """One sphere, larger than stated, in a thick and a thin layer: no μ has the forces of both, and a larger one has."""
+    h, truth = np.linspace(0, 2.0, 21)[1:], R + off * 10 * U
+    for name, thickness in (("top", studies.THICKNESS), ("thin", 3.0)):
+        rows = zip(h.tolist(), curve(truth, thickness).tolist(), strict=True)
+        (tmp_path / f"{name}.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{u!r},{f!r}\n" for u, f in rows))
+    both = TWO.replace("2 mN", "0.2 mN").replace("= 6", "= 3")
+    found = studies.run(
+        tmp_path,
+        **{**studies.QUICK, "parameters": ONE, "[experiments]": both, "uncertainty": stated, **changes},
+    )
+    assert found["searches"][0]["met"] == met
+    assert (found["exit_code"] == 6) == (not met)
+    errors = [t.get("input_error", 0.0) for t in found["searches"][0]["targets"]]
+    assert all(e > 0.0 for e in errors) == (stated is not None)
+
+
 SLABS = """
 [[experiments]]
 name = "thin"
