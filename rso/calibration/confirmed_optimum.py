@@ -17,6 +17,7 @@ from rso.calibration.readings import (
     curve_place,
     measured,
     of_emulator,
+    record_of,
     with_input_errors,
 )
 from rso.calibration.search_stage import SearchResult
@@ -327,7 +328,7 @@ def fitted_readings(plan: Plan) -> list[tuple[CurvePlace, Data]]:
         keep = curve.compared & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         place = curve_place(name, curve, keep, deepest)
-        found.append((place, as_data(label, name, curve, keep)))
+        found.append((place, as_data(label, record_of(plan, name), curve, keep)))
     found += [(cloud_place(plan, n), cloud_data(plan, n)) for n in plan.clouds if n in plan.case_of]
     return [(place, with_input_errors(plan, place, data)) for place, data in found]
 

@@ -13,7 +13,7 @@ from rso.data import MeasuredCurve, cloud_curve, combine
 from rso.emulation.emulator import Emulator, Output
 from rso.inference import SURFACE_CHANNEL, CurvePlace, Data, ModelErrors, emulated, of_marks, outputs_of, resample
 from rso.inference.input_effects import with_effects
-from rso.study.cases import cloud_channels
+from rso.study.cases import cloud_channels, other_branch
 from rso.study.creep import loading_experiment
 
 
@@ -76,10 +76,15 @@ def curve_data(plan: Plan, place: CurvePlace) -> Data:
     keep = curve.compared
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
-    test = loading_experiment(place.experiment) if place.experiment in plan.creeps.followed else place.experiment
-    return with_input_errors(
-        plan, place, as_data(label, test, curve, keep)
-    )  # one contact and one gain of loading and creep
+    return with_input_errors(plan, place, as_data(label, record_of(plan, place.experiment), curve, keep))
+
+
+def record_of(plan: Plan, name: str) -> str:
+    """The experiment by which errors of a whole record are called: its loading, creep and unloading share contact and
+    gain."""
+    test = loading_experiment(name) if name in plan.creeps.followed else name
+    other = other_branch(plan.study, test)
+    return other if other is not None and plan.study.experiment(test).branch == "unloading" else test
 
 
 def with_input_errors(plan: Plan, place: CurvePlace, data: Data) -> Data:

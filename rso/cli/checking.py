@@ -304,7 +304,7 @@ def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value
     span = f"{F.min():.3g} to {F.max():.3g}{spaced(curve.unit)}"
-    return f"readings: {branches}; {curve.channel} from {span} while loading"
+    return f"readings: {branches}; {curve.channel} from {span} while {'unloading' if curve.back else 'loading'}"
 
 
 def _pace(plan: Plan, e: ExperimentTable) -> str:
@@ -334,8 +334,8 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
     out, theory = [], _theory(plan, name)
     opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
     for knob, value in contact_modulus(plan.backend, plan.study.settings_of(name), curve).items():
-        if "adhesion" in opened:
-            continue  # it has none
+        if "adhesion" in opened or curve.back:
+            continue  # it has none; nor has what relaxes or sticks on its way back
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (

@@ -1,10 +1,15 @@
-"""How fast the indenter went."""
+"""How fast the indenter went, there and back, and how long it stayed."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rso.data.files.reading import Measurement
+from rso.data.files.reading import Measurement, Repeat
+
+MIN_DWELL_SHARE = 0.05  # of the time of loading: a shorter rest before the way back is none
+N_UNLOADING_LEGS = 7  # of a way back, whose median tells its speed
+# by which the speed of the way back may differ from that of the way there and count as the same
+SAME_SPEED_TOLERANCE_LN = 0.15
 
 
 def recorded_speed(m: Measurement) -> float | None:
@@ -23,3 +28,33 @@ def recorded_speed(m: Measurement) -> float | None:
         if end > start and high > low:
             found.append((high - low) / (end - start))
     return float(np.median(found)) if found else None
+
+
+def dwell_time(r: Repeat, speed: float) -> float:
+    """Time (s) between the ways there and back beyond that of moving, 0 where it is short or there are no times."""
+    there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
+    if r.time is None or len(there) < 2 or not len(back):
+        return 0.0
+    way = r.depth.max() / speed  # without that through air
+    rest = float(r.time[back[0]] - r.time[there[-1]])
+    moving = (2.0 * r.depth.max() - r.depth[there[-1]] - r.depth[back[0]]) / speed
+    one = max(np.median(np.diff(r.time[v])) if len(v) > 1 else 0.0 for v in (there, back))  # from reading to reading
+    rest -= max(moving, 0.0 if np.any(r.segment == "hold") else float(one))
+    return rest if rest > MIN_DWELL_SHARE * way else 0.0
+
+
+def unloading_pace(r: Repeat, speed: float) -> float:
+    """Speed of the unloading over that of the way there, 1 where it is nearly so or not known.
+
+    The median of `N_UNLOADING_LEGS` equal parts of the travel in its midst: a pause is in one of them.
+    """
+    back = r.segment == "unloading"
+    if r.time is None or np.sum(back) < 3:
+        return 1.0
+    d, t = np.maximum.accumulate(r.depth[back][::-1]), r.time[back][::-1]
+    low, high = max(0.2 * r.depth.max(), d[0]), min(0.9 * r.depth.max(), d[-1])
+    leg = float(np.median(-np.diff(np.interp(np.linspace(low, high, N_UNLOADING_LEGS + 1), d, t))))
+    if high <= low or leg <= 0.0:
+        return 1.0
+    pace = (high - low) / N_UNLOADING_LEGS / leg / speed
+    return 1.0 if abs(np.log(pace)) < SAME_SPEED_TOLERANCE_LN else float(f"{pace:.3g}")

@@ -49,6 +49,7 @@ from rso.study.cases import (
     MAX_DISPLACEMENTS,
     MISREAD_SETTING_ERRORS,
     foreign_units,
+    other_branch,
     place_of_setting,
     sketches,
     speed_of,
@@ -56,7 +57,7 @@ from rso.study.cases import (
 )
 from rso.study.errors import Problem, choices_text, study_error
 from rso.study.resolve import Axis, Resolved, resolve
-from rso.study.schema import Study
+from rso.study.schema import ExperimentTable, Study
 from rso.study.sources import backend_of, needs_data
 
 DIAGNOSIS_FILE = "diagnosis.json"
@@ -88,7 +89,7 @@ def ask(study: Study) -> Asked:
     source = source_of(study)
     backend = backend_of(study, source)
     resolved = resolve(study, backend.parameters)
-    experiments = [_experiment(study, n) for n, e in enumerate(study.experiments) if e.kind != "surface"]
+    experiments = [_experiment(study, n) for n, e in enumerate(study.experiments) if _diagnosed(study, e)]
     _refuse_what_is_not_modelled(study, backend, experiments)
     try:
         plan = discrepancy.make_test_plan(_powered(backend, experiments))
@@ -171,7 +172,9 @@ def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]
 def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Sequence[Experiment]) -> None:
     """StudyError for what of the experiments the backend refuses, at the setting that it names."""
     problems = foreign_units(study, backend)
-    for n, e in enumerate(experiments):
+    names = [e.name for e in study.experiments]
+    for e in experiments:
+        n = names.index(e.name)
         try:
             case = _probe(e)
         except ValueError as error:
@@ -201,7 +204,8 @@ def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.T
         except MISREAD_SETTING_ERRORS as error:
             items: list[Test | SurfaceProfile] = [*plan.tests, *plan.profiles]
             there = [o for o in items if o.place == k]
-            n = max(there, key=lambda o: float(o.depth.max())).experiment
+            deepest = plan.experiments[max(there, key=lambda o: float(o.depth.max())).experiment].name
+            n = [e.name for e in study.experiments].index(deepest)
             words = f"a diagnosis computes to {reach:g} mm, beyond the deepest reading, for a contact found late"
             found = Problem(("experiments", n, "data"), f"{words}; leave out what is deeper: {error}")
             raise study_error(study.file, study.lines, [found]) from error
@@ -219,6 +223,12 @@ def _probe(e: Experiment) -> Any:
         marks = {(float(x), float(y)) for r in repeats for x, y in zip(r.channels["x"], r.channels["y"], strict=True)}
         settings["profile"] = [list(m) for m in sorted(marks)]
     return Case(e.name, Programme.ramp((deepest,)), settings)
+
+
+def _diagnosed(study: Study, e: ExperimentTable) -> bool:
+    """Whether an experiment is diagnosed: no point cloud, and of one record that stands in two the loading alone, as a
+    diagnosis takes all branches of it."""
+    return e.kind != "surface" and not (e.branch == "unloading" and other_branch(study, e.name))
 
 
 def _experiment(study: Study, n: int) -> Experiment:

@@ -17,6 +17,7 @@ from rso.inference.likelihood import Model
 
 # of the unit cube, over which what the tangent leaves bends: between two runs it is nearly a cubic
 TANGENT_KERNEL_LENGTH = 0.4
+MAX_LOG_CHANGE = 10.0  # of ln f over the unit cube: a value that changes by more is none to take the logarithm of
 TANGENT_JITTER_SHARE = 1e-13  # of the variance: keeps matrices of neighbouring runs definite
 
 
@@ -104,11 +105,13 @@ def unfolded(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """z (k, d'), ln f′ (k, n) and its slopes (k, n, d'), and the mask (n,) of the points positive in every run.
 
-    The other points keep f′ itself.
+    The other points keep f′ itself, and so do those that nearly vanish in a run, as where an unloading ends: ln f′
+    would change there by more than `MAX_LOG_CHANGE` over the box or between two runs.
     """
     inner = [frame.inner(r) for r in runs]
     Z, F, G = (np.stack([v[i] for v in inner]) for i in range(3))
-    log = np.all(F > 0, axis=0)
+    steep = np.abs(G).max(axis=2, initial=0.0) >= MAX_LOG_CHANGE * F
+    log = np.all((F > 0) & ~steep, axis=0) & (F.max(axis=0) < np.exp(MAX_LOG_CHANGE) * F.min(axis=0))
     safe = np.where(log, F, 1.0)
     return Z, np.where(log, np.log(safe), F), np.where(log[:, None], G / safe[:, :, None], G), log
 

@@ -221,7 +221,7 @@ def learn_item(
         why = next(o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done))
         return f"only {len(good)} of {len(points)} simulations have an answer; the first without: {why}"
     outputs = [
-        Output(item.name, p.channel, u, b.unit, since)
+        Output(item.name, p.channel, u, b.unit, since, p.back)
         for b in item.blocks for p in b.places for u, since in _read_of(item, p)
     ]  # fmt: skip
     samples = []
@@ -238,7 +238,9 @@ def learn_item(
 
 def _read_of(item: Item, place: CurvePlace) -> list[tuple[float, float]]:
     """Travel (mm) and time in the hold (s) of everything that is read of a curve."""
-    asked, held = item.case.programme.asked_mm, place.held
+    asked, held, way = item.case.programme.asked_mm, place.held, item.case.programme
+    if place.back:
+        return [(float(f"{u:.9g}"), 0.0) for u in np.interp(way.asked_s, way.time_s, way.travel_mm)[::-1]]
     depth = asked[-1] if asked else float(place.depth[0])
     resting = [] if place.since is None else [(depth, float(s)) for s in place.since[held]]
     return [*((u, 0.0) for u in asked), *resting]

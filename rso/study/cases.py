@@ -7,6 +7,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -37,6 +38,7 @@ from rso.data import (
     surface_cloud,
     without_spikes,
 )
+from rso.data.loading_rate import dwell_time, unloading_pace
 from rso.evaluation.joint import BACKEND_SETTING
 from rso.study.dimensions import MISREAD_SETTING_ERRORS
 from rso.study.errors import Problem, choices_text, study_error
@@ -47,6 +49,7 @@ from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import TargetTable
 
 DEFAULT_SPEED_MM_S = 0.5  # assumed where neither the study nor its files say one
+TURN_DIGITS = 4  # of the turn of a record: what is read of it asks for the same run again
 MAX_UNLOADING_TRAVELS = 16  # travels at which a way back is computed, straight between them
 N_CURVE_TRAVELS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
 MAX_PROFILE_DEPTHS = 2 * N_CURVE_TRAVELS  # different depths of a profile up to which each is asked for
@@ -58,8 +61,15 @@ MIN_DEPTH_RATIO = 1e-4  # of the radius of the indenter: a deepest travel below 
 MIN_DEPTH_MM = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
 LARGE_NOISE_SHARE = 0.5  # of a range: a stated noise beyond is remarked upon
 MAX_DISPLACEMENTS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
-LOADING_COMPARED_NOTE = "Only the loading branch is compared; unloading and holds are for rso diagnose."
+LOADING_COMPARED_NOTE = (
+    "Only the loading branch is compared; unloading and holds are for rso diagnose. A second experiment with the same "
+    'data and branch = "unloading" compares the unloading, too.'
+)
 UNLOADING_COMPARED_NOTE = "The unloading is compared, down to the strongest pull; loading and holds are not."
+UNLOADING_TOO_NOTE = (
+    "The unloading is compared, down to the strongest pull; {!r} compares the loading of the same record."
+)
+LOADING_TOO_NOTE = "The loading branch is compared; {!r} compares the unloading of the same record."
 UNLOADING_NOT_COMPARED_NOTE = "The unloading is not compared; rso diagnose uses it."
 PROFILE_NOT_USED_NOTE = (
     'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
@@ -142,8 +152,10 @@ def remarks(study: Study, name: str, of_hold: Sequence[str] = ()) -> list[str]:
     left_out = without_spikes(measurement)[1]
     loading = [LOADING_COMPARED_NOTE] if returns or study.settings_of(name).get("unload") is True else []
     loading = [UNLOADING_COMPARED_NOTE] if e.branch == "unloading" else loading
+    if (of_other := other_branch(study, name)) is not None:
+        loading = [(UNLOADING_TOO_NOTE if e.branch == "unloading" else LOADING_TOO_NOTE).format(of_other)]
     if of_hold:
-        back = any(np.any(r.segment == "unloading") for r in measurement.repeats)
+        back = of_other is None and any(np.any(r.segment == "unloading") for r in measurement.repeats)
         loading = [*of_hold, *([UNLOADING_NOT_COMPARED_NOTE] if back else [])]
     own, stated = recorded_speed(measurement), stated_speed(study, name)
     other = own is not None and stated is not None and not 1.0 / OTHER_SPEED_RATIO < own / stated < OTHER_SPEED_RATIO
@@ -227,16 +239,52 @@ def case_for(study: Study, name: str, asked: tuple[float, ...], hold: Hold | Non
     settings = {k: v for k, v in study.settings_of(name).items() if k != "unload"}
     speed = speed_of(study, name)[0]
     if study.experiment(name).branch == "unloading":
-        return Case(name, programme_back(asked, speed), settings)
+        return Case(name, programme_back(asked, _turn(study, name, speed)), settings)
     return Case(name, programme_of(asked, speed, hold), settings)
 
 
-def programme_back(asked: tuple[float, ...], speed: float) -> Programme:
-    """To the deepest of the asked travels (mm) and back to the least at a speed (mm/s), asked for in unloading."""
-    deepest, least = asked[-1], min(asked[0], 0.0)
-    came = deepest / speed
-    moments = tuple(came + (deepest - u) / speed for u in reversed(asked))
-    return Programme((0.0, came, came + (deepest - least) / speed), (0.0, deepest, least), (deepest,), moments)
+@dataclass(frozen=True)
+class Turn:
+    """How a test goes there and back: to `deepest` mm at `speed` mm/s, `rest` s there, back `pace` times as fast."""
+
+    speed: float
+    deepest: float = 0.0
+    rest: float = 0.0
+    pace: float = 1.0
+
+
+def _turn(study: Study, name: str, speed: float) -> Turn:
+    """The median over the repeats of a record."""
+    repeats = study.measurement(name).repeats
+    each = np.median([[r.depth.max(), dwell_time(r, speed), unloading_pace(r, speed)] for r in repeats], axis=0)
+    deepest, rest, pace = (float(f"{v:.{TURN_DIGITS}g}") for v in each)
+    return Turn(speed, deepest, rest, pace)
+
+
+def programme_back(asked: tuple[float, ...], turn: Turn) -> Programme:
+    """There, a rest, and back to the least of the asked travels (mm), which are asked for in unloading.
+
+    So is the deepest of all, at the end of the rest.
+    """
+    deepest, least = max(asked[-1], turn.deepest), min(asked[0], 0.0)
+    came, back = deepest / turn.speed, turn.speed * turn.pace
+    left = came + turn.rest
+    moments = tuple(left + (deepest - u) / back for u in sorted({*asked, deepest}, reverse=True))
+    time, travel = (0.0, came, left, left + (deepest - least) / back), (0.0, deepest, deepest, least)
+    keep = [0, 1, *([2] if turn.rest else []), 3]
+    return Programme(tuple(time[k] for k in keep), tuple(travel[k] for k in keep), (deepest,), moments)
+
+
+def other_branch(study: Study, name: str) -> str | None:
+    """The experiment that compares the other branch of the same record, of one test."""
+    e = study.experiment(name)
+    return next((o.name for o in study.experiments if of_one_record(study, e, o)), None)
+
+
+def of_one_record(study: Study, e: ExperimentTable, other: ExperimentTable) -> bool:
+    """Whether two experiments compare the two branches of one record."""
+    same = (e.data, e.kind, study.settings_of(e.name)) == (other.data, other.kind, study.settings_of(other.name))
+    return same and e.branch != other.branch
 
 
 def programme_of(asked: tuple[float, ...], speed: float, hold: Hold | None = None) -> Programme:
@@ -341,7 +389,8 @@ def merge_cases(
         plain = backend.canonical(example, case)[1]
         speed = _pace(plain.programme)  # one and the same where rates do not matter
         rest = {} if hold is None else {"hold": [hold.depth, *hold.moments]}
-        rest |= {"back": list(asked[e.name])} if e.branch == "unloading" else {}
+        if e.branch == "unloading":
+            rest |= {"back": [*asked[e.name], *plain.programme.time_s, *plain.programme.travel_mm]}
         same = digest({"settings": by_contents(dict(plain.settings)), "speed": round(speed, 12), **rest})
         if same in index:
             k = index[same]

@@ -10,7 +10,7 @@ import numpy as np
 
 from rso.contract import Backend, Case, Parameter, Relaxation, capability
 from rso.data import CreepHold, Hold, MeasuredCurve, hold_of
-from rso.study.cases import case_for, speed_of
+from rso.study.cases import case_for, other_branch, speed_of
 from rso.study.errors import Problem, study_error
 from rso.study.resolve import Resolved
 from rso.study.schema import Study
@@ -141,12 +141,16 @@ def of_used(hold: Hold) -> list[str]:
 
 
 def unseen(study: Study, backend: Backend, opened: Mapping[str, object], fitted: Sequence[str]) -> list[str]:
-    """What is said of open relaxation times where no record that is fitted holds, and all go at one speed."""
+    """What is said of open relaxation times where no fitted record holds or returns, and all go at one speed."""
     times = [p.name for p in backend.parameters if p.unit == "s" and p.name in opened]
     speeds = [speed_of(study, name)[0] for name in fitted]
-    if not times or max(speeds) > DIFFERENT_SPEED_RATIO * min(speeds):
+    if (
+        not times
+        or any(other_branch(study, name) for name in fitted)
+        or max(speeds) > DIFFERENT_SPEED_RATIO * min(speeds)
+    ):
         return []
     return [
         f"No fitted record holds, and all go at one speed: relaxation ({' and '.join(times)}) and a modulus are "
-        "hardly separable. A hold, or tests at different speeds, would separate them."
+        "hardly separable. A hold, the unloading too, or tests at different speeds would separate them."
     ]

@@ -180,14 +180,20 @@ def _check_once(
             f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
             f"data ({files})"
         )
-        both = ": its loading and unloading share contact and gain, so one of them alone is compared"
+        branches = e.branch != other.branch
         if e.role == "validate" and other.role != "validate":
             why = ": what was used before validates nothing"
+            if branches:
+                why = ': its loading and unloading share contact and gain. Fit both, each with role = "fit"'
         elif k < n and other.role != "validate" and _settings(raw, e) == _settings(raw, other):
+            if branches and (e.data, e.kind) == (other.data, other.kind):
+                continue  # one record, whose errors the two branches share
             why = " of one test: a repeat counts once"
+            if branches:
+                why = ": state the same data in both, so that its loading and unloading share contact and gain"
         else:
             continue
-        yield Problem(("experiments", n, "data"), text + (why if e.branch == other.branch else both), e.files)
+        yield Problem(("experiments", n, "data"), text + why, e.files)
 
 
 def _settings(raw: dict[str, Any], e: ExperimentTable) -> dict[str, Any]:

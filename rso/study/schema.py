@@ -188,7 +188,7 @@ class ExperimentTable(StudyFileTable):
     points: Annotated[int, Field(ge=1, le=300)] | None = None
     """Of a point cloud: how many of its points are compared, 30 unless stated; the most informative are taken."""
     branch: Literal["loading", "unloading"] = "loading"
-    """Loading or unloading, which shows what sticks: down to the strongest pull, also above contact."""
+    """Loading, or unloading down to the strongest pull. Two experiments with the same data compare both."""
     backend: str | None = None
     """Which of [backends] answers for it, by its name; by default the first, [backend]."""
     settings: Settings = Field(default_factory=dict)

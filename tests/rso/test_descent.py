@@ -454,3 +454,14 @@ def test_run_study_takes_its_plan(tmp_path):
     with RunStore(tmp_path / "results") as store:
         found = run_study(plan, store, studies.Inline(), tmp_path / "results", command="", jobs=1)
     assert found["counts"]["from_store"] == found["counts"]["fe_runs"] > 0
+
+
+def test_a_force_that_nearly_vanishes_is_not_followed_by_its_logarithm():
+    """Where an unloading ends, a round-off of one run would be a power of ten of the next."""
+    f = dataclasses.replace(frame(similar=False), powers=np.zeros(2))
+    runs = []
+    for x in (0.2, 0.45, 0.6):
+        at, along = np.array([x, 0.5]), np.array([[1.0, 0.0], [-float(x < 0.5), 0.0]])
+        runs.append(EvaluatedPoint(at, np.array([1.0 + x, max(0.5 - x, 1e-20)]), along / f.box.slope(at)))
+    X = np.column_stack([np.linspace(0.0, 1.0, 21), np.full(21, 0.5)])
+    assert np.all(np.abs(tangents(f, runs, runs[1]).predict(X)) < 10.0)

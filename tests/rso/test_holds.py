@@ -395,7 +395,7 @@ def test_errors_that_nobody_states_are_those_of_the_whole_test(tmp_path, repeats
 
 def test_without_a_hold_the_share_is_not_determined(tmp_path):
     found = ran(written(tmp_path, DESCENT, rest=record(hold=0.0)))
-    assert any("A hold, or tests at different speeds" in w for w in found["warnings"])
+    assert any("A hold, the unloading too, or tests at different speeds" in w for w in found["warnings"])
     assert known(found)["g"]["verdict"] == "not" and "g is not determined" in known(found)["g"]["story"]
 
 

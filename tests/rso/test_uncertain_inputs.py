@@ -188,7 +188,7 @@ DEEP = 'repair = false\npopulation = 8\ngenerations = 4\ncandidates = 1\ntargets
 )
 @pytest.mark.parametrize("changes", [{"search": DEEP}, DIRECT], ids=["surfaces", "gauss_newton"])
 def test_targets_are_met_within_what_the_inputs_may_be_off_by(tmp_path, off, stated, met, changes):
-    """One sphere, larger than stated, in a thick and a thin layer: no μ has the forces of both, and a larger one has."""
+    """One sphere, larger than stated, in a thick and a thin layer: no μ has the forces of both."""
     h, truth = np.linspace(0, 2.0, 21)[1:], R + off * 10 * U
     for name, thickness in (("top", studies.THICKNESS), ("thin", 3.0)):
         rows = zip(h.tolist(), curve(truth, thickness).tolist(), strict=True)

@@ -21,7 +21,7 @@ from rso.evaluation.store import RunStore
 from rso.inference import CurvePlace
 from rso.inference.models import readings_matrix
 from rso.report import render
-from rso.study.cases import programme_back
+from rso.study.cases import Turn, programme_back
 from rso.study.loader import load_study
 from rso.study.new_study import NewTest, study_text
 
@@ -45,7 +45,7 @@ def test_a_model_that_has_no_way_back_returns_on_its_way_there():
 
 
 def test_a_programme_there_and_back_asks_on_the_way_back_alone():
-    p = programme_back((-0.5, 0.5, 2.0), 0.5)
+    p = programme_back((-0.5, 0.5, 2.0), Turn(0.5))
     assert p.travel_mm == (0.0, 2.0, -0.5) and p.asked_mm == (2.0,)
     np.testing.assert_allclose(np.interp(p.asked_s, p.time_s, p.travel_mm), [2.0, 0.5, -0.5])
     assert p.asked_s[-1] <= p.time_s[-1]

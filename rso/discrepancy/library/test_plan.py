@@ -19,6 +19,7 @@ from rso.core.power_law import LEADING_EXPONENT
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
 from rso.data.force_holds import HeldForce
 from rso.data.holds import N_HOLD_BINS, at_peak, edges, stop_time
+from rso.data.loading_rate import dwell_time, unloading_pace
 
 N_APPROACH_BINS = 3  # bins of the way before contact
 LOADING_BRANCH, UNLOADING_BRANCH, HELD_BRANCH = range(3)  # branches of a test
@@ -26,10 +27,6 @@ LOADING_BRANCH, UNLOADING_BRANCH, HELD_BRANCH = range(3)  # branches of a test
 USUAL_PLAN_DEPTH_MM = 3.25
 PLAN_DEPTH_STEP_MM = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 MIN_UNLOADING_SHARE = 0.1  # of the deepest travel: a way back that ends earlier is left out
-MIN_DWELL_SHARE = 0.05  # of the time of loading: a shorter rest before the way back is none
-N_UNLOADING_LEGS = 7  # of a way back, whose median tells its speed
-# by which the speed of the way back may differ from that of the way there and count as the same
-SAME_SPEED_TOLERANCE_LN = 0.15
 NOT_USED_NOTE = "are not used"
 ASSUMED_TIMES_NOTE = "as no file and no setting says it; sizes in seconds go with it"
 REACH_MARGIN_MM = 0.4  # mm beyond the deepest record, for a contact found late
@@ -291,8 +288,8 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
             m,
             values,
             since=since,
-            rest=_rest(r, e.speed),
-            pace=_pace(r, e.speed),
+            rest=dwell_time(r, e.speed),
+            pace=unloading_pace(r, e.speed),
         )
         site.deepest = max(site.deepest, peak)
         if np.any(b == UNLOADING_BRANCH):
@@ -344,36 +341,6 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
         lost = np.concatenate([lost, back])
         without.append(f"{len(back)} readings of the unloading after a hold")
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
-
-
-def _rest(r: Repeat, speed: float) -> float:
-    """Time (s) between the ways there and back beyond that of moving, 0 where it is short or there are no times."""
-    there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
-    if r.time is None or len(there) < 2 or not len(back):
-        return 0.0
-    way = r.depth.max() / speed  # without that through air
-    rest = float(r.time[back[0]] - r.time[there[-1]])
-    moving = (2.0 * r.depth.max() - r.depth[there[-1]] - r.depth[back[0]]) / speed
-    one = max(np.median(np.diff(r.time[v])) if len(v) > 1 else 0.0 for v in (there, back))  # from reading to reading
-    rest -= max(moving, 0.0 if np.any(r.segment == "hold") else float(one))
-    return rest if rest > MIN_DWELL_SHARE * way else 0.0
-
-
-def _pace(r: Repeat, speed: float) -> float:
-    """Speed of the unloading over that of the way there, 1 where it is nearly so or not known.
-
-    The median of `N_UNLOADING_LEGS` equal parts of the travel in its midst: a pause is in one of them.
-    """
-    back = r.segment == "unloading"
-    if r.time is None or np.sum(back) < 3:
-        return 1.0
-    d, t = np.maximum.accumulate(r.depth[back][::-1]), r.time[back][::-1]
-    low, high = max(0.2 * r.depth.max(), d[0]), min(0.9 * r.depth.max(), d[-1])
-    leg = float(np.median(-np.diff(np.interp(np.linspace(low, high, N_UNLOADING_LEGS + 1), d, t))))
-    if high <= low or leg <= 0.0:
-        return 1.0
-    pace = (high - low) / N_UNLOADING_LEGS / leg / speed
-    return 1.0 if abs(np.log(pace)) < SAME_SPEED_TOLERANCE_LN else float(f"{pace:.3g}")
 
 
 def _in_order(experiments: Sequence[Experiment]) -> list[int]:

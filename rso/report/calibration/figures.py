@@ -80,6 +80,7 @@ from rso.report.sketch import SKETCH_PICTURE, sketch_figure
 
 SKETCH_BESIDE_WIDTH_INCH = 4.4  # inch: the sketch beside the section
 _MAX_VERIFIED_ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
+_KEY_COLUMNS = 4  # of the legend above the rows of a verification
 
 
 Drawing = Callable[[Results, int, str], str]
@@ -177,7 +178,7 @@ def verification(results: Results, name: str) -> str:
     rows = [(c, found) for c in candidates(results) if (found := _differences(c))][:_MAX_VERIFIED_ROWS]
     views = outputs(results)
     ids = list(dict.fromkeys(i for _, found in rows for i, _, _ in found))
-    figure = canvas(0.75 + 0.19 * len(rows))
+    figure = canvas(0.75 + 0.19 * len(rows) + 0.17 * ((len(ids) - 1) // _KEY_COLUMNS))
     axes = figure.subplots()
     axes.axvline(0, color=GREY, lw=0.8)
     for k, (c, found) in enumerate(rows):
@@ -204,7 +205,7 @@ def _key(axes: Axes, entries: list[tuple[str, str]]) -> None:
         [text for text, _ in entries],
         loc="lower left",
         bbox_to_anchor=(0, 1),
-        ncols=4,
+        ncols=_KEY_COLUMNS,
         frameon=False,
         fontsize=8,
         handletextpad=0.1,
