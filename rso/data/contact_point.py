@@ -320,20 +320,17 @@ def _profile(
     Of readings that remember their neighbours by ρ, (1 + ρ)/(1 − ρ) count as one: residuals of a shape that does not
     fit do so, too.
     """
-    n, fixed = len(t), np.stack([np.ones_like(t), t] if drift else [np.ones_like(t)], axis=1)
-    left, rest = np.full(N_CONTACT_CANDIDATES, np.inf), np.zeros((N_CONTACT_CANDIDATES, n))
-    for k, c in enumerate(np.linspace(0.0, MAX_CONTACT_WAY_SHARE, N_CONTACT_CANDIDATES)):
-        x = np.maximum(t - c, 0.0)
-        A = np.concatenate([np.stack([x**p for p in powers], axis=1), fixed], axis=1)
-        a = np.linalg.lstsq(A, F, rcond=None)[0]
-        drifts = drift and abs(a[-1]) > MAX_DRIFT_FORCE_SHARE * np.ptp(F)
-        if a[0] > 0.0 and sum(a[: len(powers)]) > 0.0 and not drifts:
-            rest[k] = F - A @ a
-            left[k] = float(rest[k] @ rest[k])
+    x = np.maximum(t - np.linspace(0.0, MAX_CONTACT_WAY_SHARE, N_CONTACT_CANDIDATES)[:, None], 0.0)
+    before = [np.ones_like(t), t] if drift else [np.ones_like(t)]
+    a, rest = _shapes(F, [_column(x**p) for p in powers], [_column(np.broadcast_to(b, x.shape)) for b in before])
+    good = _pressing(a, len(powers))
+    if drift:
+        good &= np.abs(a[:, -1]) <= MAX_DRIFT_FORCE_SHARE * np.ptp(F)
+    left = np.where(good, (rest * rest).sum(axis=1), np.inf)
     k = int(np.argmin(left))
     if not np.isfinite(left[k]):
         return None
-    variance = float(left[k]) / max(n - 1 - A.shape[1], 1)
+    variance = float(left[k]) / max(len(t) - 1 - a.shape[1], 1)
     if variance <= least:
         return left, float(left[k]), least
     r = float(rest[k][1:] @ rest[k][:-1]) / float(left[k])
@@ -356,11 +353,14 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     t, F = (u[:n] - u[0]) / way, F[:n]
     every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
     rounded: list[bool] = []
-    for prior, before in _before(t):
+    x = np.maximum(t - c[:, None], 0.0)
+    pressed = {p: _column(x**p) for p in {p for _, family in POWER_LAW_FAMILIES for powers in family for p in powers}}
+    for prior, columns in _before(t):
+        before = [_column(np.broadcast_to(b, x.shape)) for b in columns]
         for share_of, family in POWER_LAW_FAMILIES:
             for powers in family:
                 k = len(powers) + len(before)
-                if n > k + 2 and (fit := _squares(t, F, c, powers, before)) is not None:
+                if n > k + 2 and (fit := _squares(F, [pressed[p] for p in powers], before)) is not None:
                     every.append((prior * share_of / len(family), k, *fit))
                     rounded.append(ROUNDED_EXPONENTS in family)
     if not every:
@@ -401,24 +401,41 @@ def _before(t: np.ndarray) -> list[tuple[float, list[np.ndarray]]]:
 
 
 def _squares(
-    t: np.ndarray, F: np.ndarray, c: np.ndarray, powers: Sequence[float], before: Sequence[np.ndarray]
+    F: np.ndarray, pressed: Sequence[_Column], before: Sequence[_Column]
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Squares left (m,) of F = Σ_p a_p (t − c)^p + what is before, for contacts c (m,), infinite where no body is
     pressed so, and what is left (n,) at the best; None where that is nowhere."""
-    x = np.maximum(t - c[:, None], 0.0)
-    A = np.stack([*(x**p for p in powers), *(np.broadcast_to(b, x.shape) for b in before)], axis=2)
-    size = np.maximum(np.sqrt((A * A).sum(axis=1)), 1e-300)
-    A = A / size[:, None, :]
-    G = A.transpose(0, 2, 1) @ A + 1e-13 * np.eye(A.shape[2])  # of columns of size 1
-    a = np.linalg.solve(G, (F @ A)[..., None])
-    rest = F - (A @ a)[..., 0]
-    a = a[..., 0] / size
-    good = (a[:, 0] > 0.0) & (a[:, : len(powers)].sum(axis=1) > 0.0)
+    a, rest = _shapes(F, pressed, before)
+    good = _pressing(a, len(pressed))
     if len(before) > 1:
         good &= np.abs(a[:, -1]) <= MAX_FORCE_BEFORE_CONTACT_SHARE * np.ptp(F)
-    left = np.where(good, (rest * rest).sum(axis=1), np.inf)
+    left = np.where(good, np.einsum("mn,mn->m", rest, rest), np.inf)
     k = int(np.argmin(left))
     return (left, rest[k]) if np.isfinite(left[k]) else None
+
+
+_Column = tuple[np.ndarray, np.ndarray]  # a column for each contact, (m, n), of size 1, and its size (m, 1)
+
+
+def _column(values: np.ndarray) -> _Column:
+    """Values (m, n) over their root sum of squares (m, 1)."""
+    size = np.maximum(np.sqrt(np.einsum("mn,mn->m", values, values)), 1e-300)[:, None]
+    return values / size, size
+
+
+def _shapes(F: np.ndarray, pressed: Sequence[_Column], before: Sequence[_Column]) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (m, k) of F = Σ_p a_p (t − c)^p + what is before, by least squares for each contact, and what they
+    leave (m, n)."""
+    A = np.stack([column for column, _ in (*pressed, *before)], axis=1)
+    G = A @ A.transpose(0, 2, 1) + 1e-13 * np.eye(A.shape[1])  # of columns of size 1
+    a = np.linalg.solve(G, (A @ F)[..., None])
+    rest = F - (a.transpose(0, 2, 1) @ A)[:, 0]
+    return a[..., 0] / np.concatenate([size for _, size in (*pressed, *before)], axis=1), rest
+
+
+def _pressing(a: np.ndarray, powers: int) -> np.ndarray:
+    """(m,) whether coefficients (m, k), the first of powers, are those of a body that is pressed."""
+    return np.asarray((a[:, 0] > 0.0) & (a[:, :powers].sum(axis=1) > 0.0))
 
 
 def _left(A: np.ndarray, F: np.ndarray) -> tuple[float, np.ndarray]:
