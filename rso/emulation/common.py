@@ -6,7 +6,7 @@ from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dgeqrf, dorgqr, dtrtrs
 
 
 def outside(X: np.ndarray, d: int, tolerance: float = 1e-9) -> np.ndarray:
@@ -92,3 +92,11 @@ def triangular(L: np.ndarray, B: np.ndarray, *, upper: bool = False) -> np.ndarr
     if info:
         raise np.linalg.LinAlgError(f"a triangular factor is singular (dtrtrs: {info})")
     return X
+
+
+def thin_qr(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Q (m, n) with orthonormal columns and upper R (n, n) of A = Q R (m, n), m >= n, as :func:`triangular`."""
+    n = A.shape[1]
+    factored, tau, _, _ = dgeqrf(A)
+    R = np.triu(factored[:n])
+    return dorgqr(factored, tau, overwrite_a=True)[0], R

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from threadpoolctl import ThreadpoolController
 
 from rso.doe import sobol_sequence
-from rso.emulation.common import triangular
+from rso.emulation.common import thin_qr, triangular
 from rso.emulation.kernels import kernel_derivatives, kernel_matrix, length_slopes, squares
 
 # in units of the cube: shorter is unseen between points; a long one makes a nearly linear term
@@ -91,14 +91,15 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
     if data.slopes:
         R = correlation(data, kernel, lengths)
     else:
-        R, slope = kernel_derivatives(kernel, np.tensordot(lengths**-2.0, data.squares, axes=1), 1)
+        s = (lengths**-2.0 @ data.squares.reshape(d, -1)).reshape(data.squares.shape[1:])
+        R, slope = kernel_derivatives(kernel, s, 1)
     K = c * R + np.diag((share * data.noise) ** 2) if noisy else R
     N, q = data.A.shape
     try:
         L = cholesky_factor(K)
     except np.linalg.LinAlgError:
         return 1e10, np.zeros_like(p)
-    Q, T = np.linalg.qr(triangular(L, data.A))
+    Q, T = thin_qr(triangular(L, data.A))
     r = triangular(L, data.z)
     r = r - Q @ (Q.T @ r)
     fit = float(r @ r)
@@ -161,7 +162,7 @@ def hyper_parameters(
     if noisy:
         return float(np.exp(p[d])), lengths, share
     L = cholesky_factor(correlation(data, kernel, lengths))
-    Q, _ = np.linalg.qr(triangular(L, data.A))
+    Q, _ = thin_qr(triangular(L, data.A))
     r = triangular(L, data.z)
     r = r - Q @ (Q.T @ r)
     return float(r @ r) / (len(r) - data.A.shape[1]), lengths, share

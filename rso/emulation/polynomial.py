@@ -17,6 +17,7 @@ from rso.emulation.common import (
     legendre,
     monomial_exponents,
     outside,
+    thin_qr,
     triangular,
     within_ranges,
 )
@@ -243,7 +244,7 @@ def _fit(X: np.ndarray, y: np.ndarray, exponents: np.ndarray, log: bool) -> tupl
             f"polynomial of degree {degree} in {d} parameters has {terms} terms: needs more than {n} points"
         )
     A, t = legendre(X, exponents), np.log(y) if log else y
-    Q, R = np.linalg.qr(A)
+    Q, R = thin_qr(A)
     diagonal = np.abs(np.diag(R))
     if diagonal.min() < 1e-9 * diagonal.max():
         raise ValueError(f"polynomial of degree {degree}: these {n} points do not determine its {terms} terms")
