@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,12 +44,14 @@ from rso.inference import (
     Fit,
     Misfit,
     Model,
+    Profiled,
     Runs,
     all_minima,
     chi2_p_value,
-    determine,
+    determination_of,
     emulated,
     emulated_together,
+    profiled,
     resample,
     spread_of,
     with_autocorrelation,
@@ -82,9 +85,9 @@ class ConfirmedFit:
     places: tuple[CurvePlace, ...]
     near: np.ndarray
 
-    def determined(self, plan: Plan, runs: Runs, *, mcmc: bool) -> Determination:
-        """What the curves determine, finished runs heard, measured against the ranges of the study file."""
-        return determine(self.misfit, seed=plan.seed, near=self.near, mcmc=mcmc, runs=runs, stated=stated_ranges(plan))
+    def with_profiles(self, plan: Plan, runs: Runs) -> Profiled:
+        """What the curves say, finished runs heard, without draws."""
+        return profiled(self.misfit, seed=plan.seed, near=self.near, runs=runs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +100,8 @@ class ConfirmedOptimum:
     words, at which the surrogates still do not know whether the data allow them, `poor` fitted outputs whose surrogates
     miss surrogate.tolerance by cross-validation, with all runs in them.  `chi2_bare` and `p_bare` are the
     misfit of the recomputed curves without what the surrogates may be off by, and its p-value; None where the
-    simulations are exact by similarity or nothing shows.
+    simulations are exact by similarity or nothing shows.  `known` is what the `emulator` makes of the curves, once that
+    was asked.
     """
 
     emulator: Emulator
@@ -109,6 +113,7 @@ class ConfirmedOptimum:
     poor: tuple[str, ...] = ()
     chi2_bare: float | None = None
     p_bare: float | None = None
+    known: tuple[ConfirmedFit, Profiled] | None = None
 
 
 def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> ConfirmedFit:
@@ -118,6 +123,12 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> C
     Readings of one record are autocorrelated where what the best fit leaves does and nothing is stated of that.
     ValueError where the data or their errors allow no likelihood.
     """
+    return _evidence(plan, emulator, tuple(found))
+
+
+@functools.lru_cache(maxsize=2)
+def _evidence(plan: Plan, emulator: Emulator, found: tuple[SearchResult, ...]) -> ConfirmedFit:
+    """Asked for by each step that may change the emulator."""
     box, near = searched_ranges(plan), _start(plan, found)
     places, curves = (list(v) for v in zip(*fitted_readings(plan), strict=True))
     model = _within(plan, box, emulated_together(emulator, places))
@@ -154,10 +165,11 @@ def confirm_optimum(
         if not now.verified:
             break
         plan = bench.around_failures(similar).plan
-        emulator, unsure = _unsure(bench, plan, emulator, found, runs)
+        emulator, known, unsure = _unsure(bench, plan, emulator, found, runs)
         if not unsure or k == MAX_INTERVAL_END_ROUNDS:
             names = tuple(name for name, _ in unsure)
-            return replace(now, emulator=emulator, runs=tuple(runs), open=names, poor=_poor(plan, emulator))
+            poor = _poor(plan, emulator)
+            return replace(now, emulator=emulator, runs=tuple(runs), open=names, poor=poor, known=known)
         values = [plan.values(x) for _, x in unsure]
         new = [Run("interval", v, o) for v, o in zip(values, bench.run(values), strict=True)]
         runs += new
@@ -230,7 +242,7 @@ def _poor(plan: Plan, emulator: Emulator) -> tuple[str, ...]:
 
 def _heard(
     bench: Runner, plan: Plan, emulator: Emulator, found: Sequence[SearchResult]
-) -> tuple[Emulator, ConfirmedFit, Determination]:
+) -> tuple[Emulator, ConfirmedFit, Profiled, Determination]:
     """The emulator that has learnt every finished run that refutes it, what it says, and what is determined then.
 
     A run that agrees with the data outside of an interval is learnt where that is new; where it is not, kinds of
@@ -239,26 +251,28 @@ def _heard(
     for again in (True, False):
         now = evidence(plan, emulator, found)
         runs, new = runs_with_curves(plan, emulator, bench.evaluator.store, now.misfit, now.places)
-        d = now.determined(plan, runs, mcmc=False)
+        seen = now.with_profiles(plan, runs)
+        d = determination_of(seen, seed=plan.seed, mcmc=False, stated=stated_ranges(plan))
         if not d.refuting or not again:
             break
         more = relearn(emulator, new, seed=plan.seed) if new else emulator
         emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.evaluator.each)
-    return emulator, now, d
+    return emulator, now, seen, d
 
 
 def _unsure(
     bench: Runner, plan: Plan, emulator: Emulator, found: Sequence[SearchResult], runs: Sequence[Run]
-) -> tuple[Emulator, list[tuple[str, np.ndarray]]]:
-    """The emulator, all finished runs heard, and points (d,) of the plan's box, named, at which it does not know
-    whether the data allow them.
+) -> tuple[Emulator, tuple[ConfirmedFit, Profiled], list[tuple[str, np.ndarray]]]:
+    """The emulator, all finished runs heard, what it makes of the curves, and points (d,) of the plan's box, named.
+
+    It does not know whether the data allow these.
 
     Ends of intervals, the other parameters following, where what the surrogates may be off by counts beside the errors
     of the data, among them that at the most likely point; and points of the ranges that they exclude, but not beyond
     `MAX_SURROGATE_ERROR_SD` times their own standard deviation.  None of them is near one of the `runs` or of the
     others.
     """
-    emulator, now, d = _heard(bench, plan, emulator, found)
+    emulator, now, seen, d = _heard(bench, plan, emulator, found)
     box, least = now.misfit.model.box, _least(now, d.fit)
     bands = [emulated(emulator, p)[1] for p in now.places]
     ends = []
@@ -283,7 +297,7 @@ def _unsure(
         if len(kept) < 2 * box.d and min(np.abs(there - t).max() for t in taken) >= RUN_NEARBY_DISTANCE:
             taken.append(there)
             kept.append((name, there))
-    return emulator, kept
+    return emulator, (now, seen), kept
 
 
 def _hopeful(plan: Plan, emulator: Emulator, now: ConfirmedFit, X: np.ndarray) -> np.ndarray:

@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum, covered, evidence, stated_ranges
+from rso.calibration.confirmed_optimum import (
+    ConfirmedFit,
+    ConfirmedOptimum,
+    confirm_optimum,
+    covered,
+    evidence,
+    stated_ranges,
+)
 from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
@@ -32,10 +39,12 @@ from rso.inference import (
     Fit,
     Known,
     MetricMinimum,
+    Profiled,
     compare_weightings,
     curve_score,
     curves_as_fitted,
     derived_interval,
+    determination_of,
     downhill,
     lenient,
     minimise,
@@ -64,10 +73,10 @@ class Identified:
     metrics: dict[str, tuple[MetricMinimum, ...]]
 
 
-def identify(plan: Plan, emulator: Emulator, found: Sequence[SearchResult], store: RunStore) -> Identified:
+def identify(plan: Plan, settled: ConfirmedOptimum, found: Sequence[SearchResult], store: RunStore) -> Identified:
     """What follows from the likelihood, every finished run heard: intervals, verdicts, best fits by weighting, minima
     by metric."""
-    now = evidence(plan, emulator, found)
+    now, seen = settled.known or _asked(plan, settled.emulator, found, store)
     misfit, near = now.misfit, now.near
     model, data, seed = misfit.model, misfit.data, plan.seed
     wanted = dict.fromkeys([plan.study.search.metric, *REPORTED_METRICS])
@@ -75,9 +84,17 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[SearchResult], stor
         m: minimise(curve_score(model, data, m), model.box, seed=seed, near=near, steps=downhill(model, data, m))
         for m in wanted
     }
-    runs, _ = runs_with_curves(plan, emulator, store, misfit, now.places)
-    determination = with_usual(now.determined(plan, runs, mcmc=True), seed)
+    determination = with_usual(determination_of(seen, seed=seed, mcmc=True, stated=stated_ranges(plan)), seed)
     return Identified(now.places, determination, compare_weightings(misfit, near, seed=seed), minima)
+
+
+def _asked(
+    plan: Plan, emulator: Emulator, found: Sequence[SearchResult], store: RunStore
+) -> tuple[ConfirmedFit, Profiled]:
+    """What an emulator makes of the curves, every finished run heard."""
+    now = evidence(plan, emulator, found)
+    runs, _ = runs_with_curves(plan, emulator, store, now.misfit, now.places)
+    return now, now.with_profiles(plan, runs)
 
 
 def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) -> dict[str, Any]:
@@ -265,7 +282,7 @@ def identification(
     try:
         settled = confirm_optimum(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
-        done = identify(plan, settled.emulator, found, bench.evaluator.store)
+        done = identify(plan, settled, found, bench.evaluator.store)
         done = replace(done, determination=implausible(plan, doubted(done.determination, settled)))
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None

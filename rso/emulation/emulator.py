@@ -184,8 +184,7 @@ class Emulator:
 
     def score(self, output: Output, held_out: Sequence[Sample]) -> Scores:
         """Errors on runs that took no part in the fit, in the unit of the output."""
-        theta = {n: np.array([s.values[n] for s in held_out]) for n in self.box.names}
-        predicted, _ = self._predict(output, *self._reduced(theta))
+        predicted, _ = self._predict(output, *self._of_samples(held_out))
         return score(predicted, np.array([s.outputs[output.id] for s in held_out]))
 
     def spread(self, output: Output) -> float:
@@ -201,27 +200,36 @@ class Emulator:
             k = self.box.names.index(self.group.reference)
             s = np.linspace(0.0, 1.0, 33)[:, None] * np.ones(self.box.d)
             s = self.box.from_unit(s)[:, k] / self.group.reference_value
-            own = self._reduced({n: np.array([v.values[n] for v in self.samples]) for n in self.box.names})[0]
+            own = self._of_samples(self.samples)[0]
             f = f / self.group.expand(output.channel, np.ones(len(f)), own)
             scale = self.group.expand(output.channel, np.ones(len(s)), s)
         width = np.sqrt(12.0) * float(np.std(np.outer(scale, f))) / float(np.sqrt(np.mean(scale**2)))
         return max(width, ROUNDING_SPREAD_SHARE * float(np.abs(f).max()), 1e-300)
 
     def _reduce(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        theta = self.box.from_unit(np.asarray(X, float)).T
-        return self._reduced(dict(zip(self.box.names, theta, strict=True)))
+        return self._reduced(self.box.from_unit(np.asarray(X, float)))
 
-    def _reduced(self, theta: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Scales s (n,) and points (n, d') of the reduced unit cube from physical values (n,) by name."""
-        group = self.group
-        n = len(next(iter(theta.values())))
-        s = np.ones(n) if group.reference is None else theta[group.reference] / group.reference_value
+    def _reduced(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scales s (n,) and points (n, d') of the reduced unit cube from physical values (n, d)."""
+        reference, kept, powers = self._columns
+        s = np.ones(len(theta)) if reference is None else theta[:, reference] / self.group.reference_value
         if self.reduced is None:
-            return s, np.empty((n, 0))
-        powers = [-group.exponents.get(k, 0) for k in self.reduced.names]
-        each = [theta[k] * s**e if e else theta[k] for k, e in zip(self.reduced.names, powers, strict=True)]
-        physical = np.stack(each, axis=1)
+            return s, np.empty((len(theta), 0))
+        physical = theta[:, kept] * s[:, None] ** powers if powers.any() else theta[:, kept]
         return s, np.clip(self.reduced.to_unit(physical), 0.0, 1.0)
+
+    @cached_property
+    def _columns(self) -> tuple[int | None, np.ndarray, np.ndarray]:
+        """Column of the modulus that is scaled out or None, and those (d',) of the others with their powers of it."""
+        names, reference = self.box.names, self.group.reference
+        kept = () if self.reduced is None else self.reduced.names
+        powers = np.array([-self.group.exponents.get(k, 0) if reference is not None else 0 for k in kept], float)
+        column = None if reference is None else names.index(reference)
+        return column, np.array([names.index(k) for k in kept], int), powers
+
+    def _of_samples(self, samples: Sequence[Sample]) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the values of some runs."""
+        return self._reduced(np.array([[s.values[n] for n in self.box.names] for s in samples], float))
 
     def _predict(self, output: Output, s: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.reduced is None:
@@ -387,8 +395,7 @@ def _stacked(
 
 def _points(emulator: Emulator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Scales s (n,), reduced points (n, d') and places of the samples; equal points count once."""
-    theta = {n: np.array([s.values[n] for s in emulator.samples]) for n in emulator.box.names}
-    s, X = emulator._reduced(theta)
+    s, X = emulator._of_samples(emulator.samples)
     _, first = np.unique(np.round(X, 9), axis=0, return_index=True)
     first = np.sort(first)
     return s[first], X[first], first

@@ -10,11 +10,14 @@ from rso.inference.gauss_newton import GaussNewtonFit, Iterate, on_runs
 from rso.inference.identifiability import (
     Determination,
     Known,
+    Profiled,
     Runs,
     chi2_p_value,
     compare_weightings,
+    determination_of,
     determine,
     lenient,
+    profiled,
 )
 from rso.inference.intervals import (
     Interval,
@@ -68,6 +71,7 @@ __all__ = [
     "Model",
     "ModelErrors",
     "ProfileInterval",
+    "Profiled",
     "Runs",
     "TangentFrame",
     "Verdict",
@@ -78,6 +82,7 @@ __all__ = [
     "curve_score",
     "curves_as_fitted",
     "derived_interval",
+    "determination_of",
     "determine",
     "directions",
     "downhill",
@@ -99,6 +104,7 @@ __all__ = [
     "on_runs",
     "outputs_of",
     "profile_likelihood",
+    "profiled",
     "quantiles",
     "readings_of",
     "resample",

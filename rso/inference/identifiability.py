@@ -131,6 +131,28 @@ class Runs:
     curves: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Profiled:
+    """What a misfit says without draws: its minima, how much wider its errors are, and a profile of each parameter.
+
+    `fit` is the best of the minima under the widened errors, `near_best` (with it) those that hold probability, `rise`
+    (m,) by how much χ² of each of the `runs` is above its own.
+    """
+
+    misfit: Misfit
+    minima: tuple[Fit, ...]
+    degrees: int
+    p_value: float | None
+    scale: float
+    wider: float
+    used: Misfit
+    fit: Fit
+    near_best: tuple[Fit, ...]
+    profiles: tuple[ProfileInterval, ...]
+    runs: Runs
+    rise: np.ndarray
+
+
 def determine(
     misfit: Misfit,
     *,
@@ -155,6 +177,20 @@ def determine(
     Intervals are measured against the `stated` ranges, where the misfit has wider ones.
     Source of the widening: Birge, Phys. Rev. 40 (1932) 207, eq. 9.
     """
+    found = profiled(misfit, seed=seed, near=near, level=level, runs=runs, rules=rules)
+    return determination_of(found, seed=seed, mcmc=mcmc, level=level, stated=stated, rules=rules)
+
+
+def profiled(
+    misfit: Misfit,
+    *,
+    seed: int,
+    near: np.ndarray | None = None,
+    level: float = CREDIBLE_LEVEL,
+    runs: Runs | None = None,
+    rules: IdentificationRules = RULES,
+) -> Profiled:
+    """The part of :func:`determine` that needs no draws."""
     box = misfit.model.box
     runs = runs or Runs(np.zeros((0, box.d)), np.zeros((0, misfit.n)))
     best = runs.X[np.argsort(_chi2(misfit, runs))[:N_RUNS_TO_START_FROM]]
@@ -168,32 +204,49 @@ def determine(
     profiles = [
         profile_likelihood(used, fit, k, _apart(used, fit, [*(m.x for m in minima[1:]), *near])) for k in range(box.d)
     ]
-    rise = _chi2(used, runs) - fit.chi2
     near_best = [fit, *(fit_at(used, m.x) for m in minima[1:4])]
     near_best = [m for m in near_best if m.chi2 < fit.chi2 + NEGLIGIBLE_MINIMUM_CHI2]
-    draws = sample_posterior(used, near_best, seed=seed, along=_along(profiles)) if mcmc else None
+    rise = _chi2(used, runs) - fit.chi2
+    parts = (tuple(minima), ν, p, scale, wider, used, fit, tuple(near_best), tuple(profiles))
+    return Profiled(misfit, *parts, runs, rise)
+
+
+def determination_of(
+    found: Profiled,
+    *,
+    seed: int,
+    mcmc: bool,
+    level: float = CREDIBLE_LEVEL,
+    stated: Box | None = None,
+    rules: IdentificationRules = RULES,
+) -> Determination:
+    """The rest of :func:`determine`: intervals and verdicts, with draws of the posterior where `mcmc`."""
+    misfit, used, fit, profiles, runs = found.misfit, found.used, found.fit, found.profiles, found.runs
+    box = misfit.model.box
+    draws = sample_posterior(used, list(found.near_best), seed=seed, along=_along(profiles)) if mcmc else None
     near_by = laplace(fit, level, seed)
     drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
     sd = standard_deviations(fit.fisher) / per_log(box, fit.x)
-    known, refuting, missed = [], set[int](), scale if misfit.weighting == "noise" else 1.0
+    known, refuting, missed = [], set[int](), found.scale if misfit.weighting == "noise" else 1.0
     for k, name in enumerate(box.names):
-        out = runs_outside_interval(profiles[k], runs.X[:, k], rise, level)
+        out = runs_outside_interval(profiles[k], runs.X[:, k], found.rise, level)
         refuting |= set(out)
-        seen = profiles[k].with_runs(runs.X, rise)
+        seen = profiles[k].with_runs(runs.X, found.rise)
         one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated, rules)
         known.append(refuted(one, len(out)) if out else one)
+    first = found.minima[0]
     return Determination(
         misfit,
         first,
-        tuple(minima[1:]),
-        ν,
-        p,
-        scale,
+        found.minima[1:],
+        found.degrees,
+        found.p_value,
+        found.scale,
         tuple(known),
         along.directions(box, fit.x, fit.fisher),
         draws,
-        _story(misfit, first, ν, p, scale),
-        wider,
+        _story(misfit, first, found.degrees, found.p_value, found.scale),
+        found.wider,
         tuple(sorted(refuting)),
     )
 

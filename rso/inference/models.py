@@ -82,7 +82,10 @@ def emulated_together(emulator: Emulator, places: Sequence[CurvePlace]) -> Model
     outputs, ends = [o for mine, _ in each for o in mine], np.cumsum([len(mine) for mine, _ in each])
 
     def predict(X: np.ndarray) -> np.ndarray:
-        parts = np.split(emulator.means(outputs, np.asarray(X, float)), ends[:-1], axis=1)
+        whole = emulator.means(outputs, np.asarray(X, float))
+        if len(each) == 1:
+            return whole @ each[0][1].T
+        parts = np.split(whole, ends[:-1], axis=1)
         return np.concatenate([part @ R.T for part, (_, R) in zip(parts, each, strict=True)], axis=1)
 
     return Model(emulator.box, predict)
