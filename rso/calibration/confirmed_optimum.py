@@ -51,7 +51,7 @@ from rso.inference import (
     determination_of,
     emulated,
     emulated_together,
-    profiled,
+    profiles_around,
     resample,
     spread_of,
     with_autocorrelation,
@@ -87,7 +87,7 @@ class ConfirmedFit:
 
     def with_profiles(self, plan: Plan, runs: Runs) -> Profiled:
         """What the curves say, finished runs heard, without draws."""
-        return profiled(self.misfit, seed=plan.seed, near=self.near, runs=runs)
+        return profiles_around(self.misfit, seed=plan.seed, near=self.near, runs=runs)
 
 
 @dataclass(frozen=True, eq=False)

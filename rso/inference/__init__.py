@@ -17,7 +17,7 @@ from rso.inference.identifiability import (
     determination_of,
     determine,
     lenient,
-    profiled,
+    profiles_around,
 )
 from rso.inference.intervals import (
     Interval,
@@ -104,7 +104,7 @@ __all__ = [
     "on_runs",
     "outputs_of",
     "profile_likelihood",
-    "profiled",
+    "profiles_around",
     "quantiles",
     "readings_of",
     "resample",

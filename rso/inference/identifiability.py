@@ -177,11 +177,11 @@ def determine(
     Intervals are measured against the `stated` ranges, where the misfit has wider ones.
     Source of the widening: Birge, Phys. Rev. 40 (1932) 207, eq. 9.
     """
-    found = profiled(misfit, seed=seed, near=near, level=level, runs=runs, rules=rules)
+    found = profiles_around(misfit, seed=seed, near=near, level=level, runs=runs, rules=rules)
     return determination_of(found, seed=seed, mcmc=mcmc, level=level, stated=stated, rules=rules)
 
 
-def profiled(
+def profiles_around(
     misfit: Misfit,
     *,
     seed: int,
