@@ -17,7 +17,7 @@ from rso.calibration.range_ends import RangeEnd, Stated, end_limit, moved_to, or
 from rso.calibration.search_stage import Proposal, propose
 from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, outputs_sample
 from rso.core.units import spaced
-from rso.emulation.emulator import Emulator, reduced_box
+from rso.emulation.emulator import Emulator, reduced_box, relearn
 from rso.evaluation import Done, why
 from rso.study.resolve import Axis
 
@@ -259,7 +259,7 @@ def _grown(
     new = [outputs_sample(plan, r.values, r.outcomes) for r in first if r.done]
     if count and not new:
         return grown, replace(fitted, added=(*fitted.added, *first)), first
-    emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.evaluator.each)
+    emulator = relearn(replace(old, box=plan.box, reduced=reduced), [], seed=plan.seed)  # of the kinds that they are
     scores = dict(fitted.held_out)
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}

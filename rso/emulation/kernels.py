@@ -61,8 +61,8 @@ def kernel_matrix(
     if not (left or right):
         return kernel_derivatives(kernel, cdist(X / lengths, Y / lengths, "sqeuclidean"), 0)[0]
     D = scaled_differences(X, Y, lengths)
-    g, g1, g2 = kernel_derivatives(kernel, np.sum(D**2, axis=0), 2)
     d, n, m = D.shape
+    g, g1, g2 = kernel_derivatives(kernel, D[0] ** 2 if d == 1 else np.sum(D**2, axis=0), 2)
     rows, columns = 1 + d * left, 1 + d * right
     K = np.empty((rows, n, columns, m))
     K[0, :, 0] = g
@@ -95,22 +95,26 @@ def length_slopes(kernel: str, X: np.ndarray, lengths: np.ndarray, W: np.ndarray
     D = scaled_differences(X, X, lengths)
     d, n, _ = D.shape
     D2 = D**2
-    _, g1, g2, g3 = kernel_derivatives(kernel, np.sum(D2, axis=0))
-    V = W.reshape(1 + d, n, 1 + d, n)
-    out = -2 * np.tensordot(D2, V[0, :, 0] * g1, axes=2)
+    _, g1, g2, g3 = kernel_derivatives(kernel, D2[0] if d == 1 else np.sum(D2, axis=0))
+    V, rows = W.reshape(1 + d, n, 1 + d, n), D2.reshape(d, -1)
+
+    def along(w: np.ndarray) -> np.ndarray:  # as np.tensordot over both points, whose checks outweigh so small sums
+        return rows @ w.ravel()
+
+    out = -2 * along(V[0, :, 0] * g1)
     for j in range(d):
         # Value with slope, counted twice for the two orders: K = −2 g′ Δ_j/ℓ_j.
         w = 2 * V[0, :, 1 + j] / lengths[j]
-        out += 4 * np.tensordot(D2, w * g2 * D[j], axes=2)
-        out[j] += 4 * np.sum(w * g1 * D[j])
+        out += 4 * along(w * g2 * D[j])
+        out[j] += 4 * ((w * g1).ravel() @ D[j].ravel())
         for i in range(d):
             w = V[1 + i, :, 1 + j] / (lengths[i] * lengths[j])
             both, wg2 = D[i] * D[j], w * g2
-            out += 8 * np.tensordot(D2, w * g3 * both, axes=2)
-            once = 8 * np.sum(wg2 * both)
+            out += 8 * along(w * g3 * both)
+            once = 8 * (wg2.ravel() @ both.ravel())
             out[i] += once
             out[j] += once
             if i == j:
-                out += 4 * np.tensordot(D2, wg2, axes=2)
-                out[i] += 4 * np.sum(w * g1)
+                out += 4 * along(wg2)
+                out[i] += 4 * (w.ravel() @ g1.ravel())
     return out

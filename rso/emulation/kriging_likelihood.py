@@ -93,7 +93,10 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
     else:
         s = (lengths**-2.0 @ data.squares.reshape(d, -1)).reshape(data.squares.shape[1:])
         R, slope = kernel_derivatives(kernel, s, 1)
-    K = c * R + np.diag((share * data.noise) ** 2) if noisy else R
+    K = R
+    if noisy:
+        K = c * R
+        K.flat[:: len(K) + 1] += (share * data.noise) ** 2
     N, q = data.A.shape
     try:
         L = cholesky_factor(K)
@@ -106,9 +109,11 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
     logdet = np.log(L.diagonal()).sum() + np.log(np.abs(T.diagonal())).sum()
     V = lapack.dtrtrs(L, np.column_stack([Q, r]), lower=1, trans=1)[0]
     V, a = V[:, :-1], V[:, -1]
-    P = lapack.dpotri(L, lower=1)[0]
-    P = P + np.tril(P, -1).T - V @ V.T
-    square = np.outer(a, a)
+    P = lapack.dpotri(L, lower=1)[0]  # its lower half; the upper one is zero, as that of L is
+    diagonal = P.diagonal().copy()
+    P = P + P.T - V @ V.T
+    P.flat[:: N + 1] -= diagonal
+    square = a[:, None] * a
     if noisy:
         value, W = logdet + 0.5 * fit, square - P
     else:
@@ -118,15 +123,17 @@ def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) 
         if beyond > 0:
             value, W = value + beyond**2, W + 4 * beyond / fit * square
     if data.slopes:
-        full = np.zeros((len(data.keep),) * 2)
-        full[np.ix_(data.keep, data.keep)] = W
+        full = W
+        if len(W) < len(data.keep):
+            full = np.zeros((len(data.keep),) * 2)
+            full[np.ix_(data.keep, data.keep)] = W
         gradient = [-0.5 * c * length_slopes(kernel, data.X, lengths, full)]
     else:
         gradient = [c * lengths**-2.0 * (data.squares.reshape(d, -1) @ (W * slope).ravel())]
     if noisy:
-        gradient.append(np.array([-0.5 * c * np.sum(W * R)]))
+        gradient.append(np.array([-0.5 * c * (W.ravel() @ R.ravel())]))
     if free_share:
-        gradient.append(np.array([-np.sum(np.diag(W) * (share * data.noise) ** 2)]))
+        gradient.append(np.array([-(W.diagonal() @ (share * data.noise) ** 2)]))
     return float(value), np.concatenate(gradient)
 
 

@@ -216,7 +216,7 @@ def _best_kriging(
         found = _kriging(data.rows(few), o, share, seed, restarts=restarts)
         return found if len(few) == n else _kriging(data, o, share, seed, start=found)
 
-    tried = _tame([_kriging(first.rows(few), o, share, seed, restarts=1) for o in options], data.y)
+    tried = _tame([_kriging(first.rows(few), o, share, seed, restarts=int(d > 1)) for o in options], data.y)
     tried = sorted(tried, key=lambda m: m.cv.rmse)
     if len(few) < n:
         tried = _tame([_kriging(first, _option(m), share, seed, start=m) for m in tried[: 1 + N_RIVAL_MODELS]], data.y)
