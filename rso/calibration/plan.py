@@ -50,7 +50,17 @@ from rso.study.cases import (
 from rso.study.creep import Creeps, creep_case, loading_experiment, said_of, with_creep
 from rso.study.dimensions import dimensions_of_all
 from rso.study.errors import Problem, study_error
-from rso.study.holds import followed, hold_in, middle, of_unused, of_used, place_of_target, unseen, value_at_rest
+from rso.study.holds import (
+    followed,
+    hold_in,
+    middle,
+    of_loop,
+    of_unused,
+    of_used,
+    place_of_target,
+    unseen,
+    value_at_rest,
+)
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import ConstraintTable as ConstraintTable
@@ -129,7 +139,9 @@ class Plan:
             return [
                 f"Depth over time while {quantity_text(hold.force, 'N')} are held, behind the loading of {loading!r}."
             ]
-        return remarks(self.study, name, self.of_hold(name, inline))
+        held = not isinstance(self.found.get(name, ""), str)
+        loop = [] if held else of_loop(self.study, self.backend, middle(self.resolved), name, inline)
+        return [*remarks(self.study, name, self.of_hold(name, inline)), *loop]
 
     def of_relaxation(self) -> list[str]:
         """What there is to say of relaxation times that no record can show."""

@@ -7,6 +7,7 @@ import numpy as np
 from rso.data.files.reading import Measurement, Repeat
 
 MIN_DWELL_SHARE = 0.05  # of the time of loading: a shorter rest before the way back is none
+MAX_TURN_GAP_SHARE = 0.1  # of the deepest travel: an unloading that begins below that is not of the whole loop
 N_UNLOADING_LEGS = 7  # of a way back, whose median tells its speed
 # by which the speed of the way back may differ from that of the way there and count as the same
 SAME_SPEED_TOLERANCE_LN = 0.15
@@ -58,3 +59,23 @@ def unloading_pace(r: Repeat, speed: float) -> float:
         return 1.0
     pace = (high - low) / N_UNLOADING_LEGS / leg / speed
     return 1.0 if abs(np.log(pace)) < SAME_SPEED_TOLERANCE_LN else float(f"{pace:.3g}")
+
+
+def lost_work(m: Measurement) -> float | None:
+    """Share of the work of loading that unloading does not give back, 1 − ∫F du (back)/∫F du (there).
+
+    The median over repeats; None where one of them has no loading or no unloading from its deepest point on.
+    """
+    shares = []
+    for r in m.repeats if "Fz" in m.channels else ():
+        there, back = (np.nonzero((r.segment == s) & (r.depth >= 0.0))[0] for s in ("loading", "unloading"))
+        if min(len(there), len(back)) < 3 or r.depth[back].max() < (1.0 - MAX_TURN_GAP_SHARE) * r.depth.max():
+            return None
+        works = []
+        for rows in (there, back):
+            at = rows[np.argsort(r.depth[rows], kind="stable")]
+            works.append(float(np.trapezoid(r.channels["Fz"][at], r.depth[at])))
+        if not works[0] > 0.0:
+            return None
+        shares.append(1.0 - works[1] / works[0])
+    return float(np.median(shares)) if shares else None

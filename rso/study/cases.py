@@ -283,8 +283,8 @@ def other_branch(study: Study, name: str) -> str | None:
 
 def of_one_record(study: Study, e: ExperimentTable, other: ExperimentTable) -> bool:
     """Whether two experiments compare the two branches of one record."""
-    same = (e.data, e.kind, study.settings_of(e.name)) == (other.data, other.kind, study.settings_of(other.name))
-    return same and e.branch != other.branch
+    settings = [{k: v for k, v in study.settings_of(x.name).items() if k != "unload"} for x in (e, other)]
+    return (e.data, e.kind) == (other.data, other.kind) and e.branch != other.branch and settings[0] == settings[1]
 
 
 def programme_of(asked: tuple[float, ...], speed: float, hold: Hold | None = None) -> Programme:

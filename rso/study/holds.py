@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Backend, Case, Parameter, Relaxation, capability
-from rso.data import CreepHold, Hold, MeasuredCurve, hold_of
+from rso.data import CreepHold, Hold, MeasuredCurve, hold_of, recorded_speed
+from rso.data.loading_rate import lost_work
 from rso.study.cases import case_for, other_branch, speed_of
 from rso.study.errors import Problem, study_error
 from rso.study.resolve import Resolved
@@ -20,6 +21,8 @@ MAX_RELAXATION_TIME_RATIO = 3.0  # times as long as the hold: a relaxation time 
 MIN_RELAXATION_TIME_RATIO = 0.5  # of the first moment of a hold: a relaxation time below is over by then
 MAX_LAST_MOMENT_RATIO = 1.1  # times the length of a hold up to which its last moment is meant
 DIFFERENT_SPEED_RATIO = 1.5  # ratio of speeds that are different ones
+MIN_LOST_WORK_SHARE = 0.02  # of the work of loading: less is hardly told from noise and from play of the drive
+LOOP_RELAXATION_TIME_RATIOS = 0.05, 10.0  # times as long as loading and unloading: relaxation times that a loop shows
 MIN_TIME_RANGE_RATIO = 10.0  # ratio of the ends of a range of times, at least where plausible times leave none
 
 
@@ -122,12 +125,37 @@ def of_unused(backend: Backend, hold: Hold, inline: bool = False) -> list[str]:
     pair = relaxation_knobs(backend)
     if pair is None:
         return [*said, f"The backend {backend.name!r} has no relaxation that would fit the hold."]
-    found = hold_ranges(pair, hold)
-    lines = [
-        f"{p.name} = {{ low = {found[p.name][0]:g}, high = {found[p.name][1]:g}{log} }}"
+    lines = _opening(pair, hold_ranges(pair, hold))
+    opens = "To fit the hold too, add below [parameters]:"
+    return [*said, f"{opens} {' and '.join(lines)}."] if inline else [*said, opens, *(f"  {line}" for line in lines)]
+
+
+def _opening(pair: tuple[Parameter, Parameter], ranges: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Lines of [parameters] that open a share and a time."""
+    return [
+        f"{p.name} = {{ low = {ranges[p.name][0]:g}, high = {ranges[p.name][1]:g}{log} }}"
         for p, log in zip(pair, ("", ', scale = "log"'), strict=True)
     ]
-    opens = "To fit the hold too, add below [parameters]:"
+
+
+def of_loop(study: Study, backend: Backend, values: Mapping[str, float], name: str, inline: bool = False) -> list[str]:
+    """What is said of a record whose unloading gives less work back than loading took, and what would fit that."""
+    m, e = study.measurement(name), study.experiment(name)
+    share = None if m.kind != "force" or e.branch == "unloading" or other_branch(study, name) else lost_work(m)
+    if share is None or share < MIN_LOST_WORK_SHARE:
+        return []
+    work = f"Unloading gives back {100.0 * (1.0 - share):.0f} % of the work of loading."
+    said = [f"{work} If the body relaxes, moduli are those of its rate."]
+    pair, speed = relaxation_knobs(backend), recorded_speed(m)
+    deepest = max(float(r.depth.max()) for r in m.repeats)
+    if pair is None or speed is None or relaxes(backend, values, case_for(study, name, (deepest,))):
+        return said
+    share_knob, time = pair
+    assert share_knob.plausible is not None
+    lasts = 2.0 * deepest / speed
+    ends = tuple(float(f"{ratio * lasts:.2g}") for ratio in LOOP_RELAXATION_TIME_RATIOS)
+    lines = _opening(pair, {share_knob.name: share_knob.plausible, time.name: (ends[0], ends[1])})
+    opens = "To fit both branches, add below [parameters]:"
     return [*said, f"{opens} {' and '.join(lines)}."] if inline else [*said, opens, *(f"  {line}" for line in lines)]
 
 

@@ -180,27 +180,29 @@ def _check_once(
             f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
             f"data ({files})"
         )
-        branches = e.branch != other.branch
+        branches, alike = e.branch != other.branch, _settings(raw, e) == _settings(raw, other)
         if e.role == "validate" and other.role != "validate":
             why = ": what was used before validates nothing"
             if branches:
                 why = ': its loading and unloading share contact and gain. Fit both, each with role = "fit"'
-        elif k < n and other.role != "validate" and _settings(raw, e) == _settings(raw, other):
-            if branches and (e.data, e.kind) == (other.data, other.kind):
+        elif k < n and other.role != "validate" and branches:
+            if (e.data, e.kind) == (other.data, other.kind) and alike:
                 continue  # one record, whose errors the two branches share
+            what = "settings" if e.data == other.data else "data"
+            why = f": state the same {what} in both, so that its loading and unloading share contact and gain"
+        elif k < n and other.role != "validate" and alike:
             why = " of one test: a repeat counts once"
-            if branches:
-                why = ": state the same data in both, so that its loading and unloading share contact and gain"
         else:
             continue
         yield Problem(("experiments", n, "data"), text + why, e.files)
 
 
 def _settings(raw: dict[str, Any], e: ExperimentTable) -> dict[str, Any]:
-    """Settings of an experiment: its own replace those of the backend."""
+    """Settings of an experiment: its own replace those of the backend; that its file has an unloading is none."""
     backend = raw.get("backend")
     shared = backend.get("settings") if isinstance(backend, dict) else None
-    return {**(shared if isinstance(shared, dict) else {}), **e.settings}
+    own = {**(shared if isinstance(shared, dict) else {}), **e.settings}
+    return {name: value for name, value in own.items() if name != "unload"}
 
 
 def _on_circles(after: Mapping[str, Sequence[str]]) -> set[str]:

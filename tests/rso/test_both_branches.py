@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import sample_studies as studies
@@ -10,7 +12,8 @@ import ting_backend
 from rso.calibration.confirmed_optimum import fitted_readings
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
-from rso.data.loading_rate import dwell_time, unloading_pace
+from rso.data import Measurement, Repeat
+from rso.data.loading_rate import dwell_time, lost_work, unloading_pace
 from rso.evaluation.store import RunStore
 from rso.inference.likelihood import split_common_errors
 from rso.next_experiment import experiments, study_design
@@ -120,3 +123,26 @@ def test_the_next_test_knows_the_unloading(folder):
     depth = np.array([u for u, _ in study_design._read_of(item, block.places[0])])
     assert len(depth) >= 8 and np.all(np.diff(depth) > 0.0)
     assert depth[0] <= block.depth.min() and depth[-1] >= block.depth.max()
+
+
+@pytest.mark.parametrize(("back", "lost"), [(1.5, 0.0), (2.5, 1.0 - 2.5 / 3.5), (4.0, 0.5)])
+def test_the_work_that_is_lost_is_that_of_power_laws(back, lost):
+    """∫ u^p du = 1/(p + 1): there u^{3/2}, back u^p to the same force."""
+    u = np.linspace(0.0, 1.0, 400)
+    depth, force = np.concatenate([u, u[::-1]]), np.concatenate([u**1.5, u[::-1] ** back])
+    segment = np.array(["loading"] * 400 + ["unloading"] * 400)
+    m = Measurement(Path("x.csv"), "force", (Repeat("1", depth, None, {"Fz": force}, {}, segment),), ())
+    assert lost_work(m) == pytest.approx(lost, abs=1e-4)
+    cut = np.r_[:400, 480:800]  # an unloading that begins at 0.8 of the depth is no whole loop
+    r = Repeat("1", depth[cut], None, {"Fz": force[cut]}, {}, segment[cut])
+    assert lost_work(Measurement(Path("x.csv"), "force", (r,), ())) is None
+
+
+def test_a_loop_that_is_not_fitted_is_said(folder):
+    head, _, rest = BOTH.partition('[[experiments]]\nname = "back"')
+    (folder / "study.toml").write_text(head + rest[rest.index("[search]") :])
+    plan = make_plan(load_study(folder / "study.toml"))
+    assert any("of the work of loading" in words for words in plan.remarks("there"))
+    (folder / "study.toml").write_text(BOTH)
+    plan = make_plan(load_study(folder / "study.toml"))
+    assert not any("of the work of loading" in words for words in (*plan.remarks("there"), *plan.remarks("back")))
