@@ -76,7 +76,7 @@ def _dofs(cells: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 def displacement_gradients(body: Body, u: np.ndarray) -> np.ndarray:
     """H = ∂u/∂X at the quadrature points, (m, q, 3, 3), from nodal displacements u (n, 3)."""
-    return _displacement_gradients(body.cells, body.G, u)
+    return _displacement_gradients(body.cells, body.G, np.ascontiguousarray(u))
 
 
 @compiled()

@@ -231,7 +231,7 @@ def _fractions(
     for cells in np.array_split(np.nonzero(near)[0], max(1, int(near.sum()) // 500)):
         phi = level(cells, lattice)
         # the plane through the corners misses a curved φ: its mean error over a piece is 4/5 of that at the middle
-        bend = 0.8 * (phi[:, pieces].mean(-1) - level(cells, middles))
+        bend = np.ascontiguousarray(0.8 * (phi[:, pieces].mean(-1) - level(cells, middles)))
         moments, whole = _moments(
             body.nodes[body.cells[cells]], phi, bend, lattice, pieces, quadratic_shape_functions(middles)[1]
         )

@@ -523,7 +523,8 @@ def glue(seed: int = 0):
     nodes = np.column_stack([flat, np.zeros(9)])
     weights = np.full((2, len(N)), 0.5 / len(N))
     place = np.array(
-        [[[27 * (3 * a + i) + 3 * b + j for b in f for j in range(3)] for a in f for i in range(3)] for f in facets]
+        [[[27 * (3 * a + i) + 3 * b + j for b in f for j in range(3)] for a in f for i in range(3)] for f in facets],
+        np.int32,  # as patterns have them: another type would be compiled anew
     )
     surface = tractions.ContactSurface(facets, N, weights, place, np.zeros((2, len(N), 3)))
     points = tractions.contact_points(surface, nodes)
