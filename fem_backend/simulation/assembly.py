@@ -395,8 +395,8 @@ def system(
     follows = held is None and knobs.friction == 0.0
     scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
     epsilon = penalty(placement, body, surface, mu, not follows or knobs.permeability > 0.0)
-    if scale is not None and meshing.is_grid(settings.recipe) and not placement.meridian:
-        epsilon = epsilon * firmness(placement, body, surface, scale)
+    if meshing.is_grid(settings.recipe) and not placement.meridian:
+        epsilon = epsilon * firmness(placement, body, surface, stuff, scale)
     if held is not None:  # a layer between two that hold it is as stiff as K
         epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULK_GLUE_RATIO * mu))
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
@@ -439,16 +439,26 @@ def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float
     return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
 
 
-def firmness(placement: Placement, body: Body, surface: ContactSurface, scale: np.ndarray) -> float:
-    """How many times as stiff as the core the elements are that are touched first, at least 1; `scale` (m, q).
+def firmness(
+    placement: Placement, body: Body, surface: ContactSurface, stuff: Substance, scale: np.ndarray | None
+) -> float:
+    """How many times as stiff as the core the elements are that are touched first, at least 1.
+
+    `scale` (m, q) is the factor of layers and skin, see `stiffening`; layers of their own law have their own modulus.
 
     A ball on a layer 40 times as stiff as what is below it went through a third of its travel into a surface whose
     penalty was that of the core: one augmentation does not take that away.
     """
+    if scale is None and not isinstance(stuff, Regions):
+        return 1.0
     corners = surface.facets[:, :3]
     first = np.argmin(np.linalg.norm(body.nodes[corners].mean(1) - placement.contact, axis=1))
     touched = np.isin(body.cells, corners[first]).any(1)
-    return max(float(scale[touched].mean()), 1.0)
+    times = np.ones(int(touched.sum())) if scale is None else scale[touched].mean(1)
+    if isinstance(stuff, Regions):
+        moduli = np.array([m.shear_modulus for m in stuff.materials])
+        times = times * moduli[stuff.of[touched]] / stuff.shear_modulus
+    return max(float(times.mean()), 1.0)
 
 
 def contact_pairs(

@@ -160,10 +160,20 @@ def test_only_a_grid_of_a_small_contact_says_how_wide_that_is(monkeypatch, depth
     assert {np.isfinite(w) for w in widths} == {known}
 
 
-@pytest.mark.parametrize("top,firm", [({"layer_ratio": 40.0}, 40.0), ({"layer_ratio": 0.1}, 1.0)])
-def test_a_ball_does_not_go_through_a_stiff_layer(top, firm):
+OWN = {"thickness": 0.3, "material": {"law": "yeoh"}}
+
+
+@pytest.mark.parametrize(
+    "top,layer,firm",
+    [
+        ({"layer_ratio": 40.0}, {}, 40.0),
+        ({"layer_ratio": 0.1}, {}, 1.0),
+        ({"layer_mu": 0.3, "layer_D1": 1.0}, OWN, 30.0),
+    ],
+)
+def test_a_ball_does_not_go_through_a_stiff_layer(top, layer, firm):
     """Its lowest point touches: the surface moves as far as it does; a third of that was missing under 40."""
-    block = {"shape": "block", "size": [2.0, 2.0, 1.5], "layers": [{"thickness": 0.3, "ratio": 1.0}]}
+    block = {"shape": "block", "size": [2.0, 2.0, 1.5], "layers": [layer or {"thickness": 0.3, "ratio": 1.0}]}
     settings = {"specimen": block, "indenter": {"shape": "sphere", "radius": 2.0}, "derivatives": False, **LIGHT}
     case = Case("ball", Programme.ramp((0.02,), 1.0), settings)
     solved = BACKEND.solve(*BACKEND.canonical({"mu": MU, "D1": 2.0 / K, **top}, case))
