@@ -2,6 +2,7 @@
 
     --draws N       random experiments that calibration.toml is fitted to (40)
     --fresh N       others, kept back (20)
+    --effects N     blocks with fibres, an inclusion, a cavity, what relaxes or softens, in turn (0)
     --dear N        of each, the first N runs also on the levels fine and reference, where they have a meridian (0)
     --out FILE      keeps the runs: a second call only prints
 
@@ -41,7 +42,7 @@ from fem_backend.solver.newton import Counters
 from rso.contract import Case, Programme, SimulationFailed
 
 R = 3.0
-FIT, FRESH = 1, 2  # seeds
+FIT, FRESH, EFFECTS = 1, 2, 3  # seeds
 LEVELS = ("coarse", "standard")
 TWIN, MIDDLE, BESIDE, TILTED = "twin", "middle", "beside", "tilted"
 WHAT = (TWIN, MIDDLE, TWIN, BESIDE, TWIN, MIDDLE, TWIN, TILTED, TWIN, MIDDLE)  # of the experiments one after the other
@@ -90,11 +91,28 @@ def support(rng: np.random.Generator, rubs: bool) -> dict[str, Any]:
     return found[rng.integers(4 if rubs else 3)]
 
 
+def kind_of(seed: int, k: int) -> str:
+    """What kind of experiment number k is."""
+    return MIDDLE if seed == EFFECTS else WHAT[k % len(WHAT)]
+
+
+def effect(rng: np.random.Generator, k: int, mu: float, H: float) -> dict[str, float]:
+    """Knobs of what the other experiments leave out, on a body of a height (mm)."""
+    found: list[dict[str, float]] = [
+        {"fibre": mu * rng.uniform(0.1, 1.0)},
+        {"inclusion_ratio": log(rng, 0.2, 10.0), "inclusion_radius": 0.3 * H, "inclusion_depth": 0.5 * H},
+        {"cavity": rng.uniform(0.5, 1.0)},
+        {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(rng, 0.3, 60.0)},
+        {"mullins": rng.uniform(0.05, 0.5)},
+    ]
+    return {name: float(v) for name, v in found[k % len(found)].items()}
+
+
 def draw(seed: int, k: int) -> Draw:
     """Experiment number k; half models, which cost ten times as much, are less thick and not hardly pressed."""
     rng = np.random.default_rng([20261128, seed, k])
     values, law = material(rng)
-    what, point, body = WHAT[k % len(WHAT)], [0.0, 0.0], {}
+    what, point, body = kind_of(seed, k), [0.0, 0.0], {}
     half = what in (BESIDE, TILTED)
     H = R * log(rng, 0.7, 3.0 if half else 6.0)
     depth = R * (log(rng, 0.03 if half else 0.002, 0.3) if rng.random() < 0.5 else rng.uniform(0.1, 1.3))
@@ -126,6 +144,8 @@ def draw(seed: int, k: int) -> Draw:
     if rng.random() < 0.2:
         values["skin_ratio"] = log(rng, 0.3, 5.0)
         values["skin_thickness"] = 0.45 * min(H, wide) * float(rng.uniform(0.1, 1.0))
+    if seed == EFFECTS:
+        values |= effect(rng, k, values["mu"], H)
     profile = []
     for low, high in ((0.0, a), (a, 3.0 * a), (3.0 * a, 8.0 * R)):
         r, t = rng.uniform(low, high), rng.uniform(0, np.pi / 2)
@@ -286,7 +306,7 @@ def needed(seed: int, count: int, dear: int) -> list[tuple[int, int, str]]:
         twin = draw(seed, k).twin
         more = ("fine", "reference")[: 1 + (k < dear)] if k < dear or not twin else ()
         keys += [(seed, k, level) for level in (*LEVELS, *(("meridian",) if twin else ()), *more)]
-    return sorted(keys, key=lambda key: WHAT[key[1] % len(WHAT)] in (BESIDE, TILTED))
+    return sorted(keys, key=lambda key: kind_of(*key[:2]) in (BESIDE, TILTED))
 
 
 def main() -> None:
@@ -294,6 +314,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--fresh", type=int, default=20)
+    parser.add_argument("--effects", type=int, default=0)
     parser.add_argument("--dear", type=int, default=0)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
@@ -302,7 +323,7 @@ def main() -> None:
         for line in options.out.read_text().splitlines():
             one = json.loads(line)
             runs[one["seed"], one["k"], one["level"]] = one
-    for seed, count in ((FIT, options.draws), (FRESH, options.fresh)):
+    for seed, count in ((FIT, options.draws), (FRESH, options.fresh), (EFFECTS, options.effects)):
         for key in needed(seed, count, options.dear):
             if key not in runs:
                 runs[key] = run(*key)
@@ -310,10 +331,10 @@ def main() -> None:
                 if options.out:
                     with options.out.open("a") as file:
                         file.write(json.dumps(runs[key]) + "\n")
-    first, fresh = (list(compared(runs, seed)) for seed in (FIT, FRESH))
+    first, fresh, other = (list(compared(runs, seed)) for seed in (FIT, FRESH, EFFECTS))
     if first:
         fit(first)
-    for words, every in (("fitted to", first), ("kept back", fresh)):
+    for words, every in (("fitted to", first), ("kept back", fresh), ("with other effects", other)):
         if every:
             print(f"\n{words}: {len({c.k for c in every})} experiments, {len(every)} runs")
             table(every)

@@ -51,6 +51,7 @@ class Calibration:
     shares: Mapping[str, tuple[float, ...]]
     level: Mapping[str, Level] = field(default_factory=dict)
     shallow: float | None = None
+    film: float = 0.0
     edge_by_level: bool = True
     only_in_space: bool = False
     inflated: float = 1.0
