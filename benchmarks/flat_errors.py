@@ -224,10 +224,10 @@ def compared(runs: Runs, seed: int) -> Iterator[Compared]:
             continue
         true = {}
         for name, v in found["channels"].items():
-            if name == "uz_max" and "tilt_y" not in one.values:  # the ball's lowest point touches
-                limit = np.array(found["channels"]["travel"])
-            elif best is not None:
+            if best is not None:
                 limit = np.array(best[name])
+            elif name == "uz_max" and not {"tilt_y", "skin_ratio"} & set(one.values):  # the ball's lowest point touches
+                limit = np.array(found["channels"]["travel"])
             else:
                 limit = of_no_size({lv: np.array(runs[s, k, lv]["channels"][name]) for lv in levels})
             true[name] = np.abs(np.array(v) - limit)
@@ -293,7 +293,7 @@ def table(every: Sequence[Compared]) -> None:
     for kind, rows in found.items():
         bound, true, size = (np.concatenate([r[i] for r in rows]) for i in (1, 2, 3))
         on = np.concatenate([np.full(len(r[1]), r[0]) for r in rows])
-        inside, ratio = bound >= true, np.median(bound / np.maximum(true, 1e-300))
+        inside, ratio = bound >= true, np.median(bound / np.maximum(true, 1e-6 * bound))
         shares = (100.0 * np.median(v / np.maximum(size, 1e-300)) for v in (true, bound))
         each = (100.0 * inside[on == level].mean() if (on == level).any() else np.nan for level in GRID_SIZE_FACTORS)
         numbers = (100.0 * inside.mean(), ratio, *shares, *each)

