@@ -15,7 +15,7 @@ import numpy as np
 
 from fem_backend import closed_forms, members, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
-from fem_backend.accuracy.calibration import uncalibrated
+from fem_backend.accuracy.calibration import calibration, uncalibrated
 from fem_backend.accuracy.error_estimate import at_depth, stated_errors
 from fem_backend.adapter import (
     cost_model,
@@ -156,9 +156,12 @@ class FiniteElements:
         """Travel (mm) by which elements under the indenter are so distorted that programs part company."""
         return priors.DISTORTED_TRAVEL_RATIO * experiment.read_settings(settings).indenter.length
 
-    def uncalibrated(self, settings: Mapping[str, Any]) -> str | None:
-        """What to know of the errors that runs with these settings state; None where they are calibrated."""
-        return uncalibrated(experiment.read_settings(settings))
+    def uncalibrated(self, settings: Mapping[str, Any], given: Collection[str] = ()) -> str | None:
+        """What to know of the errors that runs with these settings state; None where they are calibrated.
+
+        `given` are knobs that have a value.
+        """
+        return uncalibrated(experiment.read_settings(settings), "adhesion" in given)
 
     def odd_sizes(self, settings: Mapping[str, Any], depth: float, notes: Sequence[str]) -> Sequence[str]:
         """What does not fit between sizes, the deepest reading (mm) and the notes of its file."""
@@ -631,8 +634,11 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme, 
     outworn mesh that is kept was not in the errors (how deep a force leads is not known before); elements below a
     rounded tip were too long.  6: no later meshes were made below many edges.  7 and 8: errors were stated too small
     where contact just reaches a rounded edge.  9 and 10: elements did not follow a contact much smaller than a ball or
-    a tip, on a meridian and in grids of three dimensions.
+    a tip, on a meridian and in grids of three dimensions.  11: such grids had no errors of their own, and a penalty
+    that was too soft for a stiff layer or skin.
     """
+    if _stated_by_grids(settings, kept, run) or _stiffened_in_space(settings, kept):
+        return 11
     if _small_in_space(settings, kept, run):
         return 10
     finest = np.isfinite(settings.indenter.finest[1])
@@ -673,6 +679,22 @@ def _small_in_space(settings: Settings, kept: Mapping[str, float], programme: Pr
     if _meshed(settings, kept, programme).recipe == settings.recipe:
         return False
     return _placed(settings, kept, lambda at: not at.meridian)
+
+
+def _stated_by_grids(settings: Settings, kept: Mapping[str, float], programme: Programme) -> bool:
+    """Whether errors are those of a calibration that holds in space only."""
+    if not calibration(settings, bool(kept.get("adhesion"))).only_in_space:
+        return False
+    meshed = settings
+    if not programmes.controlled(programme):
+        meshed = experiment.for_travel(settings, _deepest(settings, kept, programme))
+    return not meshed.large_strain and _placed(settings, kept, lambda at: not at.meridian)
+
+
+def _stiffened_in_space(settings: Settings, kept: Mapping[str, float]) -> bool:
+    """Whether what is touched first may be stiffer than the core, on a grid of three dimensions."""
+    firm = settings.specimen.ratios or any(kept.get(n, 1.0) > 1.0 for n in ("skin_ratio", "inclusion_ratio"))
+    return bool(firm) and meshing.is_grid(settings.recipe) and _placed(settings, kept, lambda at: not at.meridian)
 
 
 def _from_zero(programme: Programme) -> Programme:

@@ -30,14 +30,17 @@ class Level:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Shares of a pair of specimen and indenter, as calibration.toml explains them; `inflated` multiplies errors."""
+    """Shares of specimens under an indenter, as calibration.toml explains them; `inflated` multiplies errors.
 
-    specimen: str
+    `only_in_space`: of grids in three dimensions alone, of what does not stick and with elements of small strain.
+    """
+
+    specimens: tuple[str, ...]
     indenter: str
     source: str
+    mean_edge: float
     off_top: float
     tiny: float
-    shallow: float
     penetration: float
     lumped: float
     layered: float
@@ -47,6 +50,10 @@ class Calibration:
     at_least: float
     shares: Mapping[str, tuple[float, ...]]
     level: Mapping[str, Level] = field(default_factory=dict)
+    shallow: float | None = None
+    film: float = 0.0
+    edge_by_level: bool = True
+    only_in_space: bool = False
     inflated: float = 1.0
 
     def at(self, level: str) -> Level:
@@ -57,31 +64,40 @@ class Calibration:
 @functools.cache
 def calibrated_pairs() -> Mapping[tuple[str, str], Calibration]:
     """(specimen, indenter) → its calibration, for all pairs of the table."""
-    found = {}
+    found: dict[tuple[str, str], Calibration] = {}
     for pair in tomllib.loads(CALIBRATION_TABLE.read_text(encoding="utf-8"))["pair"]:
+        specimens = tuple(pair.pop("specimens"))
         shares = {name: tuple(values) for name, values in pair.pop("shares").items()}
         levels = {name: Level(**values) for name, values in pair.pop("level").items()}
-        c = Calibration(**pair, shares=shares, level=levels)
-        found[c.specimen, c.indenter] = c
+        c = Calibration(**pair, specimens=specimens, shares=shares, level=levels)
+        found |= {(name, c.indenter): c for name in specimens}
     return found
 
 
-def calibration(settings: Settings) -> Calibration:
+def calibration(settings: Settings, apart: bool = False) -> Calibration:
     """The calibration of this pair; for one that nobody has fitted the first of the table.
 
-    Its errors are inflated by UNFITTED_ERROR_FACTOR.
+    Its errors are inflated by UNFITTED_ERROR_FACTOR.  `apart`: a run that sticks, is on its meridian or has elements of
+    large strain, which is not among those that pairs are fitted to `only_in_space`.
     """
     table = calibrated_pairs()
-    pair = settings.specimen.name, settings.indenter.name
-    return table[pair] if pair in table else replace(next(iter(table.values())), inflated=UNFITTED_ERROR_FACTOR)
+    c = table.get((settings.specimen.name, settings.indenter.name))
+    if c is None or (apart and c.only_in_space):
+        return replace(next(iter(table.values())), inflated=UNFITTED_ERROR_FACTOR)
+    return c
 
 
-def uncalibrated(settings: Settings) -> str | None:
-    """What a reader must know of the errors that runs with these settings state; None where the pair is calibrated."""
-    c = calibration(settings)
+def uncalibrated(settings: Settings, sticks: bool = False) -> str | None:
+    """What a reader must know of the errors that runs with these settings state; None where the pair is calibrated.
+
+    `sticks`: with adhesion.
+    """
+    c = calibration(settings, sticks)
     if c.inflated == 1.0 or on_axis(settings):
         return None  # a meridian states its errors by a second run of its own
+    with_it = " with adhesion" if calibration(settings).inflated == 1.0 else ""
     return (
         f"numerical errors are not calibrated for specimen.shape = {settings.specimen.name!r} under indenter.shape = "
-        f"{settings.indenter.name!r}: stated are {c.inflated:g} times those of {c.specimen!r} under {c.indenter!r}"
+        f"{settings.indenter.name!r}{with_it}: stated are {c.inflated:g} times those of {c.specimens[0]!r} under "
+        f"{c.indenter!r}"
     )

@@ -393,7 +393,10 @@ def system(
     if held is not None and knobs.weight:
         raise NotModelled("not_supported", "a bonded indenter on a specimen that sags under its weight before the test")
     follows = held is None and knobs.friction == 0.0
+    scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
     epsilon = penalty(placement, body, surface, mu, not follows or knobs.permeability > 0.0)
+    if meshing.is_grid(settings.recipe) and not placement.meridian:
+        epsilon = epsilon * firmness(placement, body, surface, stuff, scale)
     if held is not None:  # a layer between two that hold it is as stiff as K
         epsilon = epsilon * max(1.0, stuff.bulk_modulus / (BULK_GLUE_RATIO * mu))
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion, held is not None, held)
@@ -416,7 +419,6 @@ def system(
         dead = (
             knobs.weight * nodal_weight(body, solid_share(settings, knobs, placement, body))[:, None] * placement.down
         )
-    scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
     least = 1e-3 * mu * length**2  # about the force at a hundredth of the length
     return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
@@ -435,6 +437,28 @@ def penalty(placement: Placement, body: Body, surface: ContactSurface, mu: float
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     factor = FIRM_PENALTY_RATIO if firm else MERIDIAN_PENALTY_RATIO
     return np.repeat((factor * mu / length)[:, None], surface.weights.shape[1], axis=1)
+
+
+def firmness(
+    placement: Placement, body: Body, surface: ContactSurface, stuff: Substance, scale: np.ndarray | None
+) -> float:
+    """How many times as stiff as the core the elements are that are touched first, at least 1.
+
+    `scale` (m, q) is the factor of layers and skin, see `stiffening`; layers of their own law have their own modulus.
+
+    A ball on a layer 40 times as stiff as what is below it went through a third of its travel into a surface whose
+    penalty was that of the core: one augmentation does not take that away.
+    """
+    if scale is None and not isinstance(stuff, Regions):
+        return 1.0
+    corners = surface.facets[:, :3]
+    first = np.argmin(np.linalg.norm(body.nodes[corners].mean(1) - placement.contact, axis=1))
+    touched = np.isin(body.cells, corners[first]).any(1)
+    times = np.ones(int(touched.sum())) if scale is None else scale[touched].mean(1)
+    if isinstance(stuff, Regions):
+        moduli = np.array([m.shear_modulus for m in stuff.materials])
+        times = times * moduli[stuff.of[touched]] / stuff.shear_modulus
+    return max(float(times.mean()), 1.0)
 
 
 def contact_pairs(

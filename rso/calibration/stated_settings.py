@@ -106,7 +106,8 @@ def uncalibrated_experiments(plan: Plan) -> list[str]:
     errors = capability(plan.backend, ErrorCalibration)
     if errors is None:
         return []
-    said = [errors.uncalibrated(plan.study.settings_of(e.name)) for e in plan.study.experiments]
+    given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
+    said = [errors.uncalibrated(plan.study.settings_of(e.name), given) for e in plan.study.experiments]
     return list(dict.fromkeys(s for s in said if s))
 
 

@@ -221,8 +221,11 @@ class Refusals(Protocol):
 class ErrorCalibration(Protocol):
     """Whether stated numerical errors were fitted for what is modelled; without it they are taken as they are."""
 
-    def uncalibrated(self, settings: Settings, /) -> str | None:
-        """What a reader must know of the errors that runs with these settings state; None where they are calibrated."""
+    def uncalibrated(self, settings: Settings, given: Collection[str], /) -> str | None:
+        """What a reader must know of the errors that runs with these settings state; None where they are calibrated.
+
+        `given` are the knobs that have a value or are identified; empty where nothing is known of these.
+        """
         ...
 
 

@@ -7,7 +7,7 @@ from fem_backend import meshing
 from fem_backend.accuracy import two_grid
 from fem_backend.backend import BACKEND
 from fem_backend.indenters.sphere import Sphere
-from fem_backend.simulation import contact_elements
+from fem_backend.simulation import assembly, contact_elements
 from fem_backend.simulation.experiment import read_settings
 from rso.contract import Case, Programme, Segment
 
@@ -158,3 +158,25 @@ def test_only_a_grid_of_a_small_contact_says_how_wide_that_is(monkeypatch, depth
     case = Case("ball", Programme.ramp((depth,), 1.0), settings)
     BACKEND(*BACKEND.canonical({"mu": MU, "D1": 2.0 / K, "delta_R": 0.2}, case))
     assert {np.isfinite(w) for w in widths} == {known}
+
+
+OWN = {"thickness": 0.3, "material": {"law": "yeoh"}}
+
+
+@pytest.mark.parametrize(
+    "top,layer,firm",
+    [
+        ({"layer_ratio": 40.0}, {}, 40.0),
+        ({"layer_ratio": 0.1}, {}, 1.0),
+        ({"layer_mu": 0.3, "layer_D1": 1.0}, OWN, 30.0),
+    ],
+)
+def test_a_ball_does_not_go_through_a_stiff_layer(top, layer, firm):
+    """Its lowest point touches: the surface moves as far as it does; a third of that was missing under 40."""
+    block = {"shape": "block", "size": [2.0, 2.0, 1.5], "layers": [layer or {"thickness": 0.3, "ratio": 1.0}]}
+    settings = {"specimen": block, "indenter": {"shape": "sphere", "radius": 2.0}, "derivatives": False, **LIGHT}
+    case = Case("ball", Programme.ramp((0.02,), 1.0), settings)
+    solved = BACKEND.solve(*BACKEND.canonical({"mu": MU, "D1": 2.0 / K, **top}, case))
+    assert solved.result.channels["uz_max"][0] == pytest.approx(0.02, rel=0.01)
+    ratio = solved.system.pressing.epsilon * 2.0 / (assembly.BODY_PENALTY_RATIO * MU)
+    np.testing.assert_allclose(ratio, firm, rtol=1e-12)

@@ -691,3 +691,29 @@ def test_a_pair_that_nobody_fitted_states_more_and_says_so(monkeypatch):
     more = error_estimate.stated_errors(other, knobs(), result())
     assert all(np.array_equal(more[name], UNFITTED_ERROR_FACTOR * v) for name, v in own.items())
     assert "'cone'" in uncalibrated(other) and f"{UNFITTED_ERROR_FACTOR:g} times" in uncalibrated(other)
+
+
+def on_a_block(values, at=0.9, **more):
+    """Stated share of the force of a coarse run on a small block, and what is foretold at that depth (mm)."""
+    block = {"specimen": {"shape": "block", "size": [6.0, 6.0, 4.0]}, "support": {"kind": "bonded"}, **more}
+    block |= {"indenter": {"shape": "sphere", "radius": 3.0}, "mesh": {"level": "coarse"}, "derivatives": False}
+    run = BACKEND(*BACKEND.canonical(values, Case("ball", Programme.ramp((at,)), block)))
+    return run.error["Fz"][0] / run.channels["Fz"][0], BACKEND.resolution(block, at)["coarse"]
+
+
+def test_what_a_grid_misses_is_foretold_as_runs_state_it():
+    """Of a nearly incompressible body, by its own calibration: three times an ellipsoid's was foretold before."""
+    stated, foretold = on_a_block({"mu": 0.01, "D1": 2.0})
+    assert 0.5 < foretold / stated < 2.0 and stated < 0.03
+    assert ("block", "sphere") in calibrated_pairs()
+
+
+def test_only_in_space_and_only_what_does_not_stick_has_the_errors_of_grids():
+    """A meridian and elements of large strain are compared with another mesh; what sticks has a guess, three times."""
+    puck = {"specimen": {"shape": "cylinder", "radius": 9.0, "height": 5.0}, "support": {"kind": "bonded"}}
+    on, aside = settings(**puck), settings(**puck, point=[2.0, 0.0])
+    assert error_estimate.calibration_of_run(aside, knobs()).inflated == 1.0
+    sticking = knobs(adhesion=1e-3, adhesion_range=0.5)
+    for at, with_it in ((on, knobs()), (aside, sticking), (replace(aside, large_strain=True), knobs())):
+        assert error_estimate.calibration_of_run(at, with_it).inflated == UNFITTED_ERROR_FACTOR
+    assert error_estimate.calibration_of_run(on, knobs(tilt_y=1.0)).inflated == 1.0

@@ -92,12 +92,17 @@ def test_what_is_of_revolution_is_found_not_assumed():
     assert meridian(**away) and not meridian(**away, inclusion_x=1.0)
 
 
-def test_a_puck_beside_its_axis_says_that_its_errors_are_not_calibrated():
-    """A meridian states its errors by a second run of its own; a run in space does not."""
+def test_flat_bodies_in_space_say_where_their_errors_are_not_calibrated():
+    """Under a ball that does not stick they are; a meridian states its errors by a second run of its own."""
     puck = {"specimen": {"shape": "cylinder", "radius": 10.0, "height": 5.0}, "support": {"kind": "bonded"}}
-    assert BACKEND.uncalibrated(puck) is None
-    assert "not calibrated" in BACKEND.uncalibrated({**puck, "point": [3.0, 0.0]})
-    assert BACKEND.uncalibrated({**puck, "specimen": SLAB, "point": [3.0, 0.0]}) is None  # all its places are alike
+    aside, block = {**puck, "point": [3.0, 0.0]}, {**puck, "specimen": {"shape": "block"}}
+    cone = {"indenter": {"shape": "cone", "half_angle": 60.0, "tip_radius": 0.2}}
+    for settings in (puck, aside, block, {**puck, "specimen": SLAB, "point": [3.0, 0.0]}, {**puck, **cone}):
+        assert BACKEND.uncalibrated(settings, ("mu", "D1")) is None
+    assert BACKEND.uncalibrated(puck, ("adhesion",)) is None
+    for settings in (aside, block):
+        assert "'sphere' with adhesion: stated are 3 times" in BACKEND.uncalibrated(settings, ("mu", "adhesion"))
+        assert "'cone': stated are 3 times" in BACKEND.uncalibrated({**settings, **cone})
 
 
 # ------------------------------------------------------------------------------------------------------ layers, zones
