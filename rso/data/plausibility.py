@@ -13,7 +13,13 @@ import numpy as np
 
 from rso.core.digits import quantity_text, range_text, two_digits
 from rso.data import curve_shape
-from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air, drift_of_approach
+from rso.data.contact_point import (
+    LATE_CONTACT_SHARE,
+    MAX_FORCE_POWER,
+    begins_in_air,
+    drawn_by,
+    drift_of_approach,
+)
 from rso.data.scatter import step_of_scale
 
 MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
@@ -173,6 +179,11 @@ def _of_force(
             f"its scatter of {quantity_text(scatter, 'N', 1)}. Depth must count from contact: subtract the "
             f"travel in air (zero = … "
             "or \"contact\" in [columns]; rso diagnose looks at it as 'offset')"
+        )
+    if pull := drawn_by(d, F):
+        notes.append(
+            f"repeat {label}: Fz falls by {quantity_text(pull, 'N', 2)} where the indenter touches, and then rises: "
+            "the body draws it in. Where no `adhesion` is open in [parameters], the modulus is wrong by what that does"
         )
     if found and (drift := _drift(d, F, span)):
         change, on = drift
