@@ -158,6 +158,24 @@ def before_contact(depth: np.ndarray, force: np.ndarray) -> float | None:
     return grown if grown > max(LATE_CONTACT_SHARE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
 
 
+def returned(depth: np.ndarray, force: np.ndarray, segment: np.ndarray) -> float:
+    """By how much the force is larger in unloading than in loading at the same depths, on the mean over depths that
+    both have, as a share of its range; 0 where they have few in common."""
+    ways = []
+    for name in ("loading", "unloading"):
+        at = np.nonzero(segment == name)[0]
+        at = at[np.argsort(depth[at], kind="stable")]
+        ways.append((depth[at], force[at]))
+    if min(len(d) for d, _ in ways) < MIN_MACHINE_READINGS:
+        return 0.0
+    low, high = max(d[0] for d, _ in ways), min(d[-1] for d, _ in ways)
+    if high - low < 0.5 * float(np.ptp(depth)):
+        return 0.0
+    u = np.linspace(low, high, MAX_CONTACT_READINGS)
+    there, back = (np.interp(u, d, F) for d, F in ways)
+    return float(np.mean(back - there)) / float(np.ptp(force))
+
+
 def loading_power(depth: np.ndarray, force: np.ndarray) -> float | None:
     """The power of the depth that the force of loading follows closely, None where it follows none."""
     pressed = (depth > 2.0 * CURVE_EDGE_SHARE * depth.max()) & (force > 0.0)

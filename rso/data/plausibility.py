@@ -28,6 +28,9 @@ DOUBTED_UNTARED_FORCE_SHARE = 0.01  # the same, from which on it is remarked upo
 MIN_LOADING_STROKE_SHARE = 0.5  # of the stroke that loading must cover
 MIN_FORCE_TO_NOISE = 20.0  # times the noise: a force that tells its sign and unit
 MAX_REPEAT_FORCE_RATIO = 5.0  # ratio of the largest forces of two repeats to one depth
+DOUBTED_REPEAT_FORCE_RATIO = 1.5  # the same, from which on it is remarked upon
+FALLING_STEP_RATIO = 3.0  # times the steps beside it: a fall of the force of a body that is pressed deeper
+DOUBTED_RETURN_SHARE = 0.03  # of its range, on the mean: a force that is larger in unloading
 ASSUMED_SCATTER_SHARE = 0.03  # of its range that a force may scatter where too few readings tell it
 MAX_AIR_DRIFT_SHARE = 0.01  # of all that the force changes by: a sensor may drift by as much in air
 MIN_FORCE_POWER = 0.8  # power below which no force of a pressed body grows
@@ -107,6 +110,12 @@ def check_repeat(
             f"{who}: column 'depth' lies between {range_text(depth.min(), depth.max(), 'mm', 'and', 6)} and "
             f"never beyond 0, where "
             f"contact is: {SUBTRACT_ZERO_ADVICE}"
+        )
+    if force is not None and not few and (more := curve_shape.returned(depth, force, segment)) > DOUBTED_RETURN_SHARE:
+        notes.append(
+            f"repeat {label}: Fz is larger in unloading than in loading to the same depths, by {100.0 * more:.2g} % of its range "
+            "on the mean. No body gives back more work than it took. Are the rows in reverse order, or the segments "
+            "exchanged? Has the drive play, or does the sensor drift?"
         )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
         try:
@@ -290,9 +299,9 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
     return start
 
 
-def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
-    """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor
-    MAX_REPEAT_FORCE_RATIO."""
+def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> list[str]:
+    """Remarks on repeats (label, depth, Fz) whose largest forces to about one depth differ by a factor
+    DOUBTED_REPEAT_FORCE_RATIO; ValueError from MAX_REPEAT_FORCE_RATIO on."""
     deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
     ends = []
     for label, d, F in repeats:
@@ -304,14 +313,20 @@ def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]
         if abs(force) > MIN_FORCE_TO_NOISE * curve_shape.noise_of(F):
             ends.append((label, force))
     if len(ends) < 2:
-        return
+        return []
     low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
+    told = (
+        f"the largest force of repeat {low[0]!r} is {quantity_text(low[1], 'N')}, that of repeat {high[0]!r} "
+        f"{quantity_text(high[1], 'N')}, to about the same depth"
+    )
     if low[1] * high[1] <= 0.0 or (high[1] / low[1] > MAX_REPEAT_FORCE_RATIO and low[1] > 0.0):
-        raise ValueError(
-            f"{path}: the largest force of repeat {low[0]!r} is {quantity_text(low[1], 'N')}, that of repeat "
-            f"{high[0]!r} "
-            f"{quantity_text(high[1], 'N')}, to about the same depth. One of them has another sign, unit or tare"
-        )
+        raise ValueError(f"{path}: {told}. One of them has another sign, unit or tare")
+    if high[1] / low[1] <= DOUBTED_REPEAT_FORCE_RATIO:
+        return []
+    return [
+        f"{told}. Their mean is fitted as one test. Are they of several specimens, or was the body changed in between? "
+        "Then give each as a test of its own"
+    ]
 
 
 def check_profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
@@ -406,12 +421,9 @@ def _breaks(
         )
     if force is not None:
         rise = np.diff(force)
-        far = (
-            curve_shape.isolated_steps(np.abs(rise))
-            & ~curve_shape.isolated_steps(np.abs(step), 3.0)
-            & loading[:-1]
-            & loading[1:]
-        )
+        alone = curve_shape.isolated_steps(np.abs(rise))
+        alone |= curve_shape.isolated_steps(np.abs(rise), FALLING_STEP_RATIO) & (rise < 0.0)
+        far = alone & ~curve_shape.isolated_steps(np.abs(step), 3.0) & loading[:-1] & loading[1:]
         far = curve_shape.while_moving(
             far & (np.abs(rise) > max(MAX_JUMP_STROKE_SHARE * np.ptp(force), 12.0 * curve_shape.noise_of(force))), depth
         )

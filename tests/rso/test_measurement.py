@@ -691,6 +691,35 @@ def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
         read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
 
 
+@pytest.mark.parametrize(("factor", "said"), [(1.2, False), (2.3, True), (0.5, True)])
+def test_repeats_of_several_specimens_are_remarked_upon(tmp_path, factor, said):
+    """Their mean is fitted, which is nobody's."""
+    rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
+    rows += [(u, factor * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
+    doubts = read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))).doubts
+    assert any("Are they of several specimens" in doubt for doubt in doubts) == said
+
+
+@pytest.mark.parametrize("relaxes", [0.8, 1.0])
+@pytest.mark.parametrize("reversed_rows", [False, True])
+def test_work_that_a_body_cannot_give_back_is_remarked_upon(tmp_path, relaxes, reversed_rows):
+    """A record in reverse order has its unloading first, which nothing else in it shows."""
+    up = np.linspace(0.0, 4.0, 41)
+    depth, force = np.r_[up, up[-2::-1]], np.r_[0.04 * up**1.5, relaxes * 0.04 * up[-2::-1] ** 1.5]
+    force += 1e-3 * np.random.default_rng(2).normal(size=len(force))
+    order = slice(None, None, -1 if reversed_rows else 1)
+    doubts = read_measurement(write(tmp_path, curve(depth[order], force[order]))).doubts
+    assert any("reverse order" in doubt for doubt in doubts) == (reversed_rows and relaxes < 1.0)
+
+
+def test_a_fall_of_the_force_is_said_though_readings_are_far_apart(tmp_path):
+    """By 9 % of the range, five steps: a body that is pressed deeper gives none back."""
+    force = 0.32 * (PRESS / 4.0) ** 1.5
+    k = int(0.6 * len(PRESS))
+    slipped = np.r_[force[:k], force[k:] - 0.03]
+    assert any("Fz jumps by -0.0" in d for d in read_measurement(write(tmp_path, curve(PRESS, slipped))).doubts)
+
+
 DOUBTFUL = {
     "a little untared": (PULL + 0.1, "not tared"),
     "untared by less": (PULL + 0.03, "N at 0 mm; not tared"),

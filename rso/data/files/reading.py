@@ -222,7 +222,10 @@ def read_measurement(
         found[0].headers,
         any({"depth", "Fz"} <= set(t.turned) for t in found),
     )
-    plausibility.check_alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
+    alike = plausibility.check_alike(
+        m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels]
+    )
+    m = replace(m, doubts=(*m.doubts, *alike))
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
