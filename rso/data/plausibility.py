@@ -113,8 +113,9 @@ def check_repeat(
         )
     if force is not None and not few and (more := curve_shape.returned(depth, force, segment)) > DOUBTED_RETURN_SHARE:
         notes.append(
-            f"repeat {label}: Fz is larger in unloading than in loading to the same depths, by {100.0 * more:.2g} % of its range "
-            "on the mean. No body gives back more work than it took. Are the rows in reverse order, or the segments "
+            f"repeat {label}: Fz is larger in unloading than in loading at the same depths, by "
+            f"{100.0 * more:.2g} % of its range on the mean. No body gives back more work than it took. "
+            "Are the rows in reverse order, or the segments "
             "exchanged? Has the drive play, or does the sensor drift?"
         )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:

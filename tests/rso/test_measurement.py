@@ -1,5 +1,6 @@
 """Reading, averaging and the measurement chain."""
 
+import gzip
 from dataclasses import replace
 from pathlib import Path
 
@@ -196,6 +197,37 @@ def test_bad_files(tmp_path, monkeypatch):
     monkeypatch.setattr(lines_module, "MAX_FILE_BYTES", 10)
     with pytest.raises(ValueError, match="is more than the"):
         read_measurement(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
+
+
+OTHER_FILES = {  # contents → what the message calls it, and what it says to do
+    "pdf": (b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n1 0 obj <</Type /Catalog>>", "a document (PDF)", "export"),
+    "rtf": (b"{\\rtf1\\ansi Time (s)\\tab Force (N)\\par}", "a document (RTF)", "export"),
+    "hdf": (b"\x89HDF\r\n\x1a\n" + bytes(40), "an HDF5 file", "export"),
+    "matlab": (b"MATLAB 5.0 MAT-file, Platform: PCWIN64".ljust(116) + bytes(40), "a MATLAB file", "export"),
+    "gzip": (gzip.compress(b"depth_mm,Fz_N\n0,0\n1,1\n"), "packed (gzip)", "unpack"),
+    "html": (b"<html><body><table><tr><td>Force (N)</td></tr></table></body></html>", "HTML or XML", "export"),
+    "xml": (b'\xef\xbb\xbf<?xml version="1.0"?>\n<Workbook></Workbook>', "HTML or XML", "export"),
+    "json": (b'[{"depth_mm": 0.1,\n "Fz_N": 2}]', "JSON", "export"),
+    "a line for each": (b'{"depth_mm": 0.1}\n{"depth_mm": 0.2}\n', "JSON", "export"),
+    "raw numbers": (bytes(1 + k % 255 for k in range(0, 4000, 7)), "control characters", "export"),
+}
+
+
+@pytest.mark.parametrize("what", OTHER_FILES)
+def test_files_of_other_kinds_are_called_by_it_and_not_taken_for_a_header(tmp_path, what):
+    content, called, advice = OTHER_FILES[what]
+    (tmp_path / "x.csv").write_bytes(content)
+    with pytest.raises(ValueError) as error:
+        read_measurement(tmp_path / "x.csv")
+    assert called in str(error.value) and advice in str(error.value) and "unknown column" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "first", ["<measured in air>", "[test of the 3rd of May]", "{lab}", "PAR1,PAR2", "%PDF made of"]
+)
+def test_notes_that_look_like_another_kind_are_notes(tmp_path, first):
+    content = table("depth_mm,Fz_N", zip(PRESS, PULL, strict=True))
+    assert len(read_measurement(write(tmp_path, f"{first}\n{content}\x1a")).repeats[0].depth) == len(PRESS)
 
 
 # ---- averaging

@@ -170,6 +170,14 @@ def test_another_archive_is_no_workbook(tmp_path):
         read_measurement(path)
 
 
+def test_what_a_packed_file_holds_is_named(tmp_path):
+    path = tmp_path / "data.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("press 1.csv", "depth_mm,Fz_N\n0,0\n1,1\n")
+    with pytest.raises(ValueError, match=r"unpack it and give what it holds: 'press 1.csv'"):
+        read_measurement(path)
+
+
 def test_what_only_has_the_name_of_a_workbook_is_said_to_be_damaged(tmp_path):
     (tmp_path / "x.xlsx").write_bytes(bytes(range(200)))
     with pytest.raises(ValueError, match=r"x\.xlsx: is no workbook that can be read; damaged\?"):

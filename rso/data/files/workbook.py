@@ -24,6 +24,7 @@ MAX_UNPACKED_BYTES = 128_000_000  # bytes of all parts: a million rows of three 
 MAX_SHEET_CELLS = 5_000_000  # of a sheet
 UNPACKING_PIECE_BYTES = 1 << 20  # unpacked at a time, so that a bomb is stopped early
 MAX_LISTED_SHEETS = 8  # names of sheets in a message
+TABLE_ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".asc", ".xlsx")  # of files in an archive that may hold readings
 _FILE_AND_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
 _FILE_AND_BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
 
@@ -102,9 +103,22 @@ def _sheets(path: Path, raw: bytes, sheet: str) -> tuple[dict[str, list[list[Any
         zlib.error,
     ) as error:
         raise ValueError(
-            f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
+            f"{path}: is a zip archive and no workbook (.xlsx) that can be read; {_way_out(raw)}"
         ) from error
     return sheets, titles
+
+
+def _way_out(raw: bytes) -> str:
+    """What to do with a zip archive that is no workbook, by the names of its parts."""
+    try:
+        with ZipFile(io.BytesIO(raw)) as archive:
+            names = archive.namelist()
+    except (BadZipFile, OSError, ValueError):
+        names = []
+    tables = [name for name in names if name.lower().endswith(TABLE_ENDINGS)]
+    if tables:
+        return f"unpack it and give what it holds: {_few(tables)}"
+    return "save it as CSV"
 
 
 def title_read(path: Path) -> str:
