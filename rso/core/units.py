@@ -85,6 +85,10 @@ _BRACKETED_UNIT = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
 _NAME_COMMA_UNIT = re.compile(r"(.*\S)\s*,\s*([^\s,]+)\s*", re.DOTALL)  # "Fz, gf"
 _UNIT_BEHIND_LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
 _NAMES_BY_LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
+# Units as words, in capitals or not: no unit of one letter more or less is meant.
+_WRITTEN_OUT = re.compile(
+    r"(?:kilo|centi|milli|micro|nano)?(?:newton|met(?:er|re)|second)s?|microns?|inch(?:es)?|minutes?", re.IGNORECASE
+)
 _MAX_UNIT_CHARACTERS = 80  # of a unit, or a value with one, that is looked at and shown
 
 # The units that nearly every study has, in m, kg, s, as pint knows them (tests/rso/test_units.py): others load pint,
@@ -124,7 +128,9 @@ def _registry() -> pint.UnitRegistry:
 @functools.lru_cache(maxsize=256)
 def _scale(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
     """A unit in m, kg, s, …, exactly, and its kind as their powers; ValueError if there is no such unit."""
-    written = unit.strip()
+    written = unit.strip().removesuffix(".")
+    if _WRITTEN_OUT.fullmatch(written):
+        written = written.lower()
     return _PLAIN_UNITS[written] if written in _PLAIN_UNITS else _by_pint(written)
 
 

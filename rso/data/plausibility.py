@@ -137,7 +137,8 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
         raise ValueError(
             f"{who}: column 'depth' falls from {range_text(depth[0], depth[-1], 'mm', 'to', 6)} and hardly "
             f"rises anywhere. It must "
-            f"grow from 0 at contact while the indenter goes deeper: {TURN_SIGN_ADVICE} or subtract its start"
+            f"grow from 0 at contact while the indenter goes deeper: {TURN_SIGN_ADVICE} or subtract its start. "
+            "Where the rows stand in reverse order, sort them"
         )
     if back := curve_shape.back(depth):
         notes.append(

@@ -170,7 +170,7 @@ def test_a_hold_of_two_readings_by_hand_and_one_after_a_fast_way_through_air(tmp
         ("depth_mm,Fz_N,x_mm\n1,2,3\n", ["belong to a profile"]),
         ("depth_mm,Fz_N,Fx_sigma_N\n1,2,3\n", [":1:", "'Fx_sigma'", "not there"]),
         ("depth_mm,Fz_N,Fz_sigma_N\n1,2,-3\n", [":2:", "'Fz_sigma'", "negative"]),
-        ("time_s,depth_mm,Fz_N\n0,1,1\n1,2,1\n1,3,1\n", [":4:", "'time'", "does not follow", "'repeat'"]),
+        ("time_s,depth_mm,Fz_N\n0,1,1\n1,2,1\n1,3,1\n", [":4:", "'time'", "does not follow", "delete one"]),
         ("depth_mm,Fz_N,segment\n1,2,up\n", [":2:", "'segment'", "'up'", "loading, hold, creep, unloading"]),
         ("depth_mm,Fz_N,repeat\n1,2,1\n2,3,1\n1,2,2\n", ["repeat '2'", "too few points"]),
     ],

@@ -12,7 +12,17 @@ import numpy as np
 from rso.core.units import kind_of
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT
 from rso.data.files import tables
-from rso.data.files.columns import Head, Row, cells_of, clock_seconds, decimal_number, fail, is_number
+from rso.data.files.columns import (
+    UNIT_IN_CELL_ADVICE,
+    Head,
+    Row,
+    cells_of,
+    clock_seconds,
+    decimal_number,
+    fail,
+    is_number,
+    unit_of_cell,
+)
 
 _MAX_CELL_NUMBER = 1e12  # in any unit: beyond it stand marks of loggers
 _MAX_CELL_TIME = 1e19  # of a cell of times: nanoseconds since 1970 are 1.7e18
@@ -133,6 +143,8 @@ def _hint(name: str, cell: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in cell and name == "time":
         return " and no time of day as 10:00:03.5; write seconds, or leave the column out and state settings.speed"
+    if unit_of_cell(cell):
+        return f"; {UNIT_IN_CELL_ADVICE}"
     if _GROUPED_DIGITS.fullmatch(cell):
         return "; write thousands without a mark between them"
     nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
