@@ -163,6 +163,12 @@ def test_formulas_never_computed_are_no_readings(tmp_path):
         read_measurement(saved(tmp_path / "data.xlsx", a=rows))
 
 
+def test_units_in_the_cells_of_a_sheet_are_named_as_that(tmp_path):
+    rows = [["depth", "Fz"], *([f"{0.1 * k:.1f} mm", f"{k} mN"] for k in range(40))]
+    with pytest.raises(ValueError, match=r"write the unit into the header, and numbers alone into the cells"):
+        read_measurement(saved(tmp_path / "data.xlsx", a=rows))
+
+
 def test_another_archive_is_no_workbook(tmp_path):
     path = tmp_path / "data.xlsx"
     path.write_bytes(b"PK\x03\x04 and so on")

@@ -147,7 +147,7 @@ def _hint(name: str, cell: str) -> str:
         return f"; {UNIT_IN_CELL_ADVICE}"
     if _GROUPED_DIGITS.fullmatch(cell):
         return "; write thousands without a mark between them"
-    nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
+    nothing = cell.lower() == "nan" or cell.startswith("#") or not any(map(str.isdigit, cell))
     return "; delete the row if nothing was measured there" if nothing else ""
 
 

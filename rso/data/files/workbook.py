@@ -15,7 +15,7 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 from rso.core.units import is_unit
-from rso.data.files.columns import is_number
+from rso.data.files.columns import UNIT_IN_CELL_ADVICE, is_number, unit_of_cell
 
 ZIP_START = b"PK\x03\x04"  # a zip archive, which such a file is
 MIN_SHEET_READINGS = 4  # rows of two numbers and more: readings
@@ -187,9 +187,14 @@ def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str
     if len(found) == 1:
         return found[0]
     if not found:
+        units = any(unit_of_cell(_written(v)) for rows in sheets.values() for row in rows for v in row)
+        why = (
+            UNIT_IN_CELL_ADVICE
+            if units
+            else "formulas that were never computed hold none, and readings stand beneath one another"
+        )
         raise ValueError(
-            f"{path}: none of its sheets ({_few(list(sheets))}) holds {MIN_SHEET_READINGS} rows of numbers; formulas "
-            "that were never computed hold none"
+            f"{path}: none of its sheets ({_few(list(sheets))}) holds {MIN_SHEET_READINGS} rows of numbers; {why}"
         )
     longest = max(found, key=lambda title: len(sheets[title]))
     raise ValueError(
