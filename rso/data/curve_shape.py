@@ -20,6 +20,9 @@ REST_STROKE_SHARE = 0.0025  # of the stroke: less is a rest at one depth
 LONG_PAUSE_SHARE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 ISOLATED_STEP_RATIO = 8.0  # times the steps beside it: a step that is none of theirs
 MAX_FORCE_FALL_SHARE = 0.1  # of its range that a force of loading may fall before the deepest point
+# Readings of a block and blocks that tell two curves; of the range of the force, how far these are apart
+TWO_CURVES_BLOCK, MIN_TWO_CURVES_BLOCKS, MIN_TWO_CURVES_SHARE = 10, 3, 0.02
+MAX_TWO_CURVES_KURTOSIS = 1.4  # of residuals of two curves: 1, of a sine 1.5
 MIN_SATURATED_READINGS = 5  # equal largest readings in a row: a sensor at its end
 
 
@@ -174,6 +177,29 @@ def returned(depth: np.ndarray, force: np.ndarray, segment: np.ndarray) -> float
     u = np.linspace(low, high, MAX_CONTACT_READINGS)
     there, back = (np.interp(u, d, F) for d, F in ways)
     return float(np.mean(back - there)) / float(np.ptp(force))
+
+
+def two_curves(depth: np.ndarray, force: np.ndarray) -> float:
+    """How far apart (N) two curves are between which the readings (n,) change, sorted by depth; 0 where there is one.
+
+    About lines through TWO_CURVES_BLOCK readings each, residuals of two curves have one size: Σr⁴ n / (Σr²)² is 1,
+    that of a sine 1.5, that of noise 3.
+    """
+    order = np.argsort(depth, kind="stable")
+    n = len(order) // TWO_CURVES_BLOCK
+    if n < MIN_TWO_CURVES_BLOCKS:
+        return 0.0
+    blocks = order[: n * TWO_CURVES_BLOCK].reshape(n, TWO_CURVES_BLOCK)
+    u, F = depth[blocks], force[blocks]
+    x, y = u - u.mean(axis=1, keepdims=True), F - F.mean(axis=1, keepdims=True)
+    slope = np.sum(x * y, axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
+    left = y - slope[:, None] * x
+    size = np.mean(left**2, axis=1)
+    far = size > (0.5 * MIN_TWO_CURVES_SHARE * float(np.ptp(force))) ** 2
+    if np.sum(far) < MIN_TWO_CURVES_BLOCKS:
+        return 0.0
+    shape = float(np.mean(np.mean(left[far] ** 4, axis=1) / size[far] ** 2))
+    return 2.0 * float(np.sqrt(np.max(size))) if shape < MAX_TWO_CURVES_KURTOSIS else 0.0
 
 
 def loading_power(depth: np.ndarray, force: np.ndarray) -> float | None:

@@ -227,6 +227,13 @@ def _of_force(
             f"{range_text(creep[0], d.max(), 'mm', 'to')}. Was it held at "
             "constant force, did the sensor saturate, or did the indenter sink in?"
         )
+    coarse = step_of_scale(F) > COARSE_FORCE_STEP_SHARE * span
+    if time is None and not coarse and (apart := curve_shape.two_curves(d, F)):
+        notes.append(
+            f"repeat {label}: Fz changes from reading to reading between two curves, up to "
+            f"{quantity_text(apart, 'N', 2)} apart, and their mean is fitted. Were loading and unloading, or two "
+            "tests, sorted by depth? Write them one after the other"
+        )
     if (step := step_of_scale(F)) > COARSE_FORCE_STEP_SHARE * span:
         notes.append(
             f"repeat {label}: Fz comes in steps of {quantity_text(step, 'N')}, {100.0 * step / span:.2g} % of "

@@ -18,6 +18,7 @@ from rso.data import (
     Repeat,
     combine,
     correct,
+    curve_shape,
     read_measurement,
     record,
     value_at,
@@ -742,6 +743,31 @@ def test_work_that_a_body_cannot_give_back_is_remarked_upon(tmp_path, relaxes, r
     order = slice(None, None, -1 if reversed_rows else 1)
     doubts = read_measurement(write(tmp_path, curve(depth[order], force[order]))).doubts
     assert any("reverse order" in doubt for doubt in doubts) == (reversed_rows and relaxes < 1.0)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_a_cycle_sorted_by_depth_is_two_curves(tmp_path, jitter):
+    """Its mean lies 10 % below the loading, and no column tells."""
+    rng, up = np.random.default_rng(5), np.linspace(0.0, 4.0, 61)
+    depth = np.r_[up, up[-2::-1]] + jitter * rng.normal(size=121)
+    force = np.r_[0.04 * up**1.5, 0.8 * 0.04 * up[-2::-1] ** 1.5] + 3e-4 * rng.normal(size=121)
+    order = np.argsort(depth, kind="stable")
+    assert any("two curves" in d for d in read_measurement(write(tmp_path, curve(depth[order], force[order]))).doubts)
+
+
+@pytest.mark.parametrize("noise", ["white", "hum", "coarse", "remembers"])
+def test_noise_of_one_curve_is_no_second_curve(noise):
+    for seed in range(20):
+        rng, n = np.random.default_rng(seed), 120
+        up = np.linspace(0.0, 4.0, n)
+        force, e = 0.04 * up**1.5, rng.normal(size=n)
+        extra = {
+            "white": 0.01 * e,
+            "hum": 0.01 * np.sin(rng.uniform(0.2, 3.0) * np.arange(n)) + 1e-3 * e,
+            "coarse": np.round((force + 5e-3 * e) / 0.012) * 0.012 - force,
+            "remembers": 0.01 * np.convolve(e, np.ones(3) / 3**0.5, "same"),
+        }[noise]
+        assert curve_shape.two_curves(up, force + extra) == 0.0
 
 
 def test_a_fall_of_the_force_is_said_though_readings_are_far_apart(tmp_path):

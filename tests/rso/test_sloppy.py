@@ -101,6 +101,14 @@ def test_a_quote_in_a_remark_takes_no_readings_with_it(tmp_path):
     assert len(read_measurement(path, PLAIN).repeats[0].depth) == 41
 
 
+@pytest.mark.parametrize("head", ["Depth um,Load mN", "Travel - um;Force - mN", "depth  um,LOAD mN"])
+def test_a_unit_behind_a_blank_is_one(tmp_path, head):
+    text = table(head, 1e3 * U, 1e3 * F, separator=";" if ";" in head else ",")
+    m = read_measurement(write(tmp_path, text))
+    np.testing.assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(m.repeats[0].depth, U, rtol=1e-4, atol=1e-9)
+
+
 def test_a_time_of_day_passes_midnight(tmp_path):
     times = [f"{23 if t < 4 else 0}:{59 if t < 4 else 0:02d}:{56 + t if t < 4 else t - 4:06.3f}" for t in T]
     m = read_measurement(write(tmp_path, table("time_s,depth_mm,Fz_N", times, U, F)))
@@ -205,6 +213,14 @@ REFUSED = {  # text, columns, place and words
         [":2:", "'0.0mm'", "write the unit into the header"],
     ),
     "shares in the cells": (table("depth_mm,Fz_N", [f"{u} %" for u in U], F), None, [":2:", "numbers alone"]),
+    **{
+        f"header and rows parted otherwise, {name}": (
+            table("depth_mm;Fz_N", U, F, separator=mark),
+            None,
+            [":2:", f"by semicolons, this row by {name}", "part both alike"],
+        )
+        for mark, name in ((",", "commas"), ("\t", "tabs"))
+    },
     "bars between columns": (
         table("depth_mm|Fz_N", U, F, separator="|"),
         None,
