@@ -234,17 +234,27 @@ def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
 
     A machine's 0 is where somebody set it.  A record that neither begins in air beyond doubt nor at contact beyond
     doubt leaves both open: the contact by its shape is then one of two, and the bias of the other holds their distance.
+    Where the force has grown by more than a drift before it, that is no contact but a base or a stiffer layer beneath.
     """
     if len(depth) < MIN_READINGS_FOR_CONTACT or (found := contact_onset(depth, force)) is None:
         return None
     if abs(found.depth) <= max(LATE_CONTACT_SHARE * float(np.ptp(depth)), found.deviation):
         return None
     fit = _fit(*_pressed(depth, force), MAX_CONTACT_FORCE_SHARE)
-    if fit is None:
+    if fit is None or _grown(depth, force, found.depth) > MAX_DRIFT_FORCE_SHARE:
         return None
     # by what a reading scatters about the better of the two: a shape that does not fit is left with more
     left, variance = _from_start(fit)
     return None if left < fit.left - MIN_CHI2_FALL * min(variance, fit.variance) else found
+
+
+def _grown(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
+    """By how much of its range the force (n,) has grown from the first readings to a contact (mm)."""
+    order = np.argsort(depth, kind="stable")
+    u, F = depth[order], force[order]
+    k = int(np.searchsorted(u, contact))
+    before, first = (F[max(k - MIN_AIR_READINGS, 0) : k], F[:MIN_AIR_READINGS])
+    return float(np.median(before) - np.median(first)) / float(np.ptp(F)) if k > MIN_READINGS_FOR_CONTACT else 0.0
 
 
 def zeroed(

@@ -20,6 +20,8 @@ REST_STROKE_SHARE = 0.0025  # of the stroke: less is a rest at one depth
 LONG_PAUSE_SHARE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 ISOLATED_STEP_RATIO = 8.0  # times the steps beside it: a step that is none of theirs
 MAX_FORCE_FALL_SHARE = 0.1  # of its range that a force of loading may fall before the deepest point
+# Steps of the scale, and share of the range: a force that scatters by more is constant nowhere
+MIN_MUTE_SCATTER_STEPS, MIN_MUTE_SCATTER_SHARE = 3.0, 1e-3
 # Readings of a block and blocks that tell two curves; of the range of the force, how far these are apart
 TWO_CURVES_BLOCK, MIN_TWO_CURVES_BLOCKS, MIN_TWO_CURVES_SHARE = 10, 3, 0.02
 MAX_TWO_CURVES_KURTOSIS = 1.4  # of residuals of two curves: 1, of a sine 1.5
@@ -177,6 +179,21 @@ def returned(depth: np.ndarray, force: np.ndarray, segment: np.ndarray) -> float
     u = np.linspace(low, high, MAX_CONTACT_READINGS)
     there, back = (np.interp(u, d, F) for d, F in ways)
     return float(np.mean(back - there)) / float(np.ptp(force))
+
+
+def mute_until(depth: np.ndarray, force: np.ndarray) -> float | None:
+    """Depth (mm) up to which a force (n,) that scatters further on has one and the same value; None without such a
+    start."""
+    order = np.argsort(depth, kind="stable")
+    u, F = depth[order], force[order]
+    n = int(np.argmax(F != F[0])) if np.ptp(F) > 0.0 else 0
+    if not MIN_SATURATED_READINGS <= n < len(F) - 12:
+        return None
+    apart = np.diff(np.unique(F))
+    step = float(apart.min())
+    on_marks = bool(np.all(np.abs(apart / step - np.round(apart / step)) < 0.05))  # a display of few digits
+    least = max(MIN_MUTE_SCATTER_STEPS * step * on_marks, MIN_MUTE_SCATTER_SHARE * float(np.ptp(F)))
+    return float(u[n - 1]) if noise_of(F[n:]) > least else None
 
 
 def two_curves(depth: np.ndarray, force: np.ndarray) -> float:

@@ -227,6 +227,12 @@ def _of_force(
             f"{range_text(creep[0], d.max(), 'mm', 'to')}. Was it held at "
             "constant force, did the sensor saturate, or did the indenter sink in?"
         )
+    if (mute := curve_shape.mute_until(d, F)) is not None:
+        notes.append(
+            f"repeat {label}: Fz is exactly {quantity_text(F[np.argmin(d)], 'N')} up to {quantity_text(mute, 'mm')} "
+            "and scatters beyond. Does the cell show nothing below a threshold, or nothing negative? Then contact is "
+            "earlier and Fz is off. Tare the cell so that it scatters in air"
+        )
     coarse = step_of_scale(F) > COARSE_FORCE_STEP_SHARE * span
     if time is None and not coarse and (apart := curve_shape.two_curves(d, F)):
         notes.append(

@@ -770,6 +770,33 @@ def test_noise_of_one_curve_is_no_second_curve(noise):
         assert curve_shape.two_curves(up, force + extra) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("shown", "said"),
+    [
+        (lambda force: np.maximum(force - 0.02, 0.0), True),  # a cell tared too high that shows nothing negative
+        (lambda force: np.where(force < 0.02, 0.0, force), True),  # a threshold
+        (lambda force: np.round(force / 0.01) * 0.01, False),  # a display of few digits
+        (lambda force: force, False),
+    ],
+)
+def test_a_cell_that_shows_nothing_at_first_is_asked_about(tmp_path, shown, said):
+    """A fit takes the place where it begins for the contact, 0.6 mm too deep, and says so to 0.02 mm."""
+    rng = np.random.default_rng(3)
+    force = shown(0.32 * (PRESS / 4.0) ** 1.5 + 1e-3 * rng.normal(size=len(PRESS)))
+    text = curve(PRESS, force).replace("depth_mm,Fz_N", "Travel (mm),Force (N)")
+    assert (
+        any("shows nothing" in d or "show nothing" in d for d in read_measurement(write(tmp_path, text)).doubts) == said
+    )
+
+
+def test_a_base_that_is_hit_is_no_contact(tmp_path):
+    """The force has grown by a tenth of all before it: more than any drift in air."""
+    u = np.linspace(0.0, 4.9, 200)
+    force = 0.03 * u**1.5 + 5.0 * np.maximum(u - 4.5, 0.0)
+    text = curve(u, force).replace("depth_mm,Fz_N", "Travel (mm),Force (N)")
+    assert read_measurement(write(tmp_path, text)).contact == 0.0
+
+
 def test_a_fall_of_the_force_is_said_though_readings_are_far_apart(tmp_path):
     """By 9 % of the range, five steps: a body that is pressed deeper gives none back."""
     force = 0.32 * (PRESS / 4.0) ** 1.5
