@@ -126,6 +126,19 @@ def check_repeat(
     return notes
 
 
+def check_stated_loading(who: str, depth: np.ndarray) -> None:
+    """ValueError where depths (n,) mm that a file calls loading, in their order, end far above the deepest of them."""
+    if len(depth) < curve_shape.MIN_HAND_READINGS:
+        return
+    deepest, last = float(depth.max()), float(depth[-1])
+    if deepest - last > MIN_LOADING_STROKE_SHARE * float(np.ptp(depth)):
+        raise ValueError(
+            f"{who}: its segment 'loading' goes to {quantity_text(deepest, 'mm', 4)} and ends at "
+            f"{quantity_text(last, 'mm', 4)}. Are loading and unloading exchanged, or both called loading? "
+            f"Is the depth a height? Then {TURN_SIGN_ADVICE}"
+        )
+
+
 def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, loading: np.ndarray) -> list[str]:
     """Remarks on the order of readings whose segments were not given; ValueError where they do not press."""
     notes: list[str] = []
@@ -234,7 +247,7 @@ def _of_force(
             "earlier and Fz is off. Tare the cell so that it scatters in air"
         )
     coarse = step_of_scale(F) > COARSE_FORCE_STEP_SHARE * span
-    if time is None and not coarse and (apart := curve_shape.two_curves(d, F)):
+    if not coarse and (apart := curve_shape.two_curves(d, F)):
         notes.append(
             f"repeat {label}: Fz changes from reading to reading between two curves, up to "
             f"{quantity_text(apart, 'N', 2)} apart, and their mean is fitted. Were loading and unloading, or two "

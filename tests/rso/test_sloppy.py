@@ -56,6 +56,8 @@ READ = {  # text, encoding, columns
         None,
     ),
     "units as words in capitals": (table("depth (Millimeters),Fz (Newton)", U, F), "utf-8", None),
+    "marks of no width": (table("\u200bdepth_mm;Fz_N\u200b", U, F, separator=";"), "utf-8-sig", None),
+    "zero bytes of a logger that was cut off": (table("depth_mm,Fz_N", U, F) + "\0" * 40, "utf-8", None),
     "units with a full stop": (table("depth (mm.),Fz [N.]", U, F), "utf-8", None),
     "an en dash for a minus": (table("depth_mm;Fz_N", U, F, separator=";").replace("0;0", "–0.0;0"), "utf-8", None),
     "the first line of Excel": ("sep=;\n" + table("depth_mm;Fz_N", U, F, separator=";"), "utf-8", None),
@@ -235,6 +237,16 @@ REFUSED = {  # text, columns, place and words
         table("time_s,depth_mm,Fz_N", *(np.repeat(v, 2) for v in (T, U, F))),
         None,
         [":3:", "such rows stand twice: delete one of each"],
+    ),
+    "segments exchanged": (
+        table("depth_mm,Fz_N,segment", CYCLE, np.r_[F, 0.8 * F[::-1]], ["unloading"] * 41 + ["loading"] * 41),
+        None,
+        ["segment 'loading' goes to 4 mm and ends at 0 mm", "exchanged"],
+    ),
+    "both ways called loading": (
+        table("depth_mm,Fz_N,segment", CYCLE, np.r_[F, 0.8 * F[::-1]], ["loading"] * 82),
+        None,
+        ["ends at 0 mm", "both called loading"],
     ),
     "rows shuffled": (
         table("depth_mm,Fz_N", *(v[np.random.default_rng(1).permutation(41)] for v in (U, F))),

@@ -96,6 +96,9 @@ def file_text(path: Path) -> tuple[str, list[str]]:
             raw = raw.decode("utf-16").encode()
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
+    filled = raw.rstrip(b"\0")
+    if b"\0" not in filled and b"\n" in filled:
+        raw = filled  # a logger that was cut off
     if b"\0" in raw and path.suffix.lower() == ".xlsx":
         raise ValueError(f"{path}: is no workbook that can be read; damaged?")
     if b"\0" in raw:
@@ -110,6 +113,8 @@ def file_text(path: Path) -> tuple[str, list[str]]:
         text, told = raw.decode("utf-8-sig"), list[str]()
     except UnicodeDecodeError:
         text, told = _of_code_page(raw)
+    for mark in ("\u200b", "\ufeff"):  # of no width
+        text = text.replace(mark, "")
     if language := _language(text):
         raise ValueError(f"{path}: is {language} and no table of plain text; {EXPORT_ADVICE}")
     return text.removesuffix("\x1a"), told  # the end of a file of DOS
