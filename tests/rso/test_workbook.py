@@ -190,6 +190,17 @@ def test_what_only_has_the_name_of_a_workbook_is_said_to_be_damaged(tmp_path):
         read_measurement(tmp_path / "x.xlsx")
 
 
+def test_a_workbook_packed_in_another_way_is_refused_as_one(tmp_path):
+    """Its parts say that they need a version 8.2 to be unpacked."""
+    path = saved(tmp_path / "data.xlsx", a=PLAIN)
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"PK\x01\x02")
+    raw[at + 6] = 82
+    path.write_bytes(bytes(raw))
+    with pytest.raises(ValueError, match=r"data\.xlsx: .*no workbook"):
+        read_measurement(path)
+
+
 def test_a_damaged_workbook_is_refused_as_one(tmp_path):
     whole, path = saved(tmp_path / "whole.xlsx", a=PLAIN), tmp_path / "data.xlsx"
     with zipfile.ZipFile(whole) as source, zipfile.ZipFile(path, "w") as copy:

@@ -25,6 +25,21 @@ MAX_SHEET_CELLS = 5_000_000  # of a sheet
 UNPACKING_PIECE_BYTES = 1 << 20  # unpacked at a time, so that a bomb is stopped early
 MAX_LISTED_SHEETS = 8  # names of sheets in a message
 TABLE_ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".asc", ".xlsx")  # of files in an archive that may hold readings
+# Of the libraries, which take for granted that what they read is a workbook; SyntaxError: of the sheets' language.
+DAMAGES: tuple[type[Exception], ...] = (
+    BadZipFile,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    OSError,
+    SyntaxError,
+    ArithmeticError,
+    NotImplementedError,
+    RuntimeError,
+    EOFError,
+    zlib.error,
+)
 _FILE_AND_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
 _FILE_AND_BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
 
@@ -86,22 +101,7 @@ def _sheets(path: Path, raw: bytes, sheet: str) -> tuple[dict[str, list[list[Any
             titles = book.sheetnames
     except Refused:
         raise
-    # Of the library, which takes for granted that what it reads is a workbook; SyntaxError: of the sheets' language.
-    except (
-        BadZipFile,
-        InvalidFileException,
-        LookupError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        OSError,
-        SyntaxError,
-        ArithmeticError,
-        NotImplementedError,
-        RuntimeError,
-        EOFError,
-        zlib.error,
-    ) as error:
+    except (InvalidFileException, *DAMAGES) as error:
         raise ValueError(
             f"{path}: is a zip archive and no workbook (.xlsx) that can be read; {_way_out(raw)}"
         ) from error
@@ -113,12 +113,12 @@ def _way_out(raw: bytes) -> str:
     try:
         with ZipFile(io.BytesIO(raw)) as archive:
             names = archive.namelist()
-    except (BadZipFile, OSError, ValueError):
+    except DAMAGES:
         names = []
     tables = [name for name in names if name.lower().endswith(TABLE_ENDINGS)]
     if tables:
         return f"unpack it and give what it holds: {_few(tables)}"
-    return "save it as CSV"
+    return "save it as CSV or as .xlsx"
 
 
 def title_read(path: Path) -> str:
