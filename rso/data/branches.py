@@ -114,8 +114,8 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
     on_the_way = depth[: int(np.argmax(depth > 0.95 * top))]
     steps = np.abs(np.diff(on_the_way))
     coarse = len(steps) > 0 and np.median(steps) == 0.0  # an encoder, on whose steps readings stand even on the way
-    step = float(steps[steps > 0].min(initial=np.inf)) if coarse else 0.0
-    width = max(_REST_DEPTH_SHARE * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
+    step = float(steps[steps > 0].min()) if coarse and steps.any() else 0.0
+    width = max(_REST_DEPTH_SHARE * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step)
     level = float(np.median(depth[depth >= top - width]))
     there = np.nonzero(depth >= level - width)[0]
     below = np.nonzero(depth < level - 4.0 * width)[0]

@@ -789,6 +789,15 @@ def test_a_cell_that_shows_nothing_at_first_is_asked_about(tmp_path, shown, said
     )
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_an_encoder_of_one_step_is_read_without_a_word_of_numpy(tmp_path):
+    """It stands at 0 on the whole way, and at the deepest point from there on."""
+    depth = np.r_[np.zeros(20), np.full(20, 0.1)]
+    rows = zip(np.arange(40.0), depth, 0.01 * depth + 1e-5 * np.arange(40), strict=True)
+    (r,) = read_measurement(write(tmp_path, table("time_s,depth_mm,Fz_N", rows))).repeats
+    assert len(r.depth) == 40
+
+
 def test_a_base_that_is_hit_is_no_contact(tmp_path):
     """The force has grown by a tenth of all before it: more than any drift in air."""
     u = np.linspace(0.0, 4.9, 200)
