@@ -28,6 +28,7 @@ DOUBTED_UNTARED_FORCE_SHARE = 0.01  # the same, from which on it is remarked upo
 MIN_LOADING_STROKE_SHARE = 0.5  # of the stroke that loading must cover
 MIN_FORCE_TO_NOISE = 20.0  # times the noise: a force that tells its sign and unit
 MAX_REPEAT_FORCE_RATIO = 5.0  # ratio of the largest forces of two repeats to one depth
+MAX_REPEAT_DEPTH_RATIO = 20.0  # ratio of the deepest travels of two repeats
 DOUBTED_REPEAT_FORCE_RATIO = 1.5  # the same, from which on it is remarked upon
 FALLING_STEP_RATIO = 3.0  # times the steps beside it: a fall of the force of a body that is pressed deeper
 DOUBTED_RETURN_SHARE = 0.03  # of its range, on the mean: a force that is larger in unloading
@@ -329,8 +330,15 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
 
 def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> list[str]:
     """Remarks on repeats (label, depth, Fz) whose largest forces to about one depth differ by a factor
-    DOUBTED_REPEAT_FORCE_RATIO; ValueError from MAX_REPEAT_FORCE_RATIO on."""
-    deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
+    DOUBTED_REPEAT_FORCE_RATIO; ValueError from MAX_REPEAT_FORCE_RATIO on, and for depths that differ by a factor
+    MAX_REPEAT_DEPTH_RATIO."""
+    ways = sorted((float(d.max()), label) for label, d, _ in repeats)
+    if len(ways) > 1 and ways[-1][0] > MAX_REPEAT_DEPTH_RATIO * ways[0][0] > 0.0:
+        raise ValueError(
+            f"{path}: repeat {ways[0][1]!r} goes to {quantity_text(ways[0][0], 'mm')}, repeat {ways[-1][1]!r} to "
+            f"{quantity_text(ways[-1][0], 'mm')}: no repeats of one test. Has one of them another unit?"
+        )
+    deepest = ways[-1][0] if ways else 0.0
     ends = []
     for label, d, F in repeats:
         force = (

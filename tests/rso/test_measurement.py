@@ -1,6 +1,7 @@
 """Reading, averaging and the measurement chain."""
 
 import gzip
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -722,6 +723,16 @@ def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
     rows += [(u, factor * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
     with pytest.raises(ValueError, match="another sign, unit or tare"):
         read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1e3, True), (1e-3, True), (0.3, False)])
+def test_a_repeat_whose_depths_have_another_unit_is_refused(tmp_path, factor, refused):
+    """In the mean over the depths that both have, it would count as a body without a force."""
+    rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
+    rows += [(factor * u, f if refused else factor**1.5 * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
+    path = write(tmp_path, table("depth_mm,Fz_N,repeat", rows))
+    with pytest.raises(ValueError, match="Has one of them another unit") if refused else nullcontext():
+        read_measurement(path)
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1.2, False), (2.3, True), (0.5, True)])
