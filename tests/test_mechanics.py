@@ -32,6 +32,7 @@ ALLOWED = {  # file → words, and why they may stand there
     "contract/capabilities.py": ("hertz mu d1", "the name of a member that backends have; examples"),
     "core/default_backend.py": ("fem_backend", "the one place that names the backend"),
     "data/contact_point.py": ("adhesion", "an assumption of a contact found by the shape of the force"),
+    "data/plausibility.py": ("adhesion", "names the knob that a pulling force needs"),
     "discrepancy/wording.py": ("poroelastic", "a cause that no model has and a knob looks like"),
     "doe/constraints.py": ("mu d1", EXAMPLE),
     "inference/sloppy_directions.py": ("mu d1", EXAMPLE),

@@ -16,6 +16,7 @@ from rso.contract import Given, Line, Option
 
 MAX_MESH_ERROR_SHARE = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
 MODULUS_RANGE_FACTOR = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
+MIN_PULL_READINGS = 4  # readings that show a pull beside a tare
 MIN_PULL_SHARE = 0.1  # of its range: a force that is negative by more pulls
 UNTOLD_MODULUS_RANGE_MPA = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 MU_D1_AT_MIDDLE_AND_END = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
@@ -133,8 +134,11 @@ def suggested_ranges(
     """
     mu: float = 0.0
     pull: Mapping[str, float] = {}
+    part = "the shallow half"
     if len(depth):
         shallow = (depth > 0.0) & (depth <= 0.5 * float(depth.max()))
+        if not shallow.any():
+            shallow, part = depth > 0.0, "all readings"
         found = hertz(depth[shallow], force[shallow]) if shallow.any() else {"mu": 0.0}
         mu = float(found.get("mu", 0.0))
         if _adheres(force):
@@ -150,7 +154,7 @@ def suggested_ranges(
         if mu > 0
         else UNTOLD_MODULUS_RANGE_MPA
     )
-    limit = f"{name} of the shallow half says about {_two(1e3 * mu)} kPa"
+    limit = f"{name} of {part} says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     limit += "; the wall of the well makes that too much, no formula has one" if walled else ""
     why = limit if mu > 0 else "the readings do not show it: narrow it"
@@ -180,6 +184,8 @@ def _adhesion(pull: Mapping[str, float]) -> dict[str, Line]:
 
 def _adheres(force: np.ndarray) -> bool:
     """Whether a loading curve (n,) is pulled by more than a tare or its scatter may be."""
+    if len(force) < MIN_PULL_READINGS:
+        return False
     noise = 1.5 * float(np.median(np.abs(np.diff(force, 2)))) / 6**0.5
     return float(force.min()) < -max(MIN_PULL_SHARE * float(np.ptp(force)), 10.0 * noise) and int(np.argmin(force)) > 0
 

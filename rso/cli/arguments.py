@@ -137,10 +137,10 @@ def _new(known: Any, own: Sequence[Option]) -> None:
         action="append",
         default=[],
         metavar=("NAME", "WORD"),
-        help="what a column is called and its unit: --column Fz Kraft N. Behind these, flip turns its sign and "
-        "contact finds its zero. Codes: --column segment SegmentID 1=loading 2=skip. A deflection is "
-        "subtracted by --column depth Piezo nm minus Deflection nm. A force from it: --column Fz Deflection "
-        "nm stiffness '0.0876 N/m'. A frame's compliance: minus Load N compliance '0.4 mm/N'",
+        help="what a column is called and its unit: --column Fz Kraft N. Behind these, flip turns its sign, zero 25.3 "
+        "is what the file has at contact, and contact finds it. Codes: --column segment SegmentID 1=loading 2=skip. "
+        "A deflection is subtracted by --column depth Piezo nm minus Deflection nm. A force from it: --column Fz "
+        "Deflection nm stiffness '0.0876 N/m'. A frame's compliance: minus Load N compliance '0.4 mm/N'",
     )
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
     new.set_defaults(call=commands.new, of_backend=tuple(own))

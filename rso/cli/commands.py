@@ -161,18 +161,25 @@ COLUMN_FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"
 def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
     """A column by its words: name, header, unit, whether its sign is turned, its zero the contact that it shows."""
     at = next((k for k, word in enumerate(words) if k > 1 and word == "minus"), len(words))
-    rest, table = list(words[:at]), {}
+    rest: list[str] = list(words[:at])
+    table: dict[str, Any] = {}
     if at < len(words):
         table["minus"] = _minus(words, words[at + 1 :])
     codes = dict(word.rsplit("=", 1) for word in rest[2:] if word.rpartition("=")[2] in SEGMENT_CODES)
     if codes:
         rest = rest[:2] + [word for word in rest[2:] if word.rpartition("=")[2] not in SEGMENT_CODES]
         table["values"] = codes
-    table |= _flags(rest, 2, {**COLUMN_FLAGS, "stiffness": None})
+    table |= _flags(rest, 2, {**COLUMN_FLAGS, "stiffness": None, "zero": None})
+    if table.get("zero", "contact") != "contact":
+        try:
+            table["zero"] = float(table["zero"])
+        except ValueError as error:
+            text = f"zero {table['zero']}: give a number as the file has it, or contact"
+            raise ValueError(f"--column {shlex.join(words)}: {text}") from error
     if len(rest) not in (2, 3):
         text = (
-            "give NAME HEADER [UNIT] [stiffness K] [flip] [contact] [minus HEADER …], such as Fz Kraft N flip, or "
-            "segment HEADER 1=loading 2=skip"
+            "give NAME HEADER [UNIT] [stiffness K] [flip] [contact or zero VALUE] [minus HEADER …], such as Fz Kraft N "
+            "flip, or segment HEADER 1=loading 2=skip"
         )
         raise ValueError(f"--column {shlex.join(words)}: {text}")
     return rest[0], dict(zip(("header", "unit"), rest[1:], strict=False)) | table

@@ -84,7 +84,12 @@ _NAME_AND_ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s
 _BRACKETED_UNIT = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
 _NAME_COMMA_UNIT = re.compile(r"(.*\S)\s*,\s*([^\s,]+)\s*", re.DOTALL)  # "Fz, gf"
 _UNIT_BEHIND_LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
+_UNIT_BEHIND_BLANK = re.compile(r".*\S\s+(?:[-–]\s+)?(?!in$)(\S+)", re.DOTALL)  # "Force mN", "Travel - mm"
 _NAMES_BY_LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
+# Units as words, in capitals or not: no unit of one letter more or less is meant.
+_WRITTEN_OUT = re.compile(
+    r"(?:kilo|centi|milli|micro|nano)?(?:newton|met(?:er|re)|second)s?|microns?|inch(?:es)?|minutes?", re.IGNORECASE
+)
 _MAX_UNIT_CHARACTERS = 80  # of a unit, or a value with one, that is looked at and shown
 
 # The units that nearly every study has, in m, kg, s, as pint knows them (tests/rso/test_units.py): others load pint,
@@ -124,7 +129,9 @@ def _registry() -> pint.UnitRegistry:
 @functools.lru_cache(maxsize=256)
 def _scale(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
     """A unit in m, kg, s, …, exactly, and its kind as their powers; ValueError if there is no such unit."""
-    written = unit.strip()
+    written = unit.strip().removesuffix(".")
+    if _WRITTEN_OUT.fullmatch(written):
+        written = written.lower()
     return _PLAIN_UNITS[written] if written in _PLAIN_UNITS else _by_pint(written)
 
 
@@ -317,8 +324,8 @@ def _ending(text: str) -> tuple[str, str] | None:
 def unit_in(text: str, name: str) -> str | None:
     """The unit that any header says of the column `name`: mm in ``"Weg [mm] (roh)"``, None in ``"Weg (Traverse)"``.
 
-    Behind a low line or a comma or before other words only a unit of the right kind counts: the A of ``"Load_A"`` and
-    of ``"Load, A"`` is a channel, not an ampere.
+    Behind a low line, a comma or a blank or before other words only a unit of the right kind counts: the A of
+    ``"Load_A"`` and of ``"Load, A"`` is a channel, not an ampere.
     """
     written = text.strip()
     if (ending := _ending(written)) and is_unit(ending[1]):
@@ -334,8 +341,12 @@ def unit_in(text: str, name: str) -> str | None:
             return unit
     if (comma := _NAME_COMMA_UNIT.fullmatch(written)) and (is_of(base, comma[2]) or (base == "N" and weight(comma[2]))):
         return comma[2]
-    low_line = _UNIT_BEHIND_LOW_LINE.fullmatch(_BRACKETED_UNIT.sub("", written).strip())
-    return low_line[1] if low_line and is_of(base, low_line[1]) else None
+    bare = _BRACKETED_UNIT.sub("", written).strip()
+    if (low_line := _UNIT_BEHIND_LOW_LINE.fullmatch(bare)) and is_of(base, low_line[1]):
+        return low_line[1]
+    blank = _UNIT_BEHIND_BLANK.fullmatch(bare)
+    said = blank is not None and (is_of(base, blank[1]) or (base == "N" and weight(blank[1]) is not None))
+    return blank[1] if blank is not None and said else None
 
 
 def bracketed(text: str, name: str) -> str | None:

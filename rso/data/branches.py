@@ -12,6 +12,7 @@ from rso.data import curve_shape, plausibility
 SEGMENTS = ("loading", "hold", "creep", "unloading")
 SKIP_SEGMENT = "skip"  # what a study calls a segment of a file that is not of the test: an approach, a preload
 _SECOND_TURN_SHARE = 0.2  # of the stroke: a second turn by more means several tests in one
+_MAX_LEAPS_SHARE, _MIN_LEAPING = 0.25, 12  # of the steps that go so far, and readings that show it: rows in no order
 _SAME_START_SHARE = 0.1  # of the stroke: where the cycles of a record begin
 _MAX_LISTED_CYCLES = 8  # cycles that a message lists
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
@@ -25,6 +26,13 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
     stroke = float(np.ptp(depth))
     k = int(np.argmax(depth))
     after = depth[k:]
+    leaps = np.abs(np.diff(depth)) > _SECOND_TURN_SHARE * stroke
+    if len(depth) > _MIN_LEAPING and np.mean(leaps) > _MAX_LEAPS_SHARE:
+        raise ValueError(
+            f"{path}: repeat {label!r}: column 'depth' leaps to and fro by more than "
+            f"{quantity_text(_SECOND_TURN_SHARE * stroke, 'mm', 2)} from row to row: the rows stand in no order. Sort "
+            "them by time, those of one loading by depth"
+        )
     if _turned(depth) > _SECOND_TURN_SHARE * stroke:
         below = -float(depth.min()) > float(depth.max())
         sign = f"; column 'depth' is mostly negative: {plausibility.TURN_SIGN_ADVICE}" if below else ""
@@ -106,8 +114,8 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
     on_the_way = depth[: int(np.argmax(depth > 0.95 * top))]
     steps = np.abs(np.diff(on_the_way))
     coarse = len(steps) > 0 and np.median(steps) == 0.0  # an encoder, on whose steps readings stand even on the way
-    step = float(steps[steps > 0].min(initial=np.inf)) if coarse else 0.0
-    width = max(_REST_DEPTH_SHARE * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
+    step = float(steps[steps > 0].min()) if coarse and steps.any() else 0.0
+    width = max(_REST_DEPTH_SHARE * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step)
     level = float(np.median(depth[depth >= top - width]))
     there = np.nonzero(depth >= level - width)[0]
     below = np.nonzero(depth < level - 4.0 * width)[0]

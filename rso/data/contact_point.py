@@ -33,7 +33,10 @@ MIN_AIR_READINGS = 3  # readings in air, at least, that show that there was an a
 # of the range of the force, at most: a body that is pressed when the record begins is steeper
 MAX_DRIFT_FORCE_SHARE = 0.1
 MIN_DRIFT_STANDARD_ERRORS = 4.0  # standard errors of the slope of an approach beyond which it drifts
-SNAP_IN_FORCE_SHARE, SNAP_IN_DEPTH_SHARE = 0.1, 0.03  # of the range of force and of depth: a jump into contact
+SNAP_IN_FORCE_SHARE, SNAP_IN_DEPTH_SHARE = 0.01, 0.03  # of the range of force and of depth: a jump into contact
+MIN_MEANS_IN_AIR = 8  # means of readings apart that show what a force scatters by in air
+# times the largest deviation of a force in air, by means of so many readings
+SNAP_IN_SCATTER_RATIO, SNAP_IN_WINDOWS = 4.0, (1, 5, 15, 31)
 MAX_NEIGHBOUR_CORRELATION = 0.98  # correlation of a reading with the next, at most
 
 
@@ -114,29 +117,50 @@ def jump_in(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     and N; None without such a jump.
 
     It falls by SNAP_IN_FORCE_SHARE of its range from a level that it had in air up to there, within SNAP_IN_DEPTH_SHARE
-    of the way.  A rigid indenter without a reach of adhesion jumps at contact (Johnson, Kendall & Roberts, Proc. R.
-    Soc. A 324 (1971) 301); that reach is unknown and taken for 1 % of the way pressed.
+    of the way, and by SNAP_IN_SCATTER_RATIO times what the force in air scatters by; means of SNAP_IN_WINDOWS readings
+    show a fall that single ones hide.  A rigid indenter without a reach of adhesion jumps at contact (Johnson, Kendall
+    & Roberts, Proc. R. Soc. A 324 (1971) 301); that reach is unknown and taken for 1 % of the way pressed.
     """
+    found = _jump(depth, force)
+    return None if found is None else found[0]
+
+
+def drawn_by(depth: np.ndarray, force: np.ndarray) -> float:
+    """By how much (N) the force of :func:`jump_in` falls below its level in air; 0 without such a jump."""
+    found = _jump(depth, force)
+    return 0.0 if found is None else found[1]
+
+
+def _jump(depth: np.ndarray, force: np.ndarray) -> tuple[Onset, float] | None:
+    """The jump that the shortest means show."""
     order = np.argsort(depth, kind="stable")
-    u, F = depth[order], force[order]
-    least = int(np.argmin(F))
-    if least < MIN_AIR_READINGS or u[-1] <= u[least]:
+    found = (_jump_of_means(depth[order], force[order], window) for window in SNAP_IN_WINDOWS)
+    return next(filter(None, found), None)
+
+
+def _jump_of_means(u: np.ndarray, F: np.ndarray, window: int) -> tuple[Onset, float] | None:
+    """A jump into contact and how far the force falls (N), by the mean of so many readings u, F (n,) at each of them;
+    None where these show none."""
+    if len(u) < 2 * MIN_MEANS_IN_AIR * window:
         return None
-    level = float(np.median(F[:least]))
-    fall = level - float(F[least])
-    first = int(np.nonzero(F[:least] > level - 0.5 * fall)[0][-1])  # the last reading in air
-    air = F[: first + 1] - level
-    sudden = u[least] - u[first] <= SNAP_IN_DEPTH_SHARE * (u[-1] - u[0])
-    if (
-        len(air) < MIN_AIR_READINGS
-        or not sudden
-        or fall < max(SNAP_IN_FORCE_SHARE * float(np.ptp(F)), 5.0 * float(np.abs(air[:-1]).max()))
-    ):
+    x, means_of = u[window // 2 : len(u) - window // 2], np.convolve(F, np.full(window, 1.0 / window), "valid")
+    least = int(np.argmin(means_of))
+    if least < MIN_MEANS_IN_AIR * window or x[-1] <= x[least]:
         return None
-    if not _rises(u[first + 1 :], F[first + 1 :], fall, u[-1] - u[0], float(np.abs(air[:-1]).max())):
+    level = float(np.median(means_of[:least]))
+    fall = level - float(means_of[least])
+    first = int(np.nonzero(means_of[:least] > level - 0.5 * fall)[0][-1])  # the last reading in air
+    air = means_of[: first + 1 - window // 2] - level
+    way, apart = float(x[-1] - x[0]), window * float(x[first + 1] - x[first])
+    sudden = x[least] - x[first] <= SNAP_IN_DEPTH_SHARE * way + (window > 1) * apart
+    if len(air) < MIN_MEANS_IN_AIR * window or not sudden:
+        return None
+    scatter = float(np.abs(air[:-1]).max())
+    if fall < max(SNAP_IN_FORCE_SHARE * float(np.ptp(F)), SNAP_IN_SCATTER_RATIO * scatter):
+        return None
+    if not _rises(x[first + 1 :], means_of[first + 1 :], fall, way, scatter):
         return None  # a cell that was tared in air falls as well, and stays
-    apart = float(u[first + 1] - u[first])
-    return Onset(0.5 * float(u[first] + u[first + 1]), apart / 12**0.5, 0.01 * float(u[-1] - u[first]))
+    return Onset(0.5 * float(x[first] + x[first + 1]), apart / 12**0.5, 0.01 * float(x[-1] - x[first])), fall
 
 
 def _rises(u: np.ndarray, F: np.ndarray, fall: float, way: float, scatter: float) -> bool:
@@ -210,17 +234,27 @@ def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
 
     A machine's 0 is where somebody set it.  A record that neither begins in air beyond doubt nor at contact beyond
     doubt leaves both open: the contact by its shape is then one of two, and the bias of the other holds their distance.
+    Where the force has grown by more than a drift before it, that is no contact but a base or a stiffer layer beneath.
     """
     if len(depth) < MIN_READINGS_FOR_CONTACT or (found := contact_onset(depth, force)) is None:
         return None
     if abs(found.depth) <= max(LATE_CONTACT_SHARE * float(np.ptp(depth)), found.deviation):
         return None
     fit = _fit(*_pressed(depth, force), MAX_CONTACT_FORCE_SHARE)
-    if fit is None:
+    if fit is None or _grown(depth, force, found.depth) > MAX_DRIFT_FORCE_SHARE:
         return None
     # by what a reading scatters about the better of the two: a shape that does not fit is left with more
     left, variance = _from_start(fit)
     return None if left < fit.left - MIN_CHI2_FALL * min(variance, fit.variance) else found
+
+
+def _grown(depth: np.ndarray, force: np.ndarray, contact: float) -> float:
+    """By how much of its range the force (n,) has grown from the first readings to a contact (mm)."""
+    order = np.argsort(depth, kind="stable")
+    u, F = depth[order], force[order]
+    k = int(np.searchsorted(u, contact))
+    before, first = (F[max(k - MIN_AIR_READINGS, 0) : k], F[:MIN_AIR_READINGS])
+    return float(np.median(before) - np.median(first)) / float(np.ptp(F)) if k > MIN_READINGS_FOR_CONTACT else 0.0
 
 
 def zeroed(

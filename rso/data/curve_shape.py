@@ -20,6 +20,11 @@ REST_STROKE_SHARE = 0.0025  # of the stroke: less is a rest at one depth
 LONG_PAUSE_SHARE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 ISOLATED_STEP_RATIO = 8.0  # times the steps beside it: a step that is none of theirs
 MAX_FORCE_FALL_SHARE = 0.1  # of its range that a force of loading may fall before the deepest point
+# Steps of the scale, and share of the range: a force that scatters by more is constant nowhere
+MIN_MUTE_SCATTER_STEPS, MIN_MUTE_SCATTER_SHARE = 3.0, 1e-3
+# Readings of a block and blocks that tell two curves; of the range of the force, how far these are apart
+TWO_CURVES_BLOCK, MIN_TWO_CURVES_BLOCKS, MIN_TWO_CURVES_SHARE = 10, 3, 0.02
+MAX_TWO_CURVES_KURTOSIS = 1.4  # of residuals of two curves: 1, of a sine 1.5
 MIN_SATURATED_READINGS = 5  # equal largest readings in a row: a sensor at its end
 
 
@@ -156,6 +161,62 @@ def before_contact(depth: np.ndarray, force: np.ndarray) -> float | None:
     start = float(np.median(before[: max(3, len(before) // 10)]))
     grown = float(np.median(force[near])) - start
     return grown if grown > max(LATE_CONTACT_SHARE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
+
+
+def returned(depth: np.ndarray, force: np.ndarray, segment: np.ndarray) -> float:
+    """By how much the force is larger in unloading than in loading at the same depths, on the mean over depths that
+    both have, as a share of its range; 0 where they have few in common."""
+    ways = []
+    for name in ("loading", "unloading"):
+        at = np.nonzero(segment == name)[0]
+        at = at[np.argsort(depth[at], kind="stable")]
+        ways.append((depth[at], force[at]))
+    if min(len(d) for d, _ in ways) < MIN_MACHINE_READINGS:
+        return 0.0
+    low, high = max(d[0] for d, _ in ways), min(d[-1] for d, _ in ways)
+    if high - low < 0.5 * float(np.ptp(depth)):
+        return 0.0
+    u = np.linspace(low, high, MAX_CONTACT_READINGS)
+    there, back = (np.interp(u, d, F) for d, F in ways)
+    return float(np.mean(back - there)) / float(np.ptp(force))
+
+
+def mute_until(depth: np.ndarray, force: np.ndarray) -> float | None:
+    """Depth (mm) up to which a force (n,) that scatters further on has one and the same value; None without such a
+    start."""
+    order = np.argsort(depth, kind="stable")
+    u, F = depth[order], force[order]
+    n = int(np.argmax(F != F[0])) if np.ptp(F) > 0.0 else 0
+    if not MIN_SATURATED_READINGS <= n < len(F) - 12:
+        return None
+    apart = np.diff(np.unique(F))
+    step = float(apart.min())
+    on_marks = bool(np.all(np.abs(apart / step - np.round(apart / step)) < 0.05))  # a display of few digits
+    least = max(MIN_MUTE_SCATTER_STEPS * step * on_marks, MIN_MUTE_SCATTER_SHARE * float(np.ptp(F)))
+    return float(u[n - 1]) if noise_of(F[n:]) > least else None
+
+
+def two_curves(depth: np.ndarray, force: np.ndarray) -> float:
+    """How far apart (N) two curves are between which the readings (n,) change, sorted by depth; 0 where there is one.
+
+    About lines through TWO_CURVES_BLOCK readings each, residuals of two curves have one size: Σr⁴ n / (Σr²)² is 1,
+    that of a sine 1.5, that of noise 3.
+    """
+    order = np.argsort(depth, kind="stable")
+    n = len(order) // TWO_CURVES_BLOCK
+    if n < MIN_TWO_CURVES_BLOCKS:
+        return 0.0
+    blocks = order[: n * TWO_CURVES_BLOCK].reshape(n, TWO_CURVES_BLOCK)
+    u, F = depth[blocks], force[blocks]
+    x, y = u - u.mean(axis=1, keepdims=True), F - F.mean(axis=1, keepdims=True)
+    slope = np.sum(x * y, axis=1) / np.maximum(np.sum(x * x, axis=1), 1e-300)
+    left = y - slope[:, None] * x
+    size = np.mean(left**2, axis=1)
+    far = size > (0.5 * MIN_TWO_CURVES_SHARE * float(np.ptp(force))) ** 2
+    if np.sum(far) < MIN_TWO_CURVES_BLOCKS:
+        return 0.0
+    shape = float(np.mean(np.mean(left[far] ** 4, axis=1) / size[far] ** 2))
+    return 2.0 * float(np.sqrt(np.max(size))) if shape < MAX_TWO_CURVES_KURTOSIS else 0.0
 
 
 def loading_power(depth: np.ndarray, force: np.ndarray) -> float | None:

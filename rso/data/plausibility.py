@@ -13,7 +13,13 @@ import numpy as np
 
 from rso.core.digits import quantity_text, range_text, two_digits
 from rso.data import curve_shape
-from rso.data.contact_point import LATE_CONTACT_SHARE, MAX_FORCE_POWER, begins_in_air, drift_of_approach
+from rso.data.contact_point import (
+    LATE_CONTACT_SHARE,
+    MAX_FORCE_POWER,
+    begins_in_air,
+    drawn_by,
+    drift_of_approach,
+)
 from rso.data.scatter import step_of_scale
 
 MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
@@ -22,6 +28,10 @@ DOUBTED_UNTARED_FORCE_SHARE = 0.01  # the same, from which on it is remarked upo
 MIN_LOADING_STROKE_SHARE = 0.5  # of the stroke that loading must cover
 MIN_FORCE_TO_NOISE = 20.0  # times the noise: a force that tells its sign and unit
 MAX_REPEAT_FORCE_RATIO = 5.0  # ratio of the largest forces of two repeats to one depth
+MAX_REPEAT_DEPTH_RATIO = 20.0  # ratio of the deepest travels of two repeats
+DOUBTED_REPEAT_FORCE_RATIO = 1.5  # the same, from which on it is remarked upon
+FALLING_STEP_RATIO = 3.0  # times the steps beside it: a fall of the force of a body that is pressed deeper
+DOUBTED_RETURN_SHARE = 0.03  # of its range, on the mean: a force that is larger in unloading
 ASSUMED_SCATTER_SHARE = 0.03  # of its range that a force may scatter where too few readings tell it
 MAX_AIR_DRIFT_SHARE = 0.01  # of all that the force changes by: a sensor may drift by as much in air
 MIN_FORCE_POWER = 0.8  # power below which no force of a pressed body grows
@@ -102,12 +112,32 @@ def check_repeat(
             f"never beyond 0, where "
             f"contact is: {SUBTRACT_ZERO_ADVICE}"
         )
+    if force is not None and not few and (more := curve_shape.returned(depth, force, segment)) > DOUBTED_RETURN_SHARE:
+        notes.append(
+            f"repeat {label}: Fz is larger in unloading than in loading at the same depths, by "
+            f"{100.0 * more:.2g} % of its range on the mean. No body gives back more work than it took. "
+            "Are the rows in reverse order, or the segments "
+            "exchanged? Has the drive play, or does the sensor drift?"
+        )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
         try:
             notes += _of_force(who, label, depth, force, time, loading, found)
         except ValueError as error:  # a cell that was tared on the way makes a force that no zero mends
             raise ValueError("; ".join([str(error), *(n for n in notes if "Fz jumps" in n)])) from error
     return notes
+
+
+def check_stated_loading(who: str, depth: np.ndarray) -> None:
+    """ValueError where depths (n,) mm that a file calls loading, in their order, end far above the deepest of them."""
+    if len(depth) < curve_shape.MIN_HAND_READINGS:
+        return
+    deepest, last = float(depth.max()), float(depth[-1])
+    if deepest - last > MIN_LOADING_STROKE_SHARE * float(np.ptp(depth)):
+        raise ValueError(
+            f"{who}: its segment 'loading' goes to {quantity_text(deepest, 'mm', 4)} and ends at "
+            f"{quantity_text(last, 'mm', 4)}. Are loading and unloading exchanged, or both called loading? "
+            f"Is the depth a height? Then {TURN_SIGN_ADVICE}"
+        )
 
 
 def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, loading: np.ndarray) -> list[str]:
@@ -121,7 +151,8 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
         raise ValueError(
             f"{who}: column 'depth' falls from {range_text(depth[0], depth[-1], 'mm', 'to', 6)} and hardly "
             f"rises anywhere. It must "
-            f"grow from 0 at contact while the indenter goes deeper: {TURN_SIGN_ADVICE} or subtract its start"
+            f"grow from 0 at contact while the indenter goes deeper: {TURN_SIGN_ADVICE} or subtract its start. "
+            "Where the rows stand in reverse order, sort them"
         )
     if back := curve_shape.back(depth):
         notes.append(
@@ -174,6 +205,11 @@ def _of_force(
             f"travel in air (zero = … "
             "or \"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
+    if pull := drawn_by(d, F):
+        notes.append(
+            f"repeat {label}: Fz falls by {quantity_text(pull, 'N', 2)} where the indenter touches, and then rises: "
+            "the body draws it in. Where no `adhesion` is open in [parameters], the modulus is wrong by what that does"
+        )
     if found and (drift := _drift(d, F, span)):
         change, on = drift
         notes.append(
@@ -204,6 +240,19 @@ def _of_force(
             f"repeat {label}: Fz stays at {quantity_text(creep[1], 'N')} from "
             f"{range_text(creep[0], d.max(), 'mm', 'to')}. Was it held at "
             "constant force, did the sensor saturate, or did the indenter sink in?"
+        )
+    if (mute := curve_shape.mute_until(d, F)) is not None:
+        notes.append(
+            f"repeat {label}: Fz is exactly {quantity_text(F[np.argmin(d)], 'N')} up to {quantity_text(mute, 'mm')} "
+            "and scatters beyond. Does the cell show nothing below a threshold, or nothing negative? Then contact is "
+            "earlier and Fz is off. Tare the cell so that it scatters in air"
+        )
+    coarse = step_of_scale(F) > COARSE_FORCE_STEP_SHARE * span
+    if not coarse and (apart := curve_shape.two_curves(d, F)):
+        notes.append(
+            f"repeat {label}: Fz changes from reading to reading between two curves, up to "
+            f"{quantity_text(apart, 'N', 2)} apart, and their mean is fitted. Were loading and unloading, or two "
+            "tests, sorted by depth? Write them one after the other"
         )
     if (step := step_of_scale(F)) > COARSE_FORCE_STEP_SHARE * span:
         notes.append(
@@ -279,10 +328,17 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
     return start
 
 
-def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
-    """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor
-    MAX_REPEAT_FORCE_RATIO."""
-    deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
+def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> list[str]:
+    """Remarks on repeats (label, depth, Fz) whose largest forces to about one depth differ by a factor
+    DOUBTED_REPEAT_FORCE_RATIO; ValueError from MAX_REPEAT_FORCE_RATIO on, and for depths that differ by a factor
+    MAX_REPEAT_DEPTH_RATIO."""
+    ways = sorted((float(d.max()), label) for label, d, _ in repeats)
+    if len(ways) > 1 and ways[-1][0] > MAX_REPEAT_DEPTH_RATIO * ways[0][0] > 0.0:
+        raise ValueError(
+            f"{path}: repeat {ways[0][1]!r} goes to {quantity_text(ways[0][0], 'mm')}, repeat {ways[-1][1]!r} to "
+            f"{quantity_text(ways[-1][0], 'mm')}: no repeats of one test. Has one of them another unit?"
+        )
+    deepest = ways[-1][0] if ways else 0.0
     ends = []
     for label, d, F in repeats:
         force = (
@@ -293,14 +349,20 @@ def check_alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]
         if abs(force) > MIN_FORCE_TO_NOISE * curve_shape.noise_of(F):
             ends.append((label, force))
     if len(ends) < 2:
-        return
+        return []
     low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
+    told = (
+        f"the largest force of repeat {low[0]!r} is {quantity_text(low[1], 'N')}, that of repeat {high[0]!r} "
+        f"{quantity_text(high[1], 'N')}, to about the same depth"
+    )
     if low[1] * high[1] <= 0.0 or (high[1] / low[1] > MAX_REPEAT_FORCE_RATIO and low[1] > 0.0):
-        raise ValueError(
-            f"{path}: the largest force of repeat {low[0]!r} is {quantity_text(low[1], 'N')}, that of repeat "
-            f"{high[0]!r} "
-            f"{quantity_text(high[1], 'N')}, to about the same depth. One of them has another sign, unit or tare"
-        )
+        raise ValueError(f"{path}: {told}. One of them has another sign, unit or tare")
+    if high[1] / low[1] <= DOUBTED_REPEAT_FORCE_RATIO:
+        return []
+    return [
+        f"{told}. Their mean is fitted as one test. Are they of several specimens, or was the body changed in between? "
+        "Then give each as a test of its own"
+    ]
 
 
 def check_profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
@@ -395,12 +457,9 @@ def _breaks(
         )
     if force is not None:
         rise = np.diff(force)
-        far = (
-            curve_shape.isolated_steps(np.abs(rise))
-            & ~curve_shape.isolated_steps(np.abs(step), 3.0)
-            & loading[:-1]
-            & loading[1:]
-        )
+        alone = curve_shape.isolated_steps(np.abs(rise))
+        alone |= curve_shape.isolated_steps(np.abs(rise), FALLING_STEP_RATIO) & (rise < 0.0)
+        far = alone & ~curve_shape.isolated_steps(np.abs(step), 3.0) & loading[:-1] & loading[1:]
         far = curve_shape.while_moving(
             far & (np.abs(rise) > max(MAX_JUMP_STROKE_SHARE * np.ptp(force), 12.0 * curve_shape.noise_of(force))), depth
         )

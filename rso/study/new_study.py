@@ -42,6 +42,7 @@ from rso.study.settings_files import paths_seen_from
 
 GUESS_MARK = "# <-"  # behind what nobody has stated
 BOTH_SIGNS_TURNED_NOTE = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
+COLUMNS_HERE_ADVICE = "[columns] is said here by --column depth HEADER UNIT [flip] [zero VALUE], and so for Fz"
 TOP_POINT_MM = (0.0, 0.0)  # x and y of the top of a specimen
 TEST_NAME = "press"  # the experiment of a study of many specimens
 SPECIMEN_SETTING = "specimen"  # the setting with its sizes
@@ -271,6 +272,10 @@ def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Mea
         raise ValueError(
             f"{text}and flip behind the unit where the machine counts with the other sign (rso keys columns)"
         ) from error
+    except ValueError as error:
+        if "[columns]" not in str(error):
+            raise
+        raise ValueError(f"{error}\n{COLUMNS_HERE_ADVICE}") from error
 
 
 def _words(name: str, column: Mapping[str, Any]) -> list[str]:

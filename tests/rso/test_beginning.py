@@ -98,6 +98,21 @@ def test_a_zero_may_be_the_contact_that_the_record_shows(tmp_path):
     assert study.measurement("air").repeats[0].depth[0] < -1.5
 
 
+def test_a_height_is_turned_and_its_zero_given_where_the_message_says_so(tmp_path, capsys):
+    """Nothing but the header of a gauge says that it falls while the indenter is pressed."""
+    rows = [(25.0 - 0.05 * k, 0.02 * (0.05 * k) ** 1.5) for k in range(41)]
+    text = "".join(f"{gap:.3f};{force:.6f}\n" for gap, force in rows)
+    (tmp_path / "gap.csv").write_text(f"Gap (mm);Fz (N)\n{text}")
+    file, turned = str(tmp_path / "gap.csv"), ("--column", "depth", "Gap (mm)", "flip")
+    assert new(tmp_path, file, *turned, "--column", "Fz", "Fz (N)") == 2
+    assert "--column depth HEADER UNIT [flip] [zero VALUE]" in capsys.readouterr().err
+    assert new(tmp_path, file, *turned, "zero", "25mm", "--column", "Fz", "Fz (N)") == 2
+    assert "zero 25mm: give a number as the file has it" in capsys.readouterr().err
+    assert new(tmp_path, file, *turned, "zero", "25", "--column", "Fz", "Fz (N)") == 0
+    study = load_study(tmp_path / "study.toml")
+    assert study.columns.depth.zero == 25.0 and study.columns.depth.flip
+
+
 @pytest.mark.parametrize(
     ("column", "said"), [(["Fq", "kraft"], "no column 'Fq'; did you mean"), (["Fz"], "--column Fz: give NAME HEADER")]
 )

@@ -325,7 +325,7 @@ REFUSED = {  # text, columns, words
         {"depth": Column("Weg"), "Fz": Column("Kraft [N]")},
         [":1:", "'depth'", "'Weg' says no unit", "mm, um"],
     ),
-    "no unit that is known": (SHORT.replace("mm", "Millimeter"), SHORT_COLUMNS, [":1:", "'Millimeter' beneath"]),
+    "no unit that is known": (SHORT.replace("mm", "Klafter"), SHORT_COLUMNS, [":1:", "'Klafter' beneath"]),
     "another unit in the header": (
         "Weg [mm];Kraft (kN)\n0;0\n",
         {"depth": Column("Weg [mm]"), "Fz": Column("Kraft (kN)", "N")},

@@ -388,6 +388,38 @@ def test_a_body_that_draws_the_indenter_in_is_touched_there(tmp_path, noise):
     assert not any("Depth must count from contact" in d for d in m.doubts)
 
 
+@pytest.mark.parametrize(("share", "noise"), [(0.02, 1e-6), (0.05, 4e-6), (0.08, 4e-6)])
+def test_a_small_pull_is_seen_where_noise_allows_it_and_said(tmp_path, share, noise):
+    """As a ball without adhesion a pull of 5 % of the range puts the contact 0.05 mm, several deviations, too deep."""
+    w = share * 4.1e-3 / (8 / 9 * 1.5 * np.pi * 5.0)  # by which the force falls at contact, of 4.1 mN
+    u = np.linspace(-0.5, 0.5, 300)
+    force = np.where(u >= 0.0, jkr(np.maximum(u, 0.0), w), 0.0)
+    for seed in range(3):
+        noisy = force + noise * np.random.default_rng(seed).standard_normal(300)
+        m = read_measurement(write(tmp_path / "a.csv", "Position (mm),Load (mN)", u + 0.5, 1e3 * noisy))
+        assert abs(float(m.repeats[0].depth.max()) - 0.5) < 2.0 * m.contact < 0.03
+        assert any("draws it in" in d for d in m.doubts)
+
+
+@pytest.mark.parametrize("before", ["white", "remembers", "hum", "drifts", "relaxes"])
+def test_what_a_force_does_in_air_is_no_pull(before):
+    rng, n = np.random.default_rng(11), 300
+    u = np.linspace(-1.0, 1.0, n)
+    for size in (1e-4, 2e-3):
+        extra = {
+            "white": np.zeros(n),
+            "remembers": remembering(rng, n, 0.9, 3.0 * size),
+            "hum": 3.0 * size * np.sin(0.7 * np.arange(n)),
+            "drifts": -2e-3 * u,
+            "relaxes": 2e-3 * np.exp(-5.0 * (u + 1.0)),
+        }[before]
+        found = [
+            contact_point.drawn_by(u, 0.03 * np.maximum(u, 0.0) ** 1.5 + extra + size * rng.standard_normal(n))
+            for _ in range(5)
+        ]
+        assert found == [0.0] * 5
+
+
 def test_a_force_that_slips_while_it_presses_is_no_jump_into_contact():
     u = np.linspace(0.0, 1.0, 200)
     force = u**1.5 - 0.3 * (u > 0.5)

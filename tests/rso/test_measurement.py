@@ -1,5 +1,7 @@
 """Reading, averaging and the measurement chain."""
 
+import gzip
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from rso.data import (
     Repeat,
     combine,
     correct,
+    curve_shape,
     read_measurement,
     record,
     value_at,
@@ -169,7 +172,7 @@ def test_a_hold_of_two_readings_by_hand_and_one_after_a_fast_way_through_air(tmp
         ("depth_mm,Fz_N,x_mm\n1,2,3\n", ["belong to a profile"]),
         ("depth_mm,Fz_N,Fx_sigma_N\n1,2,3\n", [":1:", "'Fx_sigma'", "not there"]),
         ("depth_mm,Fz_N,Fz_sigma_N\n1,2,-3\n", [":2:", "'Fz_sigma'", "negative"]),
-        ("time_s,depth_mm,Fz_N\n0,1,1\n1,2,1\n1,3,1\n", [":4:", "'time'", "does not follow", "'repeat'"]),
+        ("time_s,depth_mm,Fz_N\n0,1,1\n1,2,1\n1,3,1\n", [":4:", "'time'", "does not follow", "delete one"]),
         ("depth_mm,Fz_N,segment\n1,2,up\n", [":2:", "'segment'", "'up'", "loading, hold, creep, unloading"]),
         ("depth_mm,Fz_N,repeat\n1,2,1\n2,3,1\n1,2,2\n", ["repeat '2'", "too few points"]),
     ],
@@ -196,6 +199,37 @@ def test_bad_files(tmp_path, monkeypatch):
     monkeypatch.setattr(lines_module, "MAX_FILE_BYTES", 10)
     with pytest.raises(ValueError, match="is more than the"):
         read_measurement(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
+
+
+OTHER_FILES = {  # contents → what the message calls it, and what it says to do
+    "pdf": (b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n1 0 obj <</Type /Catalog>>", "a document (PDF)", "export"),
+    "rtf": (b"{\\rtf1\\ansi Time (s)\\tab Force (N)\\par}", "a document (RTF)", "export"),
+    "hdf": (b"\x89HDF\r\n\x1a\n" + bytes(40), "an HDF5 file", "export"),
+    "matlab": (b"MATLAB 5.0 MAT-file, Platform: PCWIN64".ljust(116) + bytes(40), "a MATLAB file", "export"),
+    "gzip": (gzip.compress(b"depth_mm,Fz_N\n0,0\n1,1\n"), "packed (gzip)", "unpack"),
+    "html": (b"<html><body><table><tr><td>Force (N)</td></tr></table></body></html>", "HTML or XML", "export"),
+    "xml": (b'\xef\xbb\xbf<?xml version="1.0"?>\n<Workbook></Workbook>', "HTML or XML", "export"),
+    "json": (b'[{"depth_mm": 0.1,\n "Fz_N": 2}]', "JSON", "export"),
+    "a line for each": (b'{"depth_mm": 0.1}\n{"depth_mm": 0.2}\n', "JSON", "export"),
+    "raw numbers": (bytes(1 + k % 255 for k in range(0, 4000, 7)), "control characters", "export"),
+}
+
+
+@pytest.mark.parametrize("what", OTHER_FILES)
+def test_files_of_other_kinds_are_called_by_it_and_not_taken_for_a_header(tmp_path, what):
+    content, called, advice = OTHER_FILES[what]
+    (tmp_path / "x.csv").write_bytes(content)
+    with pytest.raises(ValueError) as error:
+        read_measurement(tmp_path / "x.csv")
+    assert called in str(error.value) and advice in str(error.value) and "unknown column" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "first", ["<measured in air>", "[test of the 3rd of May]", "{lab}", "PAR1,PAR2", "%PDF made of"]
+)
+def test_notes_that_look_like_another_kind_are_notes(tmp_path, first):
+    content = table("depth_mm,Fz_N", zip(PRESS, PULL, strict=True))
+    assert len(read_measurement(write(tmp_path, f"{first}\n{content}\x1a")).repeats[0].depth) == len(PRESS)
 
 
 # ---- averaging
@@ -689,6 +723,106 @@ def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
     rows += [(u, factor * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
     with pytest.raises(ValueError, match="another sign, unit or tare"):
         read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1e3, True), (1e-3, True), (0.3, False)])
+def test_a_repeat_whose_depths_have_another_unit_is_refused(tmp_path, factor, refused):
+    """In the mean over the depths that both have, it would count as a body without a force."""
+    rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
+    rows += [(factor * u, f if refused else factor**1.5 * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
+    path = write(tmp_path, table("depth_mm,Fz_N,repeat", rows))
+    with pytest.raises(ValueError, match="Has one of them another unit") if refused else nullcontext():
+        read_measurement(path)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.2, False), (2.3, True), (0.5, True)])
+def test_repeats_of_several_specimens_are_remarked_upon(tmp_path, factor, said):
+    """Their mean is fitted, which is nobody's."""
+    rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
+    rows += [(u, factor * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
+    doubts = read_measurement(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))).doubts
+    assert any("Are they of several specimens" in doubt for doubt in doubts) == said
+
+
+@pytest.mark.parametrize("relaxes", [0.8, 1.0])
+@pytest.mark.parametrize("reversed_rows", [False, True])
+def test_work_that_a_body_cannot_give_back_is_remarked_upon(tmp_path, relaxes, reversed_rows):
+    """A record in reverse order has its unloading first, which nothing else in it shows."""
+    up = np.linspace(0.0, 4.0, 41)
+    depth, force = np.r_[up, up[-2::-1]], np.r_[0.04 * up**1.5, relaxes * 0.04 * up[-2::-1] ** 1.5]
+    force += 1e-3 * np.random.default_rng(2).normal(size=len(force))
+    order = slice(None, None, -1 if reversed_rows else 1)
+    doubts = read_measurement(write(tmp_path, curve(depth[order], force[order]))).doubts
+    assert any("reverse order" in doubt for doubt in doubts) == (reversed_rows and relaxes < 1.0)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_a_cycle_sorted_by_depth_is_two_curves(tmp_path, jitter):
+    """Its mean lies 10 % below the loading, and no column tells."""
+    rng, up = np.random.default_rng(5), np.linspace(0.0, 4.0, 61)
+    depth = np.r_[up, up[-2::-1]] + jitter * rng.normal(size=121)
+    force = np.r_[0.04 * up**1.5, 0.8 * 0.04 * up[-2::-1] ** 1.5] + 3e-4 * rng.normal(size=121)
+    order = np.argsort(depth, kind="stable")
+    assert any("two curves" in d for d in read_measurement(write(tmp_path, curve(depth[order], force[order]))).doubts)
+
+
+@pytest.mark.parametrize("noise", ["white", "hum", "coarse", "remembers"])
+def test_noise_of_one_curve_is_no_second_curve(noise):
+    for seed in range(20):
+        rng, n = np.random.default_rng(seed), 120
+        up = np.linspace(0.0, 4.0, n)
+        force, e = 0.04 * up**1.5, rng.normal(size=n)
+        extra = {
+            "white": 0.01 * e,
+            "hum": 0.01 * np.sin(rng.uniform(0.2, 3.0) * np.arange(n)) + 1e-3 * e,
+            "coarse": np.round((force + 5e-3 * e) / 0.012) * 0.012 - force,
+            "remembers": 0.01 * np.convolve(e, np.ones(3) / 3**0.5, "same"),
+        }[noise]
+        assert curve_shape.two_curves(up, force + extra) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("shown", "said"),
+    [
+        (lambda force: np.maximum(force - 0.02, 0.0), True),  # a cell tared too high that shows nothing negative
+        (lambda force: np.where(force < 0.02, 0.0, force), True),  # a threshold
+        (lambda force: np.round(force / 0.01) * 0.01, False),  # a display of few digits
+        (lambda force: force, False),
+    ],
+)
+def test_a_cell_that_shows_nothing_at_first_is_asked_about(tmp_path, shown, said):
+    """A fit takes the place where it begins for the contact, 0.6 mm too deep, and says so to 0.02 mm."""
+    rng = np.random.default_rng(3)
+    force = shown(0.32 * (PRESS / 4.0) ** 1.5 + 1e-3 * rng.normal(size=len(PRESS)))
+    text = curve(PRESS, force).replace("depth_mm,Fz_N", "Travel (mm),Force (N)")
+    assert (
+        any("shows nothing" in d or "show nothing" in d for d in read_measurement(write(tmp_path, text)).doubts) == said
+    )
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_an_encoder_of_one_step_is_read_without_a_word_of_numpy(tmp_path):
+    """It stands at 0 on the whole way, and at the deepest point from there on."""
+    depth = np.r_[np.zeros(20), np.full(20, 0.1)]
+    rows = zip(np.arange(40.0), depth, 0.01 * depth + 1e-5 * np.arange(40), strict=True)
+    (r,) = read_measurement(write(tmp_path, table("time_s,depth_mm,Fz_N", rows))).repeats
+    assert len(r.depth) == 40
+
+
+def test_a_base_that_is_hit_is_no_contact(tmp_path):
+    """The force has grown by a tenth of all before it: more than any drift in air."""
+    u = np.linspace(0.0, 4.9, 200)
+    force = 0.03 * u**1.5 + 5.0 * np.maximum(u - 4.5, 0.0)
+    text = curve(u, force).replace("depth_mm,Fz_N", "Travel (mm),Force (N)")
+    assert read_measurement(write(tmp_path, text)).contact == 0.0
+
+
+def test_a_fall_of_the_force_is_said_though_readings_are_far_apart(tmp_path):
+    """By 9 % of the range, five steps: a body that is pressed deeper gives none back."""
+    force = 0.32 * (PRESS / 4.0) ** 1.5
+    k = int(0.6 * len(PRESS))
+    slipped = np.r_[force[:k], force[k:] - 0.03]
+    assert any("Fz jumps by -0.0" in d for d in read_measurement(write(tmp_path, curve(PRESS, slipped))).doubts)
 
 
 DOUBTFUL = {

@@ -213,6 +213,18 @@ def test_the_range_of_a_slab_is_about_the_modulus_of_a_layer(folder):
     assert (low * high) ** 0.5 == pytest.approx(10.0, rel=0.02)  # two digits are written; Hertz alone is 6 % above
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("depth", [[0.2], [0.1, 0.2], np.linspace(0.12, 0.2, 20)], ids=["one", "two", "deep ones"])
+def test_readings_that_are_all_deep_give_a_range_too(folder, depth):
+    """None lies in the shallow half: a modulus of Hertz's half-space, 16/3 μ √R d^1.5, not of nothing."""
+    rows = "".join(f"{d:.4f},{16 / 3 * 0.01 * 10.0**0.5 * d**1.5:.9g}\n" for d in depth)
+    (folder / "curve.csv").write_text("depth_mm,Fz_N\n" + rows)
+    given = NewTest({"half-space": (), "ball": (10.0,)})
+    mu = tomllib.loads(study_text(folder / "study.toml", BACKEND, given, ["curve.csv"]))["parameters"]["mu"]
+    low, high = (float(mu[k].split()[0]) for k in ("low", "high"))
+    assert (low * high) ** 0.5 == pytest.approx(10.0, rel=0.03)
+
+
 def test_a_plate_on_a_puck_has_a_range_about_its_modulus(folder):
     """Uniform compression by hand: F = π a² μ (λ⁻² − λ), neo-Hooke, incompressible, to a tenth of the height."""
     mu, a, h = 2.5, 8.0, 6.0  # MPa: a rubber, beyond any wide range

@@ -55,6 +55,11 @@ READ = {  # text, encoding, columns
         "utf-8-sig",
         None,
     ),
+    "units as words in capitals": (table("depth (Millimeters),Fz (Newton)", U, F), "utf-8", None),
+    "marks of no width": (table("\u200bdepth_mm;Fz_N\u200b", U, F, separator=";"), "utf-8-sig", None),
+    "zero bytes of a logger that was cut off": (table("depth_mm,Fz_N", U, F) + "\0" * 40, "utf-8", None),
+    "units with a full stop": (table("depth (mm.),Fz [N.]", U, F), "utf-8", None),
+    "an en dash for a minus": (table("depth_mm;Fz_N", U, F, separator=";").replace("0;0", "–0.0;0"), "utf-8", None),
     "the first line of Excel": ("sep=;\n" + table("depth_mm;Fz_N", U, F, separator=";"), "utf-8", None),
     "a header cell of two lines": (table('"depth\n[mm]";"Fz\r\n[N]"', U, F, separator=";"), "utf-8", None),
     "a comment in the middle": (table("depth_mm,Fz_N", U, F).replace("\n2,", "\n# paused\n2,"), "utf-8", None),
@@ -96,6 +101,26 @@ def test_a_quote_in_a_remark_takes_no_readings_with_it(tmp_path):
     notes = ['"slipped' if k == 5 else 'again"' if k == 11 else "" for k in range(41)]
     path = write(tmp_path, table("depth_mm;Fz_N;Bemerkung", U, F, notes, separator=";"))
     assert len(read_measurement(path, PLAIN).repeats[0].depth) == 41
+
+
+@pytest.mark.parametrize("head", ["Depth um,Load mN", "Travel - um;Force - mN", "depth  um,LOAD mN"])
+def test_a_unit_behind_a_blank_is_one(tmp_path, head):
+    text = table(head, 1e3 * U, 1e3 * F, separator=";" if ";" in head else ",")
+    m = read_measurement(write(tmp_path, text))
+    np.testing.assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(m.repeats[0].depth, U, rtol=1e-4, atol=1e-9)
+
+
+def test_a_time_of_day_passes_midnight(tmp_path):
+    times = [f"{23 if t < 4 else 0}:{59 if t < 4 else 0:02d}:{56 + t if t < 4 else t - 4:06.3f}" for t in T]
+    m = read_measurement(write(tmp_path, table("time_s,depth_mm,Fz_N", times, U, F)))
+    np.testing.assert_allclose(m.repeats[0].time - m.repeats[0].time[0], T, atol=1e-6)
+
+
+def test_a_column_of_spread_is_asked_about_and_no_second_force(tmp_path):
+    text = table("Travel (mm),Mean Force (N),Force SD (N)", U, F, 0.03 * F)
+    (said,) = (d for d in read_measurement(write(tmp_path, text)).doubts if "not read" in d)
+    assert "Fz_sigma = { header = " in said and "moves with" not in said
 
 
 REFUSED = {  # text, columns, place and words
@@ -179,7 +204,71 @@ REFUSED = {  # text, columns, place and words
         None,
         ["turns back more than once within 4 mm", "Add a column 'repeat'"],
     ),
-    "units in the cells": (table("depth,Fz", [f"{u} mm" for u in U], [f"{v} N" for v in F]), None, [":1:", "no unit"]),
+    "units in the cells": (
+        table("Travel,Force", [f"{u} mm" for u in U], [f"{v} N" for v in F]),
+        None,
+        [":1:", "'Travel' says no unit, but '0.0 mm' does", "write the unit into the header"],
+    ),
+    "units in both": (
+        table("depth_mm,Fz_N", [f"{u}mm" for u in U], F),
+        None,
+        [":2:", "'0.0mm'", "write the unit into the header"],
+    ),
+    "shares in the cells": (table("depth_mm,Fz_N", [f"{u} %" for u in U], F), None, [":2:", "numbers alone"]),
+    **{
+        f"header and rows parted otherwise, {name}": (
+            table("depth_mm;Fz_N", U, F, separator=mark),
+            None,
+            [":2:", f"by semicolons, this row by {name}", "part both alike"],
+        )
+        for mark, name in ((",", "commas"), ("\t", "tabs"))
+    },
+    "bars between columns": (
+        table("depth_mm|Fz_N", U, F, separator="|"),
+        None,
+        [":1:", "parted by '|'", "by semicolons"],
+    ),
+    "strain and stress": (
+        table("Strain (%),Stress (kPa)", U, F),
+        None,
+        [":1:", "'Strain (%)' is no depth: multiply it by the length", "'Stress (kPa)' is no force", "the area"],
+    ),
+    "all rows twice": (
+        table("time_s,depth_mm,Fz_N", *(np.repeat(v, 2) for v in (T, U, F))),
+        None,
+        [":3:", "such rows stand twice: delete one of each"],
+    ),
+    "segments exchanged": (
+        table("depth_mm,Fz_N,segment", CYCLE, np.r_[F, 0.8 * F[::-1]], ["unloading"] * 41 + ["loading"] * 41),
+        None,
+        ["segment 'loading' goes to 4 mm and ends at 0 mm", "exchanged"],
+    ),
+    "both ways called loading": (
+        table("depth_mm,Fz_N,segment", CYCLE, np.r_[F, 0.8 * F[::-1]], ["loading"] * 82),
+        None,
+        ["ends at 0 mm", "both called loading"],
+    ),
+    "rows shuffled": (
+        table("depth_mm,Fz_N", *(v[np.random.default_rng(1).permutation(41)] for v in (U, F))),
+        None,
+        ["stand in no order", "Sort them"],
+    ),
+    "rows shuffled, with times": (
+        table("time_s,depth_mm,Fz_N", *(v[np.random.default_rng(1).permutation(41)] for v in (T, U, F))),
+        None,
+        ["'time'", "no order of time: sort them by it"],
+    ),
+    "rows in reverse, with times": (
+        table("Time (s),Travel (mm),Force (N)", *(v[::-1] for v in (T, U, F))),
+        None,
+        ["all rows run backwards in time: sort them by it"],
+    ),
+    "rows in reverse": (table("Travel (mm),Force (N)", U[::-1], F[::-1]), None, ["reverse order", "sort the rows"]),
+    "a clock that begins again in each part": (
+        table("time_s,depth_mm,Fz_N", np.r_[T, T], CYCLE, np.r_[F, 0.8 * F[::-1]]),
+        None,
+        [":43:", "0 s does not follow 8 s", "begins again where the depth goes on: add the times up"],
+    ),
     "a mass": (table("depth_mm,Fz [g]", U, F), PLAIN | {"Fz": Column("Fz [g]")}, [":1:", "'g' is a mass", "'gf'"]),
     "cut off": (table("depth_mm,Fz_N", U, F)[:-6], None, [":42:", "1 values in a table of 2 columns", "'4'"]),
     "side by side": (

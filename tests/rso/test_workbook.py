@@ -163,6 +163,12 @@ def test_formulas_never_computed_are_no_readings(tmp_path):
         read_measurement(saved(tmp_path / "data.xlsx", a=rows))
 
 
+def test_units_in_the_cells_of_a_sheet_are_named_as_that(tmp_path):
+    rows = [["depth", "Fz"], *([f"{0.1 * k:.1f} mm", f"{k} mN"] for k in range(40))]
+    with pytest.raises(ValueError, match=r"write the unit into the header, and numbers alone into the cells"):
+        read_measurement(saved(tmp_path / "data.xlsx", a=rows))
+
+
 def test_another_archive_is_no_workbook(tmp_path):
     path = tmp_path / "data.xlsx"
     path.write_bytes(b"PK\x03\x04 and so on")
@@ -170,10 +176,29 @@ def test_another_archive_is_no_workbook(tmp_path):
         read_measurement(path)
 
 
+def test_what_a_packed_file_holds_is_named(tmp_path):
+    path = tmp_path / "data.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("press 1.csv", "depth_mm,Fz_N\n0,0\n1,1\n")
+    with pytest.raises(ValueError, match=r"unpack it and give what it holds: 'press 1.csv'"):
+        read_measurement(path)
+
+
 def test_what_only_has_the_name_of_a_workbook_is_said_to_be_damaged(tmp_path):
     (tmp_path / "x.xlsx").write_bytes(bytes(range(200)))
     with pytest.raises(ValueError, match=r"x\.xlsx: is no workbook that can be read; damaged\?"):
         read_measurement(tmp_path / "x.xlsx")
+
+
+def test_a_workbook_packed_in_another_way_is_refused_as_one(tmp_path):
+    """Its parts say that they need a version 8.2 to be unpacked."""
+    path = saved(tmp_path / "data.xlsx", a=PLAIN)
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"PK\x01\x02")
+    raw[at + 6] = 82
+    path.write_bytes(bytes(raw))
+    with pytest.raises(ValueError, match=r"data\.xlsx: .*no workbook"):
+        read_measurement(path)
 
 
 def test_a_damaged_workbook_is_refused_as_one(tmp_path):

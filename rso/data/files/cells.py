@@ -12,8 +12,19 @@ import numpy as np
 from rso.core.units import kind_of
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT
 from rso.data.files import tables
-from rso.data.files.columns import Head, Row, cells_of, clock_seconds, decimal_number, fail, is_number
+from rso.data.files.columns import (
+    UNIT_IN_CELL_ADVICE,
+    Head,
+    Row,
+    cells_of,
+    clock_seconds,
+    decimal_number,
+    fail,
+    is_number,
+    unit_of_cell,
+)
 
+_SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", ",": "commas"}
 _MAX_CELL_NUMBER = 1e12  # in any unit: beyond it stand marks of loggers
 _MAX_CELL_TIME = 1e19  # of a cell of times: nanoseconds since 1970 are 1.7e18
 _MAX_PLAUSIBLE = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
@@ -35,6 +46,9 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
         n = words if words not in (0, len(head.cells)) else len(cells)
         halved = head.separator == "," and n == 2 * len(head.cells) and all(map(str.isdigit, "".join(cells[1::2])))
         comma = "are these decimal commas? part the columns by semicolons, or write points; else " if halved else ""
+        if (other := _other_separator(row, head)) is not None:
+            told = f"the header {head.text!r} is parted by {_SEPARATOR_NAMES[head.separator]}, this row by"
+            fail(path, number, f"{told} {_SEPARATOR_NAMES[other]}: {row.strip()[:60]!r}; part both alike")
         fail(
             path,
             number,
@@ -45,6 +59,15 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells
+
+
+def _other_separator(row: str, head: Head) -> str | None:
+    """What parts a row into as many numbers as the header has cells, where that is not what parts the header."""
+    for separator in _SEPARATOR_NAMES:
+        cells = cells_of(row, separator)
+        if separator != head.separator and len(cells) == len(head.cells) and all(map(is_number, cells)):
+            return separator
+    return None
 
 
 def require_plausible(path: Path, line: Sequence[int], name: str, column: np.ndarray, unit: str) -> None:
@@ -133,9 +156,11 @@ def _hint(name: str, cell: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in cell and name == "time":
         return " and no time of day as 10:00:03.5; write seconds, or leave the column out and state settings.speed"
+    if unit_of_cell(cell):
+        return f"; {UNIT_IN_CELL_ADVICE}"
     if _GROUPED_DIGITS.fullmatch(cell):
         return "; write thousands without a mark between them"
-    nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
+    nothing = cell.lower() == "nan" or cell.startswith("#") or not any(map(str.isdigit, cell))
     return "; delete the row if nothing was measured there" if nothing else ""
 
 

@@ -35,16 +35,20 @@ from rso.core.units import (
     weight,
 )
 from rso.data.files import cantilever, header_aliases
-from rso.data.files.header_words import KNOWN_COLUMN_NAMES
+from rso.data.files.header_words import KNOWN_COLUMN_NAMES, STRAIN_WORDS
 
 _QUOTED_CELL = re.compile(r'"[^"]*"')
 _CLOCK_TIME = re.compile(
     r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\s*)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
 )
+_DECIMAL_MARKS = str.maketrans({",": ".", "\u2212": "-", "\u2013": "-"})  # minus and en dash
+_CELL_WITH_UNIT = re.compile(r"[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?\s*([^\W\d_]\S*|%)")
 _HEADER_SEARCH_LINES = 300  # lines in which a header of customary names is looked for
 _MAX_SENSE_ROWS = 20_000  # rows whose numbers tell which way a travel counts
 _MAX_HEADER_CHARACTERS, _MAX_HEADERS = 80, 200  # characters of a header and headers of a line that a message looks at
 _HEADLESS_ADVICE = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
+UNIT_IN_CELL_ADVICE = "write the unit into the header, and numbers alone into the cells"
+UNUSUAL_SEPARATORS = "|:"
 _RENAME_ADVICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES_ADVICE = "other names are understood with [columns] in the study file"
 
@@ -217,7 +221,11 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
             and is_clock(_cell(rows, below, separator, i))
         )
         read_as[name] = unit = (
-            "" if name in BARE_COLUMNS else "s" if timed else _unit(path, line, name, column, units[i])
+            ""
+            if name in BARE_COLUMNS
+            else "s"
+            if timed
+            else _unit(path, line, name, column, units[i], _cell(rows, below, separator, i))
         )
         factors[name] = column_factor(column.read_as(name), unit) * (-1.0 if column.flip else 1.0) * column.worth(name)
     said = {name: columns[name].zero if name in columns else 0.0 for name in at}
@@ -275,9 +283,15 @@ def is_number(cell: str) -> bool:
 def decimal_number(cell: str) -> float | None:
     """The number of a cell, with a decimal comma or point and a minus as a word processor writes it; None of words."""
     try:
-        return float(cell.replace(",", ".").replace("\u2212", "-"))
+        return float(cell.translate(_DECIMAL_MARKS))
     except ValueError:
         return None
+
+
+def unit_of_cell(cell: str) -> str:
+    """The unit behind the number of a cell, "0.5 mm"; empty where there is none."""
+    match = _CELL_WITH_UNIT.fullmatch(cell.translate(_DECIMAL_MARKS).strip())
+    return match[1] if match and (match[1] == "%" or is_unit(match[1])) else ""
 
 
 def _filled(row: str) -> list[str]:
@@ -341,7 +355,17 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
     if header_aliases.is_one(cell) and (missing := _missing(rows, best)):
         message = missing  # what is there is understood
     headless = _HEADLESS_ADVICE if numbers_in(rows[best][1]) else _by_blanks(rows, best)
-    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES_ADVICE}{headless}")
+    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES_ADVICE}{headless}{_of_strains(rows, best)}")
+
+
+def _of_strains(rows: Sequence[Row], k: int) -> str:
+    """What to say of a line whose columns are strains and stresses; empty for another."""
+    _, cells, units, _ = _split(rows, k)
+    strains = [c for c in cells if any(part in c.lower() for part in STRAIN_WORDS)]
+    stresses = [c for c, u in zip(cells, units, strict=True) if is_of("MPa", header_aliases.header_unit(c, u, "Fz"))]
+    told = [f"{c!r} is no depth: multiply it by the length that it was divided by" for c in strains[:1]]
+    told += [f"{c!r} is no force: multiply it by the area that it was divided by" for c in stresses[:1]]
+    return "".join(f". {t}" for t in told)
 
 
 def _missing(rows: Sequence[Row], k: int) -> str:
@@ -410,6 +434,9 @@ def _numbers(rows: Sequence[Row], separator: str, width: int) -> np.ndarray:
 
 def _by_blanks(rows: Sequence[Row], k: int) -> str:
     """What to say of a header whose words are parted by blanks and are not as many as those of the last row."""
+    for mark in UNUSUAL_SEPARATORS:
+        if 0 < rows[k][1].count(mark) == rows[-1][1].count(mark) and not any(s in rows[-1][1] for s in ";\t"):
+            return f"; are the columns parted by {mark!r}? Part them by semicolons or tabs"
     words, below = rows[k][1].split(), rows[-1][1].split()
     if len(words) < 2 or len(below) < 2 or len(words) == len(below) or any(s in rows[k][1] for s in ";\t,"):
         return ""
@@ -463,8 +490,9 @@ def _likely(rows: Sequence[Row]) -> int:
     return 0
 
 
-def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str:
-    """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
+def _unit(path: Path, line: int, name: str, column: Column, beneath: str, first: str) -> str:
+    """The unit of a column whose first cell is `first`; ValueError unless study, header and row of units agree as far
+    as they say one."""
     like = column.read_as(name)
     base = kind_of(like)
     choices = f'{UNITS_OF_KIND[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
@@ -523,6 +551,13 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                 f"column {name!r} ({column.header!r}): the header says {wrong!r}, which is not a known "
                 f"unit; correct it in the file: {choices}",
             )
+        if unit_of_cell(first):
+            fail(
+                path,
+                line,
+                f"column {name!r}: the header {column.header!r} says no unit, but {first[:40]!r} does; "
+                f"{UNIT_IN_CELL_ADVICE}",
+            )
         told = f" ({beneath!r} beneath it is not a known unit)" if beneath else ""
         fail(
             path,
@@ -530,7 +565,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
             f"column {name!r}: the header {column.header!r} says no unit{told}; give unit = … in "
             f"[columns] of the study: {choices}",
         )
-    first, known = next(iter(units)), {}
+    said_first, known = next(iter(units)), {}
     for who, unit in units.items():
         try:
             known[who] = conversion_factor(unit, base)
@@ -540,9 +575,10 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                 line,
                 f"column {name!r} ({column.header!r}): {who} says {unit!r}: {error}; choose from {choices}",
             )
-        if known[who] != known[first]:
-            fail(path, line, f"column {name!r} ({column.header!r}): {first} says {said[first]!r}, {who} {said[who]!r}")
-    return units[first]
+        if known[who] != known[said_first]:
+            one = f"{said_first} says {said[said_first]!r}"
+            fail(path, line, f"column {name!r} ({column.header!r}): {one}, {who} {said[who]!r}")
+    return units[said_first]
 
 
 def _bends(name: str, column: Column) -> str:

@@ -176,7 +176,8 @@ def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
         and slope[0] > 0.25 * sum(slope)
     ):
         raise ValueError(
-            "the force changes most where the record begins: unloading alone, or a cell tared during the test? "
-            "Remove such readings, or describe the columns with [columns] in the study file"
+            "the force changes most where the record begins: unloading alone, rows in reverse order, or a cell tared "
+            "during the test? Remove such readings, sort the rows, or describe the columns with [columns] in the study "
+            "file"
         )
     return float(np.sign(way[end])), sign

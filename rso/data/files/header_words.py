@@ -246,6 +246,8 @@ SEGMENT_WORDS: Mapping[str, str] = MappingProxyType(
     )
 )
 WEIGHT_WORDS = ("weight", "mass", "gewicht")  # a force where there is none by another name
+STRAIN_WORDS = ("strain", "dehnung", "stauchung")
+SPREAD_WORDS = frozenset("sd std stdev sigma σ se sem error err uncertainty deviation stdabw unsicherheit".split())
 TENSILE_WORDS = (
     "tensile",
     "tension test",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import io
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,6 +16,26 @@ from rso.data.files.workbook import ZIP_START, sheet_of, sheet_without_block, te
 
 MAX_FILE_BYTES = 200_000_000  # of a measured file, which is read as a whole
 OLD_WORKBOOK_START = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
+# What files of other kinds begin with, and what they are called: none of them is text.
+OTHER_KINDS: Mapping[bytes, str] = MappingProxyType(
+    {
+        b"%PDF-": "a document (PDF)",
+        b"{\\rtf": "a document (RTF)",
+        b"\x89HDF": "an HDF5 file",
+        b"MATLAB 5.0 MAT-file": "a MATLAB file",
+        b"MATLAB 7.3 MAT-file": "a MATLAB file",
+        b"TDSm": "a TDMS file",
+        b"PAR1\x15": "a Parquet file",
+        b"\x93NUMPY": "an array of NumPy",
+        b"SQLite format 3": "a database",
+        b"\x89PNG": "a picture",
+        b"\xff\xd8\xff": "a picture",
+    }
+)
+PACKED_KINDS: Mapping[bytes, str] = MappingProxyType({b"\x1f\x8b": "gzip", b"7z\xbc\xaf": "7z", b"Rar!\x1a": "RAR"})
+EXPORT_ADVICE = "export its readings as CSV or as a workbook (.xlsx)"
+_CONTROL_BYTES = bytes(k for k in range(1, 32) if k not in b"\t\n\v\f\r\x1a\x1b")  # which no text has many of
+_MAX_CONTROL_SHARE, _SAMPLED_BYTES = 0.01, 10_000  # of the bytes at the begin that are looked at
 # Code pages of files that are no UTF-8, the most usual one first: it can be read of any bytes.
 CODE_PAGES: Mapping[str, str] = MappingProxyType(
     {
@@ -64,6 +85,10 @@ def file_text(path: Path) -> tuple[str, list[str]]:
     if raw.startswith(OLD_WORKBOOK_START):
         text = "is a workbook of the old kind (.xls) or has a password; save it as .xlsx, without one"
         raise ValueError(f"{path}: {text}")
+    if kind := next((what for begin, what in OTHER_KINDS.items() if raw.startswith(begin)), ""):
+        raise ValueError(f"{path}: is {kind} and no text; {EXPORT_ADVICE}")
+    if kind := next((what for begin, what in PACKED_KINDS.items() if raw.startswith(begin)), ""):
+        raise ValueError(f"{path}: is packed ({kind}); unpack it and give the file in it")
     if sheet and not sheet.isdigit():
         raise ValueError(f"{path}: is no workbook and has no sheet {sheet!r}")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -71,6 +96,9 @@ def file_text(path: Path) -> tuple[str, list[str]]:
             raw = raw.decode("utf-16").encode()
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
+    filled = raw.rstrip(b"\0")
+    if b"\0" not in filled and b"\n" in filled:
+        raw = filled  # a logger that was cut off
     if b"\0" in raw and path.suffix.lower() == ".xlsx":
         raise ValueError(f"{path}: is no workbook that can be read; damaged?")
     if b"\0" in raw:
@@ -78,10 +106,31 @@ def file_text(path: Path) -> tuple[str, list[str]]:
             f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is expected. "
             "UTF-16 without a mark at its begin? Save it as UTF-8"
         )
+    begin = raw[:_SAMPLED_BYTES]
+    if len(begin) - len(begin.translate(None, _CONTROL_BYTES)) > _MAX_CONTROL_SHARE * len(begin):
+        raise ValueError(f"{path}: is not a text file (it holds control characters); {EXPORT_ADVICE}")
     try:
-        return raw.decode("utf-8-sig"), []
+        text, told = raw.decode("utf-8-sig"), list[str]()
     except UnicodeDecodeError:
-        return _of_code_page(raw)
+        text, told = _of_code_page(raw)
+    for mark in ("\u200b", "\ufeff"):  # of no width
+        text = text.replace(mark, "")
+    if language := _language(text):
+        raise ValueError(f"{path}: is {language} and no table of plain text; {EXPORT_ADVICE}")
+    return text.removesuffix("\x1a"), told  # the end of a file of DOS
+
+
+def _language(text: str) -> str:
+    """The language of a text that holds tables otherwise than in lines of cells; empty for other text."""
+    begin = text[:_HEADER_CHARACTERS].lstrip()
+    if re.match(r"<[?!a-z]", begin, re.IGNORECASE) and "</" in begin:
+        return "HTML or XML"
+    if begin[:1] in ("{", "["):
+        try:
+            return "JSON" if isinstance(json.JSONDecoder().raw_decode(text.lstrip())[0], dict | list) else ""
+        except ValueError:
+            return ""
+    return ""
 
 
 def _of_code_page(raw: bytes) -> tuple[str, list[str]]:

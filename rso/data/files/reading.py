@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ import numpy as np
 
 from rso.contract.responses import FORCE_CHANNELS
 from rso.core.digits import quantity_text, two_digits
+from rso.core.inline_toml import inline
 from rso.core.units import conversion_factor, is_counted, is_of, kind_of
 from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
@@ -53,10 +55,12 @@ from rso.data.files.columns import (
     decimal_number,
     fail,
     find_head,
+    is_clock,
     is_head,
     with_less,
 )
 from rso.data.files.commented_header import head_of
+from rso.data.files.header_words import SPREAD_WORDS
 from rso.data.files.lines import file_text, numbered_lines
 from rso.data.files.rows import rows_by_label
 from rso.data.files.tables_beside import table_beside
@@ -71,6 +75,10 @@ CALENDAR_TIME_S = 1e8  # s: no test takes three years, so such a time counts fro
 MIN_RIVAL_CORRELATION = 0.995  # of a column that is not read with one that is: both are of one motion
 SAME_RANGE_TOLERANCE = 0.01  # of the range: two columns of one motion that say the same
 MAX_LISTED_CODES = 8  # codes of segments that a message shows
+MAX_CLOCK_RESTARTS_SHARE = 0.1  # of the steps of time that fall: where more do, rows stand in no order
+SAME_DEPTH_SHARE = 0.05  # of the range of depth: two readings this near each other go on
+BACKWARDS_ADVICE = "; all rows run backwards in time: sort them by it"
+HALF_DAY_S = 43_200.0  # s: a time of day that falls by more has passed midnight
 REPORTED_SUBTRACTION_SHARE = 0.5  # of the depth: where more was subtracted of it, that is said
 
 
@@ -222,7 +230,10 @@ def read_measurement(
         found[0].headers,
         any({"depth", "Fz"} <= set(t.turned) for t in found),
     )
-    plausibility.check_alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
+    alike = plausibility.check_alike(
+        m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels]
+    )
+    m = replace(m, doubts=(*m.doubts, *alike))
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
@@ -555,6 +566,8 @@ def _values_of(path: Path, found: _Rows) -> tuple[dict[str, np.ndarray], dict[st
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
+    if "time" in arrays and rows and is_clock(cells_of(rows[0][1], head.separator)[head.at["time"]]):
+        arrays["time"] += 2.0 * HALF_DAY_S * np.cumsum(np.diff(arrays["time"], prepend=arrays["time"][0]) < -HALF_DAY_S)
     if "time" in arrays and arrays["time"][0] > CALENDAR_TIME_S:
         arrays["time"] -= arrays["time"][0]
     for name, values_of in arrays.items():
@@ -582,7 +595,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     try:
         turned = header_aliases.reversed_columns(arrays, labels, head.customary) if head.customary else []
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        backwards = "time" in arrays and len(lines) > 2 and bool(np.all(np.diff(arrays["time"]) < 0.0))
+        raise ValueError(f"{path}: {BACKWARDS_ADVICE.strip('; ') if backwards else error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
     left_out = tables.left_out_note(found.gaps, len(lines))
     if found.cycle:
@@ -646,6 +660,12 @@ def _beside(found: _Rows, arrays: Mapping[str, np.ndarray]) -> list[str]:
                 continue
             ratio = abs(float(np.polyfit(read, own, 1)[0]))
             if abs(np.corrcoef(own, read)[0, 1]) < MIN_RIVAL_CORRELATION or abs(ratio - 1.0) < SAME_RANGE_TOLERANCE:
+                continue
+            if SPREAD_WORDS & set(re.split(r"[\W_]+", cell.lower())):
+                text = (
+                    f"{cell!r} is not read. Is it the standard uncertainty of {head.cells[head.at[name]]!r}? Then say "
+                )
+                said.append(f"{text}{name}_sigma = {{ header = {inline(cell)} }} beside depth and Fz in [columns]")
                 continue
             text = f"{cell!r} is not read. It moves with {head.cells[head.at[name]]!r}, {ratio:.3g} times as far. "
             near = "The gauge nearer to the specimen has the depth" if name == "depth" else "One of them is the force"
@@ -785,6 +805,31 @@ def _way(table: _Table, rows: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return way - way[0]
 
 
+def _clock_advice(time: np.ndarray, depth: np.ndarray, data: Mapping[str, np.ndarray], several: bool) -> str:
+    """What to do about times (n,) that do not grow, by what depth (n,) and the other columns do there."""
+    step = np.diff(time)
+    if np.all(step < 0.0):
+        return BACKWARDS_ADVICE
+    k = int(np.argmax(step <= 0.0))
+    if step[k] == 0.0:
+        rests = [np.diff(v)[step == 0.0] for v in (depth, *data.values())]
+        if not any(v.any() for v in rests):
+            return "; such rows stand twice: delete one of each"
+        few = np.sum(step == 0.0) <= max(1.0, 0.02 * len(time))
+        return "; " + (
+            "delete one of the two rows" if few else "a clock this coarse says nothing, leave its column out"
+        )
+    falls = step < 0.0
+    if np.mean(falls) > MAX_CLOCK_RESTARTS_SHARE:
+        return "; the rows stand in no order of time: sort them by it"
+    if np.abs(np.diff(depth)[falls]).max() < SAME_DEPTH_SHARE * float(np.ptp(depth)):
+        return (
+            "; the clock begins again where the depth goes on: add the times up from part to part, or leave the column "
+            "out"
+        )
+    return "" if several else "; several tests in one file need a column 'repeat'"
+
+
 def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     """The rows of one repeat, checked."""
     rows = table.rows[label]
@@ -797,13 +842,7 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
         k = int(np.argmax(np.diff(time) <= 0)) + 1
-        hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
-        if np.all(np.diff(time) < 0):
-            hint = "; all rows run backwards in time: sort them by it"
-        if time[k] == time[k - 1]:
-            few = np.sum(np.diff(time) == 0) <= max(1.0, 0.02 * len(time))
-            coarse = "a clock this coarse says nothing, leave its column out"
-            hint += f"; {'delete one of the two rows' if few else coarse}"
+        hint = _clock_advice(time, depth, data, len(set(table.labels.tolist())) > 1)
         fail(
             table.path,
             int(table.line[rows][k]),
@@ -811,6 +850,8 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
         )
     if table.segments is not None:
         segment = table.segments[rows]
+        if kind == "force":
+            plausibility.check_stated_loading(f"{table.path}: repeat {label!r}", depth[segment == "loading"])
     elif kind == "profile":
         segment = np.full(len(depth), "loading")
     else:

@@ -15,7 +15,7 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 from rso.core.units import is_unit
-from rso.data.files.columns import is_number
+from rso.data.files.columns import UNIT_IN_CELL_ADVICE, is_number, unit_of_cell
 
 ZIP_START = b"PK\x03\x04"  # a zip archive, which such a file is
 MIN_SHEET_READINGS = 4  # rows of two numbers and more: readings
@@ -24,6 +24,22 @@ MAX_UNPACKED_BYTES = 128_000_000  # bytes of all parts: a million rows of three 
 MAX_SHEET_CELLS = 5_000_000  # of a sheet
 UNPACKING_PIECE_BYTES = 1 << 20  # unpacked at a time, so that a bomb is stopped early
 MAX_LISTED_SHEETS = 8  # names of sheets in a message
+TABLE_ENDINGS = (".csv", ".txt", ".dat", ".tsv", ".asc", ".xlsx")  # of files in an archive that may hold readings
+# Of the libraries, which take for granted that what they read is a workbook; SyntaxError: of the sheets' language.
+DAMAGES: tuple[type[Exception], ...] = (
+    BadZipFile,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    OSError,
+    SyntaxError,
+    ArithmeticError,
+    NotImplementedError,
+    RuntimeError,
+    EOFError,
+    zlib.error,
+)
 _FILE_AND_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
 _FILE_AND_BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
 
@@ -85,26 +101,24 @@ def _sheets(path: Path, raw: bytes, sheet: str) -> tuple[dict[str, list[list[Any
             titles = book.sheetnames
     except Refused:
         raise
-    # Of the library, which takes for granted that what it reads is a workbook; SyntaxError: of the sheets' language.
-    except (
-        BadZipFile,
-        InvalidFileException,
-        LookupError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        OSError,
-        SyntaxError,
-        ArithmeticError,
-        NotImplementedError,
-        RuntimeError,
-        EOFError,
-        zlib.error,
-    ) as error:
+    except (InvalidFileException, *DAMAGES) as error:
         raise ValueError(
-            f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
+            f"{path}: is a zip archive and no workbook (.xlsx) that can be read; {_way_out(raw)}"
         ) from error
     return sheets, titles
+
+
+def _way_out(raw: bytes) -> str:
+    """What to do with a zip archive that is no workbook, by the names of its parts."""
+    try:
+        with ZipFile(io.BytesIO(raw)) as archive:
+            names = archive.namelist()
+    except DAMAGES:
+        names = []
+    tables = [name for name in names if name.lower().endswith(TABLE_ENDINGS)]
+    if tables:
+        return f"unpack it and give what it holds: {_few(tables)}"
+    return "save it as CSV or as .xlsx"
 
 
 def title_read(path: Path) -> str:
@@ -173,9 +187,14 @@ def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str
     if len(found) == 1:
         return found[0]
     if not found:
+        units = any(unit_of_cell(_written(v)) for rows in sheets.values() for row in rows for v in row)
+        why = (
+            UNIT_IN_CELL_ADVICE
+            if units
+            else "formulas that were never computed hold none, and readings stand beneath one another"
+        )
         raise ValueError(
-            f"{path}: none of its sheets ({_few(list(sheets))}) holds {MIN_SHEET_READINGS} rows of numbers; formulas "
-            "that were never computed hold none"
+            f"{path}: none of its sheets ({_few(list(sheets))}) holds {MIN_SHEET_READINGS} rows of numbers; {why}"
         )
     longest = max(found, key=lambda title: len(sheets[title]))
     raise ValueError(
