@@ -372,7 +372,8 @@ def _noise(study: Study, e: ExperimentTable) -> str:
     units = {"uz": "mm", "depth": "mm", "correlation": "mm", "contact": "mm"}
     units |= {"gain": "of the value, each test by itself", "calibration": "of the value, all experiments alike"}
     own = {k: v for k, v in e.noise.model_dump().items() if v is not None and v > 0.0}
-    shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
+    columns = sorted({f"{c} by its column" for r in study.measurement(e.name).repeats for c in r.sigma})
+    shown = ", ".join([*(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items()), *columns])
     found = study.noise_of(e.name).contact if e.noise.contact is None else None
     said = f"; contact {quantity_text(found, 'mm', 2)} by the record" if found else ""
     return f"stated noise: {shown or 'none'}{said}{_usual(study, e)}"
