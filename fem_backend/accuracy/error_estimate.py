@@ -490,6 +490,7 @@ def at_depth(settings: Settings, depth: float, sticks: bool = False) -> float:
     own, edge, stiff, _ = c.shares["force"]
     if a < 0.5 * h0:
         return float(min(c.inflated * c.tiny * h0 / a, 1.0))
+    stiff *= float(decades_below(settings, np.array(a))) if c.only_in_space else 1.0
     shallow = (level if c.edge_by_level else 1.0) * edge if c.shallow is None else c.shallow
     return float(c.inflated * (level * (own + 2.0 * stiff) + shallow * (h0 / a) ** 2))
 
@@ -622,8 +623,9 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     g = (1 − q) max(|u|, F/(4πμ max(r, a))), as a point load moves the surface (Johnson 1985, eq. 3.22b, ν = 1/2): a
     displacement may vanish, its error does not.  At the edge of contact, q = 1/2, the curvature 1/R ends in an element.
 
-    On grids, whose elements follow the contact, (h₀/a)² has no m; `uz_max` has h₀²/R for h₀, `bulge` the root of value
-    and travel for the value, and g the travel times a/max(r, a): the force on a layer says little of what lies beside.
+    On grids, whose elements follow the contact, (h₀/a)² has no m, and log₁₀ K/μ goes with `decades_below`.  `uz_max`
+    has h₀²/R for h₀, `bulge` the root of value and travel for the value, and g the travel times a/max(r, a): the
+    force on a layer says little of what lies beside.
     """
     at, mesh = result.channels, mesh_factor(settings, knobs) * unreached(settings, knobs, result)
     travel = np.maximum(np.abs(result.travel), 1e-12)
@@ -632,6 +634,8 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     stiff = np.full_like(travel, log_bulk_ratio(knobs))
     c, room = calibration_of_run(settings, knobs), settings.support.clearance(knobs)
     edge = edge if c.edge_by_level else edge / mesh
+    if c.only_in_space:
+        stiff = stiff * decades_below(settings, np.maximum(at["contact_radius"], 0.5 * settings.h0))
     shape = np.stack([np.ones_like(travel), edge, stiff], axis=-1)
     below = c.at(settings.level).below
     astray = c.shares["force"][3] * below * room  # no force is off by more than itself
@@ -672,6 +676,11 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
                 free = mesh * np.maximum(np.abs(beside), load)
                 out[profile_name(place, axis)] = np.stack([free, free * stiff, 0.0 * kink, 0.0 * free], axis=-1)
     return out
+
+
+def decades_below(settings: Settings, radius: np.ndarray) -> np.ndarray:
+    """log₁₀(1 + H/a) of contact radii a (k,) mm on a body of the height H: elements grow on the way down."""
+    return np.log10(1.0 + settings.specimen.thickness_along(np.array([0.0, 0.0, -1.0])) / radius)
 
 
 def calibration_kind(name: str) -> str:
