@@ -276,7 +276,7 @@ LAYERS = {
         "posterior_sampling sloppy_directions verdict",
         "identifiability",
         "derived fitted_errors predictive_test usual_errors",
-        "input_effects",
+        "input_effects systematic_residuals",
         "__init__",
     ),
     "rso.model_selection": (

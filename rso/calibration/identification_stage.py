@@ -56,6 +56,7 @@ from rso.inference.identifiability import doubt
 from rso.inference.input_effects import BudgetEntry, uncertainty_budget
 from rso.inference.intervals import INTERVAL_BOUND_TOLERANCE
 from rso.inference.rules import RULES
+from rso.inference.systematic_residuals import systematic_misfit
 from rso.inference.verdict import Word, physical
 from rso.optimal_design.gains import Gain, gains_of_repeats, ranked_gains, weakest
 
@@ -133,7 +134,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
-            "derived": derived_quantities(plan, d, is_trusted(d, settled) and not _asks_too_much(plan, d)),
+            "derived": derived_quantities(plan, d, is_trusted(d, settled) and not _disbelieved(plan, d)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
             "inputs": [_input_row(plan, d, e) for e in uncertainty_budget(d, plan.effects)],
             "exact_inputs": exact_dimensions(plan),
@@ -322,10 +323,15 @@ def identification(
 
 
 def implausible(plan: Plan, d: Determination) -> Determination:
-    """The same, no parameter called determined where :func:`_asks_too_much` of the material."""
-    why = _asks_too_much(plan, d)
+    """The same, no parameter called determined where :func:`_disbelieved`."""
+    why = _disbelieved(plan, d)
     said = (doubt(k, "weakly", why, by="") if k.verdict.word == "determined" else k for k in d.known)
     return replace(d, known=tuple(said)) if why else d
+
+
+def _disbelieved(plan: Plan, d: Determination) -> str:
+    """Why nothing is called determined by a fit: what it asks of the material, and what it leaves of the curves."""
+    return " ".join(filter(None, (_asks_too_much(plan, d), systematic_misfit(d))))
 
 
 def _asks_too_much(plan: Plan, d: Determination) -> str:

@@ -20,6 +20,9 @@ class IdentificationRules:
     uninformative_share: float = 0.5  # of the range stated or searched: an interval that leaves more says nothing
     refuted_error_ratio: float = 3.0  # times the stated errors: a model that misses by more determines nothing
 
+    # times the usual correlated error, where nobody states one: a curve that is missed by more determines nothing
+    systematic_residual_ratio: float = 3.0
+
     refuted_fit_chance: float = 0.01  # noise alone exceeds such a misfit this seldom: model or noise is wrong
     undecided_fit_chance: float = 0.05  # between this chance and the last the fit is undecided
     too_good_fit_chance: float = 0.001  # of true models leave less: errors are stated larger than the curves show
