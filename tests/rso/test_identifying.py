@@ -91,7 +91,7 @@ def test_data_that_allow_no_likelihood_are_said_not_raised(tmp_path, monkeypatch
     def broken(*_):
         raise ValueError("top: the covariance of the errors is not positive definite")
 
-    monkeypatch.setattr(identification_stage, "evidence", broken)
+    monkeypatch.setattr(confirmed_optimum, "evidence", broken)
     found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0", identify='require = ["mu"]')
     assert found["identification"] is None and found["exit_code"] == 5
     assert found["determined"]["mu"]["interval"] == [None, None]
