@@ -7,7 +7,7 @@ import sample_studies as studies
 import soft_ball
 
 from rso import inference
-from rso.calibration import confirmed_optimum, identification_stage
+from rso.calibration import confirmed_optimum
 from rso.calibration.readings import error_at
 from rso.contract import Response
 from rso.evaluation.store import Done
