@@ -221,7 +221,7 @@ def _targets_with_inputs(
 
     What has no answer is told where the identification asks again, at the point that it finds.
     """
-    if not bench.plan.resolved.inputs:
+    if not bench.plan.resolved.inputs or not any(g.read for s in bench.plan.searches for g in s.goals):
         return bench, ()
     say("uncertainty: simulations with the stated inputs one standard uncertainty off, for the targets of the search")
     try:

@@ -46,7 +46,7 @@ def exact_dimensions(plan: Plan) -> list[str]:
 
     One that only some of the experiments state is named with the others.
     """
-    given = [*plan.resolved.fixed, *(a.name for a in plan.resolved.axes)]
+    given = [*(n for n, v in plan.resolved.fixed.items() if v), *(a.name for a in plan.resolved.axes)]
     left: dict[str, list[str]] = {}
     for e in [e.name for e in plan.study.experiments if e.name in plan.case_of]:
         said = {i.parameter.name for i in plan.resolved.inputs if not i.experiments or e in i.experiments}

@@ -345,8 +345,11 @@ def unit_in(text: str, name: str) -> str | None:
     if (low_line := _UNIT_BEHIND_LOW_LINE.fullmatch(bare)) and is_of(base, low_line[1]):
         return low_line[1]
     blank = _UNIT_BEHIND_BLANK.fullmatch(bare)
-    said = blank is not None and (is_of(base, blank[1]) or (base == "N" and weight(blank[1]) is not None))
-    return blank[1] if blank is not None and said else None
+    if blank is None or re.search(r"\d\s*$", bare[: blank.start(1)]):  # "Load cell 50 kN" is what a cell is for
+        return None
+    customary = blank[1] in UNITS_OF_KIND[base].split(", ") or _WRITTEN_OUT.fullmatch(blank[1])
+    said = (customary and is_of(base, blank[1])) or (base == "N" and weight(blank[1]) is not None)
+    return blank[1] if said else None
 
 
 def bracketed(text: str, name: str) -> str | None:

@@ -27,7 +27,7 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
     k = int(np.argmax(depth))
     after = depth[k:]
     leaps = np.abs(np.diff(depth)) > _SECOND_TURN_SHARE * stroke
-    if len(depth) > _MIN_LEAPING and np.mean(leaps) > _MAX_LEAPS_SHARE:
+    if len(depth) > _MIN_LEAPING and np.mean(leaps) > _MAX_LEAPS_SHARE and not _cycles_in_words(path, depth):
         raise ValueError(
             f"{path}: repeat {label!r}: column 'depth' leaps to and fro by more than "
             f"{quantity_text(_SECOND_TURN_SHARE * stroke, 'mm', 2)} from row to row: the rows stand in no order. Sort "

@@ -22,6 +22,7 @@ ISOLATED_STEP_RATIO = 8.0  # times the steps beside it: a step that is none of t
 MAX_FORCE_FALL_SHARE = 0.1  # of its range that a force of loading may fall before the deepest point
 # Steps of the scale, and share of the range: a force that scatters by more is constant nowhere
 MIN_MUTE_SCATTER_STEPS, MIN_MUTE_SCATTER_SHARE = 3.0, 1e-3
+MAX_STEPS_IN_A_GAP = 6  # of a display: the least gap between two values is so many of them
 # Readings of a block and blocks that tell two curves; of the range of the force, how far these are apart
 TWO_CURVES_BLOCK, MIN_TWO_CURVES_BLOCKS, MIN_TWO_CURVES_SHARE = 10, 3, 0.02
 MAX_TWO_CURVES_KURTOSIS = 1.4  # of residuals of two curves: 1, of a sine 1.5
@@ -190,9 +191,11 @@ def mute_until(depth: np.ndarray, force: np.ndarray) -> float | None:
     if not MIN_SATURATED_READINGS <= n < len(F) - 12:
         return None
     apart = np.diff(np.unique(F))
-    step = float(apart.min())
-    on_marks = bool(np.all(np.abs(apart / step - np.round(apart / step)) < 0.05))  # a display of few digits
-    least = max(MIN_MUTE_SCATTER_STEPS * step * on_marks, MIN_MUTE_SCATTER_SHARE * float(np.ptp(F)))
+    # a display of few digits; a force that rises by several of its steps a reading hardly shows one
+    tried = float(apart.min()) / np.arange(1.0, MAX_STEPS_IN_A_GAP + 1.0)
+    on_marks = [step for step in tried if np.all(np.abs(apart / step - np.round(apart / step)) < 0.05)]
+    step = on_marks[0] if on_marks else 0.0
+    least = max(MIN_MUTE_SCATTER_STEPS * step, MIN_MUTE_SCATTER_SHARE * float(np.ptp(F)))
     return float(u[n - 1]) if noise_of(F[n:]) > least else None
 
 

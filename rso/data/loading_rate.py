@@ -7,7 +7,8 @@ import numpy as np
 from rso.data.files.reading import Measurement, Repeat
 
 MIN_DWELL_SHARE = 0.05  # of the time of loading: a shorter rest before the way back is none
-MAX_TURN_GAP_SHARE = 0.1  # of the deepest travel: an unloading that begins below that is not of the whole loop
+MAX_TURN_GAP_SHARE = 0.1  # of the deepest travel: branches that share less of it are not of one whole loop
+MIN_LOOP_READINGS, N_LOOP_DEPTHS = 8, 400  # readings of each branch of a loop, depths of its work
 N_UNLOADING_LEGS = 7  # of a way back, whose median tells its speed
 # by which the speed of the way back may differ from that of the way there and count as the same
 SAME_SPEED_TOLERANCE_LN = 0.15
@@ -64,18 +65,29 @@ def unloading_pace(r: Repeat, speed: float) -> float:
 def lost_work(m: Measurement) -> float | None:
     """Share of the work of loading that unloading does not give back, 1 − ∫F du (back)/∫F du (there).
 
-    The median over repeats; None where one of them has no loading or no unloading from its deepest point on.
+    Both over the depths that both branches have, the deepest reading of loading being the first of unloading where the
+    indenter did not rest.  The median over repeats; None where one of them shares less than nine tenths of its depths,
+    or pulls in unloading so that the work is negative.
     """
     shares = []
     for r in m.repeats if "Fz" in m.channels else ():
         there, back = (np.nonzero((r.segment == s) & (r.depth >= 0.0))[0] for s in ("loading", "unloading"))
-        if min(len(there), len(back)) < 3 or r.depth[back].max() < (1.0 - MAX_TURN_GAP_SHARE) * r.depth.max():
+        if min(len(there), len(back)) < MIN_LOOP_READINGS:
             return None
-        works = []
+        if r.depth[back].max() < (1.0 - MAX_TURN_GAP_SHARE) * r.depth.max():
+            return None
+        if not np.any(r.segment == "hold"):
+            back = np.append(there[np.argmax(r.depth[there])], back)
+        curves = []
         for rows in (there, back):
             at = rows[np.argsort(r.depth[rows], kind="stable")]
-            works.append(float(np.trapezoid(r.channels["Fz"][at], r.depth[at])))
-        if not works[0] > 0.0:
+            curves.append((r.depth[at], r.channels["Fz"][at]))
+        low, high = max(u[0] for u, _ in curves), min(u[-1] for u, _ in curves)
+        if high - low < (1.0 - MAX_TURN_GAP_SHARE) * float(r.depth.max()):
+            return None
+        grid = np.linspace(low, high, N_LOOP_DEPTHS)
+        works = [float(np.trapezoid(np.interp(grid, u, F), grid)) for u, F in curves]
+        if not (works[0] > 0.0 and works[1] >= 0.0):
             return None
         shares.append(1.0 - works[1] / works[0])
     return float(np.median(shares)) if shares else None

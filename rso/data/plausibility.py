@@ -26,6 +26,7 @@ MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall w
 MAX_UNTARED_FORCE_SHARE = 0.5  # of its range that a force may have where the indenter begins to press
 DOUBTED_UNTARED_FORCE_SHARE = 0.01  # the same, from which on it is remarked upon where it is no scatter
 MIN_LOADING_STROKE_SHARE = 0.5  # of the stroke that loading must cover
+MIN_RETURNING_READINGS, MIN_FALLING_SHARE = 3, 0.9  # readings that return, and the share of them that falls
 MIN_FORCE_TO_NOISE = 20.0  # times the noise: a force that tells its sign and unit
 MAX_REPEAT_FORCE_RATIO = 5.0  # ratio of the largest forces of two repeats to one depth
 MAX_REPEAT_DEPTH_RATIO = 20.0  # ratio of the deepest travels of two repeats
@@ -117,7 +118,7 @@ def check_repeat(
             f"repeat {label}: Fz is larger in unloading than in loading at the same depths, by "
             f"{100.0 * more:.2g} % of its range on the mean. No body gives back more work than it took. "
             "Are the rows in reverse order, or the segments "
-            "exchanged? Has the drive play, or does the sensor drift?"
+            "exchanged? Has the drive play, is the force filtered, or does the sensor drift?"
         )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
         try:
@@ -127,11 +128,20 @@ def check_repeat(
     return notes
 
 
-def check_stated_loading(who: str, depth: np.ndarray) -> None:
-    """ValueError where depths (n,) mm that a file calls loading, in their order, end far above the deepest of them."""
+def check_stated_loading(who: str, depth: np.ndarray, returns: bool) -> None:
+    """ValueError where depths (n,) mm that a file calls loading, in their order, come back from the deepest of them.
+
+    A record that falls throughout and has no unloading (`returns`) is a loading sorted from its deepest reading on; one
+    that turns again and again has several loadings, and a single reading out of line is a remark of its own.
+    """
     if len(depth) < curve_shape.MIN_HAND_READINGS:
         return
     deepest, last = float(depth.max()), float(depth[-1])
+    k = int(np.argmax(depth))
+    after = np.diff(depth[k:])
+    whole = len(after) >= MIN_RETURNING_READINGS and np.mean(after <= 0.0) > MIN_FALLING_SHARE
+    if not whole or (k < MIN_RETURNING_READINGS and not returns):
+        return
     if deepest - last > MIN_LOADING_STROKE_SHARE * float(np.ptp(depth)):
         raise ValueError(
             f"{who}: its segment 'loading' goes to {quantity_text(deepest, 'mm', 4)} and ends at "

@@ -105,15 +105,26 @@ def unfolded(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """z (k, d'), ln f′ (k, n) and its slopes (k, n, d'), and the mask (n,) of the points positive in every run.
 
-    The other points keep f′ itself, and so do those that nearly vanish in a run, as where an unloading ends: ln f′
-    would change there by more than `MAX_LOG_CHANGE` over the box or between two runs.
+    The other points keep f′ itself, and so do those that nearly vanish in a run, as where an unloading ends.
     """
     inner = [frame.inner(r) for r in runs]
     Z, F, G = (np.stack([v[i] for v in inner]) for i in range(3))
-    steep = np.abs(G).max(axis=2, initial=0.0) >= MAX_LOG_CHANGE * F
-    log = np.all((F > 0) & ~steep, axis=0) & (F.max(axis=0) < np.exp(MAX_LOG_CHANGE) * F.min(axis=0))
+    positive = np.all(F > 0, axis=0)
+    log = positive & ~_vanishing(np.where(positive, F, 1.0), G, positive)
     safe = np.where(log, F, 1.0)
     return Z, np.where(log, np.log(safe), F), np.where(log[:, None], G / safe[:, :, None], G), log
+
+
+def _vanishing(F: np.ndarray, G: np.ndarray, positive: np.ndarray) -> np.ndarray:
+    """(n,) whether ln of values F (k, n) changes by more than `MAX_LOG_CHANGE` beyond what most of the curve does.
+
+    That is over the box, by the slopes G (k, n, d'), or between two runs; a modulus moves all alike.
+    """
+    if not positive.any():
+        return ~positive
+    slope, run = G / F[:, :, None], np.ptp(np.log(F), axis=0)
+    beyond = np.abs(slope - np.median(slope[:, positive], axis=1, keepdims=True)).max(axis=(0, 2), initial=0.0)
+    return np.asarray((beyond >= MAX_LOG_CHANGE) | (run - np.median(run[positive]) >= MAX_LOG_CHANGE))
 
 
 def _bending(Z: np.ndarray, T: np.ndarray, G: np.ndarray, b: int, size: np.ndarray) -> np.ndarray | None:

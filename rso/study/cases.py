@@ -284,7 +284,8 @@ def other_branch(study: Study, name: str) -> str | None:
 def of_one_record(study: Study, e: ExperimentTable, other: ExperimentTable) -> bool:
     """Whether two experiments compare the two branches of one record."""
     settings = [{k: v for k, v in study.settings_of(x.name).items() if k != "unload"} for x in (e, other)]
-    return (e.data, e.kind) == (other.data, other.kind) and e.branch != other.branch and settings[0] == settings[1]
+    same = not e.differing(other) and settings[0] == settings[1]
+    return same and e.kind == "force" and e.branch != other.branch
 
 
 def programme_of(asked: tuple[float, ...], speed: float, hold: Hold | None = None) -> Programme:

@@ -145,7 +145,7 @@ def of_loop(study: Study, backend: Backend, values: Mapping[str, float], name: s
     if share is None or share < MIN_LOST_WORK_SHARE:
         return []
     work = f"Unloading gives back {100.0 * (1.0 - share):.0f} % of the work of loading."
-    said = [f"{work} If the body relaxes, moduli are those of its rate."]
+    said = [f"{work} If the body relaxes, moduli are those of the rate of this test."]
     pair, speed = relaxation_knobs(backend), recorded_speed(m)
     deepest = max(float(r.depth.max()) for r in m.repeats)
     if pair is None or speed is None or relaxes(backend, values, case_for(study, name, (deepest,))):

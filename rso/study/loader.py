@@ -180,16 +180,17 @@ def _check_once(
             f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
             f"data ({files})"
         )
-        branches, alike = e.branch != other.branch, _settings(raw, e) == _settings(raw, other)
+        branches, alike = e.branch != other.branch and e.kind == "force", _settings(raw, e) == _settings(raw, other)
         if e.role == "validate" and other.role != "validate":
             why = ": what was used before validates nothing"
             if branches:
                 why = ': its loading and unloading share contact and gain. Fit both, each with role = "fit"'
         elif k < n and other.role != "validate" and branches:
-            if (e.data, e.kind) == (other.data, other.kind) and alike:
+            apart = [*e.differing(other), *([] if alike else ["settings"])]
+            if not apart:
                 continue  # one record, whose errors the two branches share
-            what = "settings" if e.data == other.data else "data"
-            why = f": state the same {what} in both, so that its loading and unloading share contact and gain"
+            keys = " and ".join(apart)
+            why = f": state the same {keys} in both, so that its loading and unloading share contact and gain"
         elif k < n and other.role != "validate" and alike:
             why = " of one test: a repeat counts once"
         else:

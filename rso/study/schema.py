@@ -7,6 +7,7 @@ is the backend's to say: see :func:`rso.study.resolve.resolve`.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -204,6 +205,15 @@ class ExperimentTable(StudyFileTable):
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
     """Experiments that the specimen had been through before: a softening depends on them."""
+
+    def differing(self, other: ExperimentTable) -> list[str]:
+        """Keys in which two experiments differ, beside name, branch, channels and settings."""
+        keys = ("role", "columns", "kind", "backend", "noise", "preload", "uncertainty", "mounting", "after")
+        files = [[os.path.normpath(f) for f in e.data] for e in (self, other)]
+        return [
+            *(["data"] if files[0] != files[1] else []),
+            *(k for k in keys if getattr(self, k) != getattr(other, k)),
+        ]
 
     @property
     def compared(self) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from rso.evaluation.store import RunStore
 from rso.inference.likelihood import split_common_errors
 from rso.next_experiment import experiments, study_design
 from rso.study.cases import Turn, programme_back
+from rso.study.errors import StudyError
 from rso.study.loader import load_study
 
 MU, G, TAU = 0.01, 0.4, 4.0
@@ -146,3 +147,35 @@ def test_a_loop_that_is_not_fitted_is_said(folder):
     (folder / "study.toml").write_text(BOTH)
     plan = make_plan(load_study(folder / "study.toml"))
     assert not any("of the work of loading" in words for words in (*plan.remarks("there"), *plan.remarks("back")))
+
+
+@pytest.mark.parametrize("n", [25, 100])
+def test_an_elastic_record_loses_no_work(n):
+    """The deepest reading belongs to both branches, wherever the readings of the other begin and end."""
+    there, back = np.linspace(0.0, 1.0, n), np.linspace(1.0, 0.05, n)[1:]
+    depth = np.concatenate([there, back])
+    segment = np.array(["loading"] * n + ["unloading"] * (n - 1))
+    r = Repeat("1", depth, None, {"Fz": depth**1.5}, {}, segment)
+    assert abs(lost_work(Measurement(Path("x.csv"), "force", (r,), ()))) < 0.002
+    part = depth[n:] > 0.5  # an unloading that ends half-way is of no whole loop
+    keep = np.concatenate([np.full(n, True), part])
+    r = Repeat("1", depth[keep], None, {"Fz": depth[keep] ** 1.5}, {}, segment[keep])
+    assert lost_work(Measurement(Path("x.csv"), "force", (r,), ())) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [('preload = "5 mN"', "preload"), ('mounting = "B"', "mounting"), ('settings = { speed = "1 mm/s" }', "settings")],
+)
+def test_branches_of_which_the_study_says_different_things_are_no_one_record(folder, change, key):
+    (folder / "study.toml").write_text(BOTH.replace('branch = "unloading"', f'branch = "unloading"\n{change}'))
+    with pytest.raises(StudyError, match=f"state the same {key} in both"):
+        load_study(folder / "study.toml")
+
+
+def test_a_branch_to_select_by_is_none_of_the_fit(folder):
+    """What is selected by must not have the errors of what is fitted."""
+    study = BOTH.replace('name = "back"\nrole = "fit"', 'name = "back"\nrole = "select"')
+    (folder / "study.toml").write_text(study)
+    with pytest.raises(StudyError, match="state the same role in both"):
+        load_study(folder / "study.toml")

@@ -917,7 +917,8 @@ def test_both_branches_of_a_record_share_its_errors(tmp_path, role, data, said):
     text = "time_s,depth_mm,Fz_N\n" + "".join(f"{t},{d:.4f},{F:.6f}\n" for t, d, F in rows)
     for name in ("copy.csv", "twin.csv"):
         write(tmp_path, text, name=name)
-    back = f'[[experiments]]\nname = "back"\nrole = "{role}"\nbranch = "unloading"\ndata = "{data}"\n'
+    noise = EXPERIMENT.splitlines()[-1]
+    back = f'[[experiments]]\nname = "back"\nrole = "{role}"\nbranch = "unloading"\ndata = "{data}"\n{noise}\n'
     path = studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "copy.csv"\n{back}')
     with pytest.raises(StudyError) as caught:
         load_study(path)  # its targets are deeper than the record

@@ -787,6 +787,7 @@ def test_noise_of_one_curve_is_no_second_curve(noise):
         (lambda force: np.maximum(force - 0.02, 0.0), True),  # a cell tared too high that shows nothing negative
         (lambda force: np.where(force < 0.02, 0.0, force), True),  # a threshold
         (lambda force: np.round(force / 0.01) * 0.01, False),  # a display of few digits
+        (lambda force: np.round(0.32 * (PRESS / 4.0) ** 1.5 / 1.6e-3) * 1.6e-3, False),  # of which it passes several
         (lambda force: force, False),
     ],
 )

@@ -181,3 +181,12 @@ def test_a_divisor_may_stand_in_brackets(written):
 def test_what_is_no_unit_stays_refused(written):
     with pytest.raises(ValueError, match="is not a"):
         value_in_unit(written, "m/s")
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [("Load cell 50 kN", "Fz", None), ("Force 2 g", "Fz", None), ("Time a", "time", None), ("Kraft PN", "Fz", None),
+     ("Force mN", "Fz", "mN"), ("Travel - mm", "depth", "mm"), ("Force gf", "Fz", "gf")],
+)  # fmt: skip
+def test_behind_a_blank_only_customary_units_and_no_capacity_count(header, name, unit):
+    assert unit_in(header, name) == unit

@@ -6,7 +6,7 @@ import difflib
 import io
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -50,6 +50,7 @@ CODE_PAGES: Mapping[str, str] = MappingProxyType(
 )
 # Names of columns that say by their letters what code page they are of; two letters are no chance.
 _NON_ASCII_NAMES = tuple(n for names in KNOWN_COLUMN_NAMES.values() for n in names if not n.isascii() and len(n) > 1)
+_JSON_LINES = 3  # of a text of one value a line
 _HEADER_CHARACTERS = 50_000  # letters that hold the header
 _MAX_CELL_LINES = 8  # lines that the cells of a header may have
 _OPENS_QUOTE, _CLOSES_QUOTE = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
@@ -123,14 +124,20 @@ def file_text(path: Path) -> tuple[str, list[str]]:
 def _language(text: str) -> str:
     """The language of a text that holds tables otherwise than in lines of cells; empty for other text."""
     begin = text[:_HEADER_CHARACTERS].lstrip()
-    if re.match(r"<[?!a-z]", begin, re.IGNORECASE) and "</" in begin:
+    if re.match(r"<(?:\?xml|!doctype|html|head|body|table|meta|style)\b", begin, re.IGNORECASE):
         return "HTML or XML"
-    if begin[:1] in ("{", "["):
-        try:
-            return "JSON" if isinstance(json.JSONDecoder().raw_decode(text.lstrip())[0], dict | list) else ""
-        except ValueError:
-            return ""
+    if begin[:1] in ("{", "["):  # a table may stand beneath a line of it
+        lines = [line for line in text.splitlines()[:_JSON_LINES] if line.strip()]
+        return "JSON" if _is_json([text]) or (len(lines) > 1 and _is_json(lines)) else ""
     return ""
+
+
+def _is_json(texts: Sequence[str]) -> bool:
+    """Whether each of some texts is an object or a list."""
+    try:
+        return all(isinstance(json.loads(text), dict | list) for text in texts)
+    except (ValueError, RecursionError):
+        return False
 
 
 def _of_code_page(raw: bytes) -> tuple[str, list[str]]:

@@ -851,7 +851,9 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     if table.segments is not None:
         segment = table.segments[rows]
         if kind == "force":
-            plausibility.check_stated_loading(f"{table.path}: repeat {label!r}", depth[segment == "loading"])
+            plausibility.check_stated_loading(
+                f"{table.path}: repeat {label!r}", depth[segment == "loading"], bool(np.any(segment == "unloading"))
+            )
     elif kind == "profile":
         segment = np.full(len(depth), "loading")
     else:
