@@ -62,6 +62,7 @@ def test_friction_little_above_what_is_needed_holds_as_well_as_much(below):
     assert not below or pressed(0.7 * needed, x, (0.4,))[2][0] < 0.5 * much
 
 
+@pytest.mark.verification
 def test_a_body_that_slides_is_followed_in_the_steps_asked_for():
     """At (20, 0) friction of 0.1 does not hold: it slides and rolls until wall and ball face each other.
 

@@ -249,6 +249,7 @@ def test_not_verified_comes_before_not_determined_before_failed(tmp_path):
     one_point(tmp_path)
     settings = "thickness = 8\nfail_below = 0.008"
     common = {"search": ONE_TARGET, "backend__settings": settings, "doe": "runs = 8\nheld_out = 0\nreduce = false"}
+    common["sensitivity"] = studies.QUICK["sensitivity"]
     require = {"identify": 'require = ["D1"]'}
     strict = studies.run(tmp_path, **common, **require, verify="tolerance = 1e-9\nmax_infill = 0")
     assert strict["exit_code"] == 4 and not strict["searches"][0]["verified"]
