@@ -115,17 +115,17 @@ def log(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def material(rng: np.random.Generator) -> tuple[dict[str, float], str]:
-    """Knobs of a random law, and the law."""
+def material(rng: np.random.Generator, least: float = 1.5, positive: float = 0.8) -> tuple[dict[str, float], str]:
+    """Knobs of a random law, and the law; `least` K/μ, and the share of Ogden's exponents that is `positive`."""
     mu = log(rng, 3e-3, 4e-2)
-    values = {"mu": mu, "D1": 2.0 / (mu * log(rng, 1.5, 200.0))}
+    values = {"mu": mu, "D1": 2.0 / (mu * log(rng, least, 200.0))}
     law = str(rng.choice(["neo_hookean", "neo_hookean", "mooney_rivlin", "yeoh", "ogden"]))
     if law == "mooney_rivlin":
         values["C01"] = mu * rng.uniform(0.0, 0.35)
     elif law == "yeoh":
         values |= {"C20": mu * log(rng, 0.005, 0.1), "C30": mu * log(rng, 1e-3, 1e-2)}
     elif law == "ogden":
-        values["alpha"] = rng.uniform(1.3, 7.0) if rng.random() < 0.8 else -rng.uniform(2.0, 5.0)
+        values["alpha"] = rng.uniform(1.3, 7.0) if rng.random() < positive else -rng.uniform(2.0, 5.0)
     return values, law
 
 

@@ -30,7 +30,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import numpy as np
-from fe_errors import LABELS, QUANTILE, log, pinball
+from fe_errors import LABELS, QUANTILE, log, material, pinball
 
 from fem_backend.accuracy import error_estimate
 from fem_backend.backend import BACKEND
@@ -66,20 +66,6 @@ class Draw:
         return BACKEND.canonical(self.values, case)
 
 
-def material(rng: np.random.Generator) -> tuple[dict[str, float], str]:
-    """Knobs of a random law, and the law."""
-    mu = log(rng, 3e-3, 4e-2)
-    values = {"mu": mu, "D1": 2.0 / (mu * log(rng, 1.2, 200.0))}
-    law = str(rng.choice(["neo_hookean", "neo_hookean", "mooney_rivlin", "yeoh", "ogden"]))
-    if law == "mooney_rivlin":
-        values["C01"] = mu * rng.uniform(0.0, 0.35)
-    elif law == "yeoh":
-        values |= {"C20": mu * log(rng, 0.005, 0.1), "C30": mu * log(rng, 1e-3, 1e-2)}
-    elif law == "ogden":
-        values["alpha"] = rng.uniform(1.3, 7.0) if rng.random() < 0.7 else -rng.uniform(2.0, 5.0)
-    return values, law
-
-
 def support(rng: np.random.Generator, rubs: bool) -> dict[str, Any]:
     """Half of them bonded; every fourth of those that may rub lies on a rough plate."""
     found = [
@@ -112,7 +98,7 @@ def effect(rng: np.random.Generator, k: int, mu: float, H: float) -> dict[str, f
 def draw(seed: int, k: int) -> Draw:
     """Experiment number k; half models, which cost ten times as much, are less thick and not hardly pressed."""
     rng = np.random.default_rng([20261128, seed, k])
-    values, law = material(rng)
+    values, law = material(rng, 1.2, 0.7)
     what, point, body = kind_of(seed, k), [0.0, 0.0], {}
     half = what in (BESIDE, TILTED)
     H = R * log(rng, 0.7, 3.0 if half else 6.0)

@@ -122,9 +122,8 @@ class Meridian:
         deeper inside, above a flat end, g = −h, the distance from the end.
         """
         flat, tip, direction = kernel_arrays(x, tip, direction)
-        g, n, hessian = _gap(
-            flat, tip, direction, self.pieces.copy(), self.starts
-        )  # what may be written to, as of a pickled one
+        pieces = self.pieces.copy()  # that may be written to, as those of a pickled outline: one variant is compiled
+        g, n, hessian = _gap(flat, tip, direction, pieces, self.starts)
         return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
 
     def line(self, farthest: float) -> np.ndarray:

@@ -7,9 +7,10 @@ F(t) = 16/3 √R ∫₀^{t₁} μ(t − ξ) d(u^{3/2}),   ∫_{t₁}^t μ(t − 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+from sticky_backend import Sticky
 
 from rso.contract import Case, Parameter, Response, knob, parameters_of
 
@@ -46,28 +47,11 @@ def relaxed(mu: float, g: float, tau: float, t: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Ting:
-    """The ball; it has no settings."""
+class Ting(Sticky):
+    """The ball; it has no settings either."""
 
     name: str = "ting"
-    numerics: int = 1
     parameters: tuple[Parameter, ...] = parameters_of(Relaxing)
-    channels: Mapping[str, str] = field(default_factory=lambda: {"time": "s", "travel": "mm", "Fz": "N"})
-
-    def check(self, case: Case) -> None:
-        """All is well."""
-
-    def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
-        """As they are."""
-        return dict(values), case
-
-    def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
-        """No artefacts."""
-        return {}
-
-    def make(self, recipe: str) -> bytes:
-        """Never asked for."""
-        raise ValueError(recipe)
 
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
         """The force at the asked moments."""
