@@ -147,7 +147,7 @@ LAYERS = {
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
         "formula_comparison input_sides range_ends readings required_runs stages stated_settings stored_runs",
-        "deformed_body finished_runs held_out joined_runs sensitivity_stage uncertain_inputs",
+        "deformed_body finished_runs held_out joined_runs sensitivity_stage size_errors uncertain_inputs",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
         "identification_stage results search_results",
@@ -323,11 +323,11 @@ LAYERS = {
         "layout",
         "reading",
         "language",
-        "canvas exact_sizes notes terminal",
+        "canvas exact_sizes notes",
         "sketch",
         "discrepancy model_selection pareto population",
         "calibration optimal_design",
-        "picture_files",
+        "picture_files terminal",
         "__init__",
     ),
     "rso.report.language": (

@@ -21,6 +21,7 @@ from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
 from rso.calibration.search_stage import SearchResult, curve_metrics, done_curves
+from rso.calibration.size_errors import SIZE_ERROR_SHARE, SizeError, size_errors
 from rso.calibration.stages import Run, Runner
 from rso.calibration.stated_settings import exact_dimensions
 from rso.calibration.unstated_errors import unstated
@@ -138,6 +139,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
             "inputs": [_input_row(plan, d, e) for e in uncertainty_budget(d, plan.effects)],
             "exact_inputs": exact_dimensions(plan),
+            "size_errors": [_size_row(plan, d, e) for e in size_errors(plan, d, found.places)],
             "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
             if d.draws is None
@@ -161,23 +163,39 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
 
 
 def _input_row(plan: Plan, d: Determination, entry: BudgetEntry) -> dict[str, Any]:
-    one, box, derived = entry.effect, d.misfit.model.box, capability(plan.backend, DerivedQuantities)
-    here = {**plan.resolved.fixed, **dict(zip(box.names, map(float, d.fit.theta), strict=True))}
-    there = {**here, **{n: here[n] * (1.0 + moved) for n, moved in entry.moves.items()}}
-    found = [] if derived is None else derived.derived(plan.study.backend.settings, list(here))
-    values = {
-        q.name: [float(np.ravel(q.of({n: np.array([v]) for n, v in p.items()}))[0]) for p in (here, there)]
-        for q in found
-    }
+    one = entry.effect
     return {
         "input": one.knob,
         "experiment": ", ".join(one.experiments),
         "description": one.description,
         "unit": one.unit,
         "uncertainty": one.uncertainty,
-        "moves": {**entry.moves, **{n: b / a - 1.0 for n, (a, b) in values.items() if a}},
+        "moves": _moves_of_all(plan, d, entry.moves),
         "share": entry.share,
     }
+
+
+def _size_row(plan: Plan, d: Determination, one: SizeError) -> dict[str, Any]:
+    return {
+        "input": one.knob,
+        "experiment": ", ".join(one.experiments),
+        "description": one.description,
+        "larger": SIZE_ERROR_SHARE,
+        "moves": _moves_of_all(plan, d, one.moves),
+    }
+
+
+def _moves_of_all(plan: Plan, d: Determination, moves: Mapping[str, float]) -> dict[str, float]:
+    """Relative changes of the parameters with those of the quantities derived from them."""
+    box, derived = d.misfit.model.box, capability(plan.backend, DerivedQuantities)
+    here = {**plan.resolved.fixed, **dict(zip(box.names, map(float, d.fit.theta), strict=True))}
+    there = {**here, **{n: here[n] * (1.0 + moved) for n, moved in moves.items()}}
+    found = [] if derived is None else derived.derived(plan.study.backend.settings, list(here))
+    values = {
+        q.name: [float(np.ravel(q.of({n: np.array([v]) for n, v in p.items()}))[0]) for p in (here, there)]
+        for q in found
+    }
+    return {**moves, **{n: b / a - 1.0 for n, (a, b) in values.items() if a}}
 
 
 def _fitted(d: Determination) -> list[dict[str, Any] | None]:

@@ -46,6 +46,13 @@ def exact_dimensions(plan: Plan) -> list[str]:
 
     One that only some of the experiments state is named with the others.
     """
+    named = {i.parameter.name for i in plan.resolved.inputs}
+    left = unstated_dimensions(plan)
+    return [f"{n} of {', '.join(own)}" if n in named else n for n, own in left.items()]
+
+
+def unstated_dimensions(plan: Plan) -> dict[str, list[str]]:
+    """Error of a stated dimension → fitted experiments that have it and do not say how well it is known."""
     given = [*(n for n, v in plan.resolved.fixed.items() if v), *(a.name for a in plan.resolved.axes)]
     left: dict[str, list[str]] = {}
     for e in [e.name for e in plan.study.experiments if e.name in plan.case_of]:
@@ -53,8 +60,7 @@ def exact_dimensions(plan: Plan) -> list[str]:
         for n in dimension_errors(plan.backend, plan.study.settings_of(e), given):
             if n not in said and n not in given:
                 left.setdefault(n, []).append(e)
-    named = {i.parameter.name for i in plan.resolved.inputs}
-    return [f"{n} of {', '.join(own)}" if n in named else n for n, own in left.items()]
+    return left
 
 
 def extraordinary(plan: Plan) -> list[str]:

@@ -86,18 +86,19 @@ def uncertainty_budget(d: Determination, effects: Sequence[InputEffect]) -> tupl
     misfit, box = d.misfit, d.misfit.model.box
     if misfit.weighting != "noise" or not effects:
         return ()
-    theta = box.from_unit(d.fit.x[None])[0]
     total = np.diag(np.linalg.pinv(d.fit.fisher, rcond=1e-9))
     found = []
     for e in effects:
         s = np.concatenate([v.shared.get(e.name, np.zeros(len(v.value))) for v in misfit.data])
-        step = -moved_by(d, s[:, None])[:, 0]
-        moved = box.from_unit((d.fit.x + step)[None])[0]  # also beyond the ranges: it is a slope
-        found.append(
-            BudgetEntry(
-                e,
-                {n: float(m / t - 1.0) if t else float("nan") for n, m, t in zip(box.names, moved, theta, strict=True)},
-                {n: float(min(v**2 / t, 1.0)) for n, v, t in zip(box.names, step, total, strict=True)},
-            )
-        )
+        step = moved_by(d, s[:, None])[:, 0]
+        share = {n: float(min(v**2 / t, 1.0)) for n, v, t in zip(box.names, step, total, strict=True)}
+        found.append(BudgetEntry(e, relative_moves(d, s), share))
     return tuple(found)
+
+
+def relative_moves(d: Determination, s: np.ndarray) -> dict[str, float]:
+    """Parameter → relative change of its most likely value where the readings lack s (n,); nan of one that is 0."""
+    box = d.misfit.model.box
+    theta = box.from_unit(d.fit.x[None])[0]
+    moved = box.from_unit((d.fit.x - moved_by(d, s[:, None])[:, 0])[None])[0]  # also beyond the ranges: it is a slope
+    return {n: float(m / t - 1.0) if t else float("nan") for n, m, t in zip(box.names, moved, theta, strict=True)}

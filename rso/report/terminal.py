@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.report.calibration.inputs import assumed
 from rso.report.layout.digits import percent, quantity, symbol
 from rso.report.reading import about_zero, lettered
 
@@ -20,6 +21,8 @@ def summary(found: Mapping[str, Any]) -> list[str]:
     if likely:
         lines.append(f"  most likely by the whole curves: {_values(likely, units)}")
     lines += _budget(found.get("identification") or {})
+    if exact := assumed(found):
+        lines.append(f"  {exact}")
     if best:
         named = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
         candidate = next(c for name, c in named if (name, c["name"]) == (best["search"], best["candidate"]))

@@ -136,6 +136,16 @@ class InputBlock(ResultBlock):
     share: ByName = holds("parameter → share of its variance")
 
 
+class SizeErrorBlock(ResultBlock):
+    """A stated size that counts as exact, and what an error of it would do, by a closed form."""
+
+    input: str = holds("the name of its error")
+    experiment: str = holds("the experiments that count it as exact; empty for all")
+    description: str = holds("what it is")
+    larger: Number = holds("by which share of itself the size is taken to be larger")
+    moves: ByName = holds("parameter or derived quantity → relative change if it is")
+
+
 class GainBlock(ResultBlock):
     """A test that could come next; the best comes first, of nearly equal ones the cheapest."""
 
@@ -208,6 +218,9 @@ class IdentificationBlock(ResultBlock):
     directions: tuple[DirectionBlock, ...] = holds("stiff and sloppy directions, stiffest first")
     inputs: tuple[InputBlock, ...] = holds("uncertain inputs of the study, and what they move")
     exact_inputs: Texts = holds("errors of stated dimensions that count as none: nobody said how well these are known")
+    size_errors: tuple[SizeErrorBlock, ...] = holds(
+        "what these sizes would move, were they larger; empty where no closed form is near the simulations"
+    )
     gains: tuple[GainBlock, ...] = holds("tests that could come next")
     mcmc: DrawsBlock | None = holds("draws of the posterior")
     weightings: tuple[WeightingBlock, ...] = holds("best fits by weighting")

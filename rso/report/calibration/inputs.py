@@ -11,12 +11,58 @@ from rso.report.layout.digits import clean, percent, shown, signed
 from rso.report.layout.document import Block, column, table, words
 from rso.report.reading import Results, number, parameters
 
+MENTIONED_MOVE_RATIO = 0.5  # of the largest one: a dimension that moves that much is named
+MIN_MENTIONED_MOVE = 0.005  # of a quantity: less is not worth a line of the first page
+
 
 def input_blocks(results: Results) -> tuple[Block, ...]:
     """What uncertain dimensions move each parameter by; of those that nobody stated, that they count as exact."""
     data = results.get("identification") or {}
     rows = list(data.get("inputs") or ())
-    return (*([_budget(results, rows)] if rows else []), *exact_sizes(data, others=bool(rows)))
+    wrong = _size_errors(results, list(data.get("size_errors") or ()))
+    return (*([_budget(results, rows)] if rows else []), *exact_sizes(data, others=bool(rows)), *wrong)
+
+
+def assumed(results: Results) -> str:
+    """That stated dimensions count as exact, and what an error of one of them would move; or ""."""
+    rows, known = list((results.get("identification") or {}).get("size_errors") or ()), _known(results)
+    if not rows or not known:
+        return ""
+    name, letter = known[0]
+    moves = [number(r["moves"].get(name)) or 0.0 for r in rows]
+    largest = max(map(abs, moves))
+    if largest < MIN_MENTIONED_MOVE:
+        return ""
+    # those of the specimen come first, and are known less well than those of the indenter
+    row, move = next((r, m) for r, m in zip(rows, moves, strict=True) if abs(m) >= MENTIONED_MOVE_RATIO * largest)
+    by = f"{percent(abs(move))} {'larger' if move > 0.0 else 'smaller'}"
+    wrong = f"+{percent(row['larger'], 1)} {clean(row['description'])}{_of_experiment(row)}"
+    return f"stated dimensions count as exact; with a {wrong}, {letter} would be {by}"
+
+
+def _size_errors(results: Results, rows: list[Mapping[str, Any]]) -> tuple[Block, ...]:
+    """What sizes that count as exact would move, were they larger; nothing where nothing is known to be moved."""
+    known = _known(results)
+    if not rows or not known:
+        return ()
+    columns = [column("dimension", words([_named(r) for r in rows]), number=False)]
+    for name, letter in known:
+        columns.append(column(f"moves {letter} by", words([_signed(r["moves"].get(name)) for r in rows])))
+    note = (
+        f"What is known changes by about so much if a dimension is {percent(rows[0]['larger'], 1)} larger than stated, "
+        "by a closed form of the literature. The intervals do not include it."
+    )
+    return (table("If a dimension is not as stated", columns, note),)
+
+
+def _known(results: Results) -> list[tuple[str, str]]:
+    """Name and letter of each quantity that is known: those that follow from the parameters first."""
+    derived = [q for q in derived_rows(results)[:N_DERIVED_TILES] if q.get("known") and not q.get("follows_from")]
+    determined = {n for n, d in (results.get("determined") or {}).items() if d.get("determined")}
+    return [
+        *((q["name"], clean(q["letter"])) for q in derived),
+        *((p.name, p.letter) for p in parameters(results, free=True) if p.name in determined),
+    ]
 
 
 def _budget(results: Results, rows: list[Mapping[str, Any]]) -> Block:
@@ -40,8 +86,11 @@ def _budget(results: Results, rows: list[Mapping[str, Any]]) -> Block:
 
 
 def _named(row: Mapping[str, Any]) -> str:
-    whose = f" of {clean(row['experiment'])}" if row["experiment"] else ""
-    return f"{clean(row['description'])}{whose} ({clean(row['input'])})"
+    return f"{clean(row['description'])}{_of_experiment(row)} ({clean(row['input'])})"
+
+
+def _of_experiment(row: Mapping[str, Any]) -> str:
+    return f" of {clean(row['experiment'])}" if row["experiment"] else ""
 
 
 def _size(row: Mapping[str, Any]) -> str:

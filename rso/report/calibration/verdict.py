@@ -20,6 +20,7 @@ from rso.report.calibration.derived import (
 )
 from rso.report.calibration.gap import gap_fact, gap_sentences
 from rso.report.calibration.identification import allowed, identified, spans
+from rso.report.calibration.inputs import assumed
 from rso.report.calibration.predictions import prediction_fact
 from rso.report.calibration.predictive_check import missed, missed_channel, prediction_of
 from rso.report.layout.digits import Unit, clean, duration, percent, quantity, shortest, unit_text
@@ -103,6 +104,8 @@ def answers(results: Results) -> tuple[Fact, ...]:
         found.append(Fact("Fit", f"the model misses the data by {by} times their errors", "", "bad"))
     if fixed:
         found.append(Fact("Known", "; ".join(fixed), "", "good"))
+    if exact := assumed(results):
+        found.append(Fact("Assumed", exact, "", "warn"))
     if loose:
         found.append(Fact("Not known", "; ".join(loose), "", "warn"))
     found += [Fact("Look again", clean(q["unlikely"]), "", "warn") for q in derived if q.get("unlikely")]

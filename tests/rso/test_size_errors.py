@@ -1,0 +1,86 @@
+"""What a stated size that counts as exact would move, were it larger: said by a closed form, held to whole fits."""
+
+import numpy as np
+import pytest
+import sample_studies as studies
+
+from fem_backend.backend import BACKEND
+from rso.contract import Case, Programme
+from rso.report.calibration.inputs import assumed
+
+DEPTH = np.linspace(0.05, 0.8, 16)
+SLAB = {"shape": "slab", "thickness": 2.3}
+WIDE = {"indenter": {"shape": "sphere", "radius": 3.0}, "mesh": {"level": "coarse"}}
+PUCK = {"shape": "cylinder", "radius": 2.0, "height": 6.0}
+
+
+def identified(folder, specimen, more=""):
+    """The identification of μ from forces of a body that is as stated; ν is known."""
+    case = Case("press", Programme.ramp(tuple(DEPTH)), {**WIDE, "specimen": specimen})
+    force = np.asarray(BACKEND({"mu": 0.01, "D1": 5.0}, case).channels["Fz"])
+    rows = "".join(f"{h!r},{F!r}\n" for h, F in zip(DEPTH.tolist(), force.tolist(), strict=True))
+    folder.mkdir()
+    (folder / "top.csv").write_text("depth_mm,Fz_N\n" + rows)
+    inline = ", ".join(f"{k} = {v!r}" for k, v in specimen.items())
+    return studies.run(
+        folder,
+        backend='use = "fem_backend.backend:BACKEND"',
+        **{
+            "backend.settings": f'mesh = {{ level = "coarse" }}\nindenter = {{ shape = "sphere", radius = 3 }}\n'
+            f"specimen = {{ {inline} }}",
+            "parameters": 'mu = { low = "6 kPa", high = "20 kPa", scale = "log" }\nD1 = { value = 5 }\n' + more,
+            "search": 'method = "gauss_newton"',
+        },
+        doe=None,
+        surrogate=None,
+        sensitivity=None,
+    )
+
+
+def test_a_closed_form_says_what_a_larger_size_makes_of_the_modulus(tmp_path):
+    """Beside whole fits of bodies 5 % larger: within a fifth, as strains are large and the closed form's are small."""
+    found = identified(tmp_path / "stated", SLAB)
+    said = {r["input"]: r["moves"] for r in found["identification"]["size_errors"]}
+    assert set(said) == {"delta_thickness", "delta_R"}
+    for name, size in (("delta_thickness", 2.3), ("delta_R", 3.0)):
+        other = identified(tmp_path / name, SLAB, f"{name} = {{ value = {0.05 * size} }}")["identification"]
+        moved = other["values"]["mu"] / found["identification"]["values"]["mu"] - 1.0
+        assert said[name]["mu"] == pytest.approx(moved, rel=0.2), name
+        assert said[name]["E"] == pytest.approx(said[name]["mu"], rel=0.02)  # ν is another with D₁ as stated
+        assert name not in {r["input"] for r in other["size_errors"]}  # its size was stated
+
+
+def test_a_body_that_no_closed_form_describes_has_none(tmp_path):
+    """A high puck narrower than its indenter: a layer without end is 50 % stiffer and more."""
+    found = identified(tmp_path / "puck", PUCK)
+    assert found["identification"]["exact_inputs"]
+    assert not found["identification"]["size_errors"] and assumed(found) == ""
+
+
+def results(*rows):
+    return {
+        "parameters": [{"name": "mu", "unit": "MPa", "low": 0.001, "high": 1.0}],
+        "determined": {"mu": {"determined": True, "interval": [0.009, 0.011], "story": ""}},
+        "identification": {
+            "size_errors": [
+                {"input": n, "experiment": "", "description": f"error of {n}", "larger": 0.05, "moves": {"mu": v}}
+                for n, v in rows
+            ]
+        },
+    }
+
+
+def test_the_first_page_names_the_specimens_size_unless_another_matters_much_more():
+    assert "+5 % error of a, μ would be 6.4 % larger" in assumed(results(("a", 0.064), ("b", -0.066))).replace(
+        "\xa0", " "
+    )
+    assert "+5 % error of b, μ would be 6.6 % smaller" in assumed(results(("a", 0.02), ("b", -0.066))).replace(
+        "\xa0", " "
+    )
+    assert assumed(results(("a", 0.004), ("b", -0.003))) == ""
+
+
+def test_nothing_is_said_of_what_is_not_known():
+    found = results(("a", 0.064))
+    found["determined"]["mu"]["determined"] = False
+    assert assumed(found) == ""
