@@ -22,8 +22,8 @@ from rso.study.cases import MISREAD_SETTING_ERRORS, case_for
 from rso.study.dimensions import stated_dimensions
 
 SIZE_ERROR_SHARE = 0.05  # of a size: what nobody would be surprised to find on a soft specimen
-MAX_FORM_RATIO = 1.5  # of the fitted forces over those of a closed form, or the reverse: beyond, it is of another body
-MIN_SIZE_MOVE = 1e-3  # of a parameter: what moves all of them by less is not said
+MAX_FORM_RATIO = 1.25  # of the fitted forces over those of a closed form, or the reverse: beyond, it is of another body
+MIN_SIZE_MOVE = 0.01  # of a parameter: what moves all of them by less is not said, as closed forms are not that good
 N_FORM_DEPTHS = 12  # at which a closed form is asked, evenly spaced to the deepest reading
 FORCE_CHANNEL = "Fz"
 
