@@ -54,7 +54,7 @@ from rso.inference import (
 from rso.inference.derived import is_known, rests_on
 from rso.inference.error_model import shares
 from rso.inference.identifiability import doubt
-from rso.inference.input_effects import BudgetEntry, uncertainty_budget
+from rso.inference.input_effects import BudgetEntry, shared_part, uncertainty_budget
 from rso.inference.intervals import INTERVAL_BOUND_TOLERANCE
 from rso.inference.rules import RULES
 from rso.inference.systematic_residuals import systematic_misfit
@@ -138,6 +138,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             "derived": derived_quantities(plan, d, is_trusted(d, settled) and not _disbelieved(plan, d)),
             "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
             "inputs": [_input_row(plan, d, e) for e in uncertainty_budget(d, plan.effects)],
+            "calibration": _calibration_row(d),
             "exact_inputs": exact_dimensions(plan),
             "size_errors": [_size_row(plan, d, e) for e in size_errors(plan, d, found.places)],
             "gains": gain_rows(d, gains_of_repeats(d)),
@@ -173,6 +174,13 @@ def _input_row(plan: Plan, d: Determination, entry: BudgetEntry) -> dict[str, An
         "moves": _moves_of_all(plan, d, entry.moves),
         "share": entry.share,
     }
+
+
+def _calibration_row(d: Determination) -> dict[str, Any] | None:
+    if d.misfit.weighting != "noise" or not any("calibration" in v.shared for v in d.misfit.data):
+        return None
+    moves, share = shared_part(d, "calibration")
+    return {"moves": moves, "share": share}
 
 
 def _size_row(plan: Plan, d: Determination, one: SizeError) -> dict[str, Any]:

@@ -83,17 +83,18 @@ def uncertainty_budget(d: Determination, effects: Sequence[InputEffect]) -> tupl
 
     s (n,) is what one standard uncertainty moves all readings by.  Source: JCGM 102:2011, 6.2.1.3 with 9.2.
     """
-    misfit, box = d.misfit, d.misfit.model.box
-    if misfit.weighting != "noise" or not effects:
+    if d.misfit.weighting != "noise":
         return ()
+    return tuple(BudgetEntry(e, *shared_part(d, e.name)) for e in effects)
+
+
+def shared_part(d: Determination, name: str) -> tuple[dict[str, float], dict[str, float]]:
+    """What an error that readings share moves each parameter by, relative, and its share of the variance of each."""
+    s = np.concatenate([v.shared.get(name, np.zeros(len(v.value))) for v in d.misfit.data])
     total = np.diag(np.linalg.pinv(d.fit.fisher, rcond=1e-9))
-    found = []
-    for e in effects:
-        s = np.concatenate([v.shared.get(e.name, np.zeros(len(v.value))) for v in misfit.data])
-        step = moved_by(d, s[:, None])[:, 0]
-        share = {n: float(min(v**2 / t, 1.0)) for n, v, t in zip(box.names, step, total, strict=True)}
-        found.append(BudgetEntry(e, relative_moves(d, s), share))
-    return tuple(found)
+    step = moved_by(d, s[:, None])[:, 0]
+    names = d.misfit.model.box.names
+    return relative_moves(d, s), {n: float(min(v**2 / t, 1.0)) for n, v, t in zip(names, step, total, strict=True)}
 
 
 def relative_moves(d: Determination, s: np.ndarray) -> dict[str, float]:

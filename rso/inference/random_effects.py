@@ -38,6 +38,7 @@ MAX_SPREAD_RATIO = 1e3  # of the largest distance between two specimens, or of a
 # parts of equal probability into which τ and the error of the mean are divided for a prediction
 N_PREDICTION_PARTS = 128
 N_PEAK_MEANS = 33  # means among which the likeliest of one specimen is looked for
+MAX_SHARED_VARIANCE = 0.99  # of the variance of one specimen: what is its own is not known to be less than the rest
 FALSE_OUTLIER_CHANCE = 0.05  # probability with which any specimen at all is called one although none is
 
 
@@ -78,6 +79,11 @@ class SpecimenLikelihood:
     def normal(self) -> bool:
         """Whether it is Gaussian."""
         return self.closed and bool(np.ptp(self.slopes) <= 1e-9 * self.slopes.max())
+
+    def without(self, share: float) -> SpecimenLikelihood:
+        """The same specimen without an error that makes this share of its variance, which all specimens have alike."""
+        narrower = math.sqrt(1.0 - min(share, MAX_SHARED_VARIANCE))
+        return SpecimenLikelihood(self.at, self.root / narrower, self.open_low, self.open_high)
 
     def of(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """r(θ) and its slope."""
@@ -212,14 +218,19 @@ class RandomEffects:
     one_sided: int
 
 
-def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) -> RandomEffects:
+def random_effects(
+    specimens: Sequence[SpecimenLikelihood], level: float = 0.9, *, shared: float = 0.0
+) -> RandomEffects:
     """The population of specimens by REML, with the Hartung–Knapp interval of its mean.
 
     With j_i the information about m in specimen i, the variance of the mean is max(1, Q(τ)/(k − 1)) / Σ j_i, Q(τ) as in
     :func:`_scatter`: for Gaussian L_i that of Hartung & Knapp, which the 1 keeps from being less than that of known
     errors (Röver, Knapp & Friede, BMC Med. Res. Methodol. 15 (2015) 99, eq. 9).  The k in it are the specimens bounded
-    on both sides; one that is bounded on one side moves the mean and τ by what it excludes.  Errors that all specimens
-    share are in no interval.
+    on both sides; one that is bounded on one side moves the mean and τ by what it excludes.
+
+    The likelihoods are those without errors that all specimens have alike.  Of these `shared` is the standard deviation
+    of the mean, Gaussian and known: its quantile is added to that of the mean, and to each side of the prediction, in
+    quadrature, as more specimens do not average it out.
 
     Raises ValueError without a specimen that is bounded on both sides.
     """
@@ -229,11 +240,15 @@ def random_effects(specimens: Sequence[SpecimenLikelihood], level: float = 0.9) 
     k = len(closed)
     tau = _tau(specimens) if k > 1 else 0.0
     mean, sd, _ = _mean_at(specimens, closed, tau)
+    alike = float(normal_ppf(0.5 * (1.0 + level))) * shared
     interval = None
     if k > 1:
-        reach = float(t_ppf(0.5 * (1 + level), k - 1)) * sd
+        reach = math.hypot(float(t_ppf(0.5 * (1 + level), k - 1)) * sd, alike)
         interval = (mean - reach, mean + reach)
-    prediction = _prediction(specimens, closed, level) if k > 2 else None
+    prediction = None
+    if k > 2:
+        low, high = _prediction(specimens, closed, level)
+        prediction = (mean - math.hypot(mean - low, alike), mean + math.hypot(high - mean, alike))
     at_none = marginal(closed, np.array([_mode(closed, 0.0)]), 0.0)
     q, w = _scatter(closed, at_none, 0.0), at_none.curvature[:, 0]
     i2 = None

@@ -27,6 +27,7 @@ from rso.inference.random_effects import (
     outliers,
     random_effects,
 )
+from rso.study.input_sizes import stated_size
 
 SPECIMENS_SCHEMA = 1  # of specimens.json; raised when keys change their meaning
 SPECIMENS_FILE = "specimens.json"
@@ -38,7 +39,7 @@ INTERVAL_END_NAMES = ("low", "high")
 MAX_NAMED_IN_SENTENCE = 4  # specimens that a sentence names
 SHARED_ERRORS_NOTE = (
     "Errors that all specimens share are in no interval of the mean, as that of one load cell or one indenter. More "
-    "specimens do not average them out."
+    "specimens do not average them out. The tables noise and [uncertainty] of the study state them"
 )
 
 Found = Mapping[str, Any]
@@ -232,19 +233,25 @@ def _population(
     unit = axes[0].parameter.unit
     likelihoods: dict[str, SpecimenLikelihood] = {}
     left_out: list[str] = []
+    alike, moves = errors_alike(plans), list[dict[str, float]]()
     for row in rows:
         one = found[row["name"]]
         block = next((p for p in _identified(one) if p["parameter"] == name), None) if row["state"] == "done" else None
-        if block is None:
+        if block is None or one is None:
             continue
         made = _likelihood(block, log)
         if made is None:
             left_out.append(row["name"])
-        else:
-            likelihoods[row["name"]] = made
+            continue
+        moved, share = _moves_alike(one["identification"], name, alike, log)
+        likelihoods[row["name"]] = made.without(share)
+        if made.closed:
+            moves.append(moved)
+    # one error moves the mean by the mean of what it moves each specimen by; several errors are independent
+    shared = math.hypot(*(float(np.mean([m.get(e, 0.0) for m in moves])) for e in alike)) if moves else 0.0
     marked = _mark(name, likelihoods, rows)
     every = list(likelihoods.values())
-    effects = random_effects(every, CREDIBLE_LEVEL) if any(s.closed for s in every) else None
+    effects = random_effects(every, CREDIBLE_LEVEL, shared=shared) if any(s.closed for s in every) else None
     without = [s for n, s in likelihoods.items() if n not in marked]
     again = random_effects(without, CREDIBLE_LEVEL) if marked and any(s.closed for s in without) else None
     block = {
@@ -252,11 +259,44 @@ def _population(
         "unit": unit,
         "scale": "log" if log else "linear",
         **_numbers(effects, log),
+        "shared": shared,
         "left_out": left_out,
         "outliers": marked,
         "without_outliers": None if again is None else _back(again.mean, log),
     }
     return {**block, "words": population_words(block)}
+
+
+def errors_alike(plans: Sequence[Plan]) -> tuple[str, ...]:
+    """Stated errors that are the same in all specimens: the calibration, and the inputs of the study whose stated size
+    and uncertainty are the same for all.
+
+    A size that each specimen has for itself, such as its own thickness, was measured for each.
+    """
+    stated: dict[str, set[tuple[float | None, float]]] = {}
+    count: dict[str, int] = {}
+    for p in plans:
+        fitted = [e.name for e in p.study.experiments if e.name in p.case_of]
+        for i in p.resolved.inputs:
+            if i.experiments:
+                continue
+            sizes = {stated_size(p.backend, p.study.settings_of(e), p.resolved.fixed, i) for e in fitted}
+            stated.setdefault(i.parameter.name, set()).update((size, i.uncertainty) for size in sizes)
+            count[i.parameter.name] = count.get(i.parameter.name, 0) + 1
+    return ("calibration", *(n for n, each in stated.items() if len(each) == 1 and count[n] == len(plans)))
+
+
+def _moves_alike(known: Found, name: str, alike: Sequence[str], log: bool) -> tuple[dict[str, float], float]:
+    """What each of these errors moves a parameter of one specimen by, and their share of its variance."""
+    blocks = {r["input"]: r for r in known.get("inputs") or () if not r["experiment"]}
+    blocks |= {"calibration": known["calibration"]} if known.get("calibration") else {}
+    moves, share = {}, 0.0
+    for e in alike:
+        relative = blocks[e]["moves"].get(name) if e in blocks else None
+        if relative is not None and relative > -1.0:
+            moves[e] = math.log1p(relative) if log else relative * known["values"][name]
+            share += blocks[e]["share"].get(name) or 0.0
+    return moves, share
 
 
 def _identified(found: Found | None) -> Sequence[Found]:
@@ -336,6 +376,9 @@ def population_words(p: Found) -> str:
         return f"{letter} is known of one specimen alone, {number(p['mean'])}{behind}: its scatter is not known."
     low, high = p["interval"]
     said = f"The {what} {letter} of {of} is {number(p['mean'])}{behind} ({number(low)} to {number(high)}). "
+    if p["shared"]:
+        size = f"{100 * math.expm1(p['shared']):.2g} %" if p["scale"] == "log" else f"{number(p['shared'])}{behind}"
+        said += f"Of that, stated errors that all specimens share make ±{size}. "
     said += _scatter_words(p, number, behind)
     if p["prediction"][0] is not None:
         a, b = p["prediction"]
@@ -382,7 +425,8 @@ def _warnings(rows: Sequence[Found], population: Sequence[Found]) -> list[str]:
     refuted = [r["name"] for r in rows if r["p_value"] is not None and r["p_value"] < 0.01]
     if refuted:
         said.append(f"the model misses the data (p < 0.01) of {_few(refuted)}: what their parameters mean is open")
-    return [*said, SHARED_ERRORS_NOTE] if any(p["mean"] is not None for p in population) else said
+    lacking = any(p["mean"] is not None and not p["shared"] for p in population)
+    return [*said, SHARED_ERRORS_NOTE] if lacking else said
 
 
 def _one_side(block: Found, name: str) -> bool:

@@ -136,6 +136,13 @@ class InputBlock(ResultBlock):
     share: ByName = holds("parameter → share of its variance")
 
 
+class CalibrationBlock(ResultBlock):
+    """What the stated error of the calibration (`noise.calibration`), the same for all tests, contributes."""
+
+    moves: ByName = holds("parameter → relative change if all forces are one standard uncertainty more than measured")
+    share: ByName = holds("parameter → share of its variance")
+
+
 class SizeErrorBlock(ResultBlock):
     """A stated size that counts as exact, and what an error of it would do, by a closed form."""
 
@@ -217,6 +224,7 @@ class IdentificationBlock(ResultBlock):
     derived: tuple[DerivedBlock, ...] = holds("quantities derived from them")
     directions: tuple[DirectionBlock, ...] = holds("stiff and sloppy directions, stiffest first")
     inputs: tuple[InputBlock, ...] = holds("uncertain inputs of the study, and what they move")
+    calibration: CalibrationBlock | None = holds("the calibration of the forces; null where its error is not stated")
     exact_inputs: Texts = holds("errors of stated dimensions that count as none: nobody said how well these are known")
     size_errors: tuple[SizeErrorBlock, ...] = holds(
         "what these sizes would move, were they larger; empty where no closed form is near the simulations"

@@ -189,6 +189,27 @@ def test_intervals_cover(k, tau):
         assert small / trials > 0.75
 
 
+@pytest.mark.parametrize("trials", [40, pytest.param(400, marks=pytest.mark.verification)])
+def test_an_error_that_all_specimens_share_is_counted_once(trials):
+    """One calibration error of all: counted as each specimen's own, it is averaged out and the mean too sure."""
+    rng, S = np.random.default_rng(11), 0.3
+    hits, spread = np.zeros(3), np.zeros(2)
+    for _ in range(trials):
+        y, s = simulated(rng, 8, 0.1)
+        y = y + S * rng.standard_normal()
+        whole = gaussians(y, np.hypot(s, S))
+        every = [one.without(S**2 / (v**2 + S**2)) for one, v in zip(whole, s, strict=True)]
+        found, own = random_effects(every, shared=S), random_effects(whole)
+        new = 1.0 + 0.1 * rng.standard_normal()
+        spans = (1.0, found.interval), (new, found.prediction), (1.0, own.interval)
+        hits += [a <= x <= b for x, (a, b) in spans]
+        spread += [found.tau, own.tau]
+    low = 0.9 - 2.5 * np.sqrt(0.09 / trials)
+    assert np.all(hits[:2] / trials > low)
+    assert hits[2] / trials < low
+    assert spread[1] < 0.5 * spread[0]  # and the scatter is lost in it
+
+
 def test_an_outlier_is_found_and_only_it():
     rng = np.random.default_rng(5)
     y, s = simulated(rng, 10, 0.1)

@@ -129,6 +129,22 @@ def test_specimens_are_fitted_and_summarised(springs):
     assert (folder_of(springs / "results", "a") / "results.json").read_bytes() == kept
 
 
+def test_one_calibration_of_all_specimens_is_not_averaged_out(springs):
+    """5 % of all forces are 5 % of all k: ± 1.645 of that at least, and the specimens scatter as they do without."""
+    free = rso.specimens(springs, backend=spring).run().data["population"][0]
+    text = (springs / "study.toml").read_text()
+    (springs / "study.toml").write_text(text.replace("gain = 0,", 'gain = 0, calibration = "5 %",'))
+    found = rso.specimens(springs, backend=spring).run().data
+    both = found["population"][0]
+    assert both["shared"] == pytest.approx(0.05, rel=0.03) and free["shared"] == 0.0
+    half, own = (0.5 * np.log(p["interval"][1] / p["interval"][0]) for p in (both, free))
+    assert half == pytest.approx(np.hypot(own, 1.645 * 0.05), rel=0.03)
+    assert both["tau"] == pytest.approx(free["tau"], rel=0.1)
+    assert "share" in both["words"] and not any("no interval" in w for w in found["warnings"])
+    render_specimens(found, springs, pdf=False, language="de", untranslated=(missing := []))
+    assert missing == ["area"]
+
+
 def test_the_german_summary_has_a_template_for_every_sentence(springs):
     """With an outlier, one without an answer and an interval that is open on one side."""
     write(springs, "name,settings.area,parameters.k.low,parameters.k.high\na,,,\nb,,91,99\nc,4,,\n")
