@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from rso.calibration.plan import Plan
-from rso.calibration.readings import of_emulator
+from rso.calibration.readings import of_emulator, record_of
 from rso.calibration.stages import Runner
 from rso.calibration.uncertain_inputs import learn_effects
 from rso.contract import Response
@@ -137,12 +137,10 @@ def run_next(
     s = whole.wider
     rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
     more = [with_scaled_errors(v.experiment, s) for v in learnt if not v.item.done]
-    again = [
-        dataclasses.replace(with_scaled_errors(v.experiment, s), name=f"{v.item.name}{REPEAT_SUFFIX}") for v in have
-    ]
+    existing = [with_scaled_errors(e, s) for e in records(plan, have)]
+    again = [dataclasses.replace(e, name=f"{e.name}{REPEAT_SUFFIX}") for e in existing]
     singles = [(e,) for e in (*again, *more)]
     sets = [(), *singles, *itertools.combinations(more, 2)]
-    existing = [with_scaled_errors(v.experiment, s) for v in have]
     each = [
         tuple(expected_information(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
         for k, x in enumerate(truths)
@@ -165,6 +163,33 @@ def _with_inputs(
     bench, _, lost = learn_effects(Runner(plan, evaluator), values)
     again = [learn_item(bench.plan, axes, item, points, evaluator) for item in done(bench.plan)]
     return autocorrelated([v for v in again if not isinstance(v, str)], plan.seed), lost
+
+
+def records(plan: Plan, have: Sequence[Learnt]) -> list[PossibleExperiment]:
+    """What has been done, the branches of one record as one test: it is repeated as a whole, and its errors of contact
+    and gain are the same in both."""
+    groups: dict[str, list[Learnt]] = {}
+    for v in have:
+        groups.setdefault(record_of(plan, v.item.name), []).append(v)
+    return [_as_one(g) if len(g) > 1 else g[0].experiment for g in groups.values()]
+
+
+def _as_one(branches: Sequence[Learnt]) -> PossibleExperiment:
+    data = [[b.data for b in v.item.blocks if b.data is not None] for v in branches]
+    common = dict.fromkeys(name for each in data for d in each for name in d.shared)
+    shared = [
+        [np.concatenate([d.shared.get(name, np.zeros(len(d.value))) for d in each]) for each in data] for name in common
+    ]
+
+    def covariance(x: np.ndarray) -> np.ndarray:
+        C = block_diag(*(v.experiment.covariance(x) for v in branches))
+        for parts in shared:
+            s = np.concatenate(parts)
+            C = C + np.outer(s, s) - block_diag(*(np.outer(p, p) for p in parts))
+        return np.asarray(C)
+
+    name = " and ".join(v.item.name for v in branches)
+    return PossibleExperiment(name, stack([v.experiment.model for v in branches]), covariance)
 
 
 def with_scaled_errors(e: PossibleExperiment, scale: float) -> PossibleExperiment:

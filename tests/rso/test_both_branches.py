@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from rso.calibration.plan import make_plan
 from rso.data import Measurement, Repeat
 from rso.data.loading_rate import dwell_time, lost_work, unloading_pace
 from rso.evaluation.store import RunStore
-from rso.inference.likelihood import split_common_errors
+from rso.inference.likelihood import Model, split_common_errors
 from rso.next_experiment import experiments, study_design
+from rso.optimal_design import PossibleExperiment
 from rso.study.cases import Turn, programme_back
 from rso.study.errors import StudyError
 from rso.study.loader import load_study
@@ -124,6 +126,34 @@ def test_the_next_test_knows_the_unloading(folder):
     depth = np.array([u for u, _ in study_design._read_of(item, block.places[0])])
     assert len(depth) >= 8 and np.all(np.diff(depth) > 0.0)
     assert depth[0] <= block.depth.min() and depth[-1] >= block.depth.max()
+
+
+def test_a_record_is_repeated_as_a_whole(folder):
+    """Its branches are one test, whose contact and gain are the same in both; two records stay two tests."""
+    plan = make_plan(load_study(folder / "study.toml"))
+    have = []
+    for item in experiments.done(plan):
+        (block,) = item.blocks
+        model = Model(plan.box, lambda X, like=block.data.value: np.zeros((len(X), len(like))))
+        test = PossibleExperiment(item.name, model, lambda x, C=block.data.covariance: C)
+        have.append(SimpleNamespace(item=item, experiment=test))
+    (one,) = study_design.records(plan, have)
+    x = np.full(3, 0.5)
+    there, back = (v.item.blocks[0].data for v in have)
+    n = len(there.value)
+    assert one.name == "there and back" and one.model.predict(x[None]).shape == (1, n + len(back.value))
+    cross = sum(np.outer(there.shared[n], back.shared[n]) for n in ("there: contact", "there: gain"))
+    np.testing.assert_allclose(one.covariance(x)[:n, n:], cross, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(one.covariance(x)[:n, :n], there.covariance)
+    assert np.all(np.linalg.eigvalsh(one.covariance(x)) > 0.0)
+
+    lines = (folder / "loop.csv").read_text().splitlines(keepends=True)
+    (folder / "other.csv").write_text("".join(lines[:-1]))
+    (folder / "study.toml").write_text(
+        BOTH.replace('"back"\nrole = "fit"\ndata = "loop', '"back"\nrole = "fit"\ndata = "other')
+    )
+    plan = make_plan(load_study(folder / "study.toml"))
+    assert [e.name for e in study_design.records(plan, have)] == ["there", "back"]
 
 
 @pytest.mark.parametrize(("back", "lost"), [(1.5, 0.0), (2.5, 1.0 - 2.5 / 3.5), (4.0, 0.5)])
