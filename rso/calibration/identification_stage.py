@@ -124,6 +124,7 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             "noise_degrees": float(d.misfit.freedom) if np.isfinite(d.misfit.freedom) else None,
             "scale": d.scale,
             "story": d.story,
+            "doubts": _disbelieved(plan, d),
             "recomputed": {
                 "agreement": settled.agreement,
                 "chi2": settled.chi2,

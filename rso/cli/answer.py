@@ -18,7 +18,10 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
     """A mark and a line for each parameter, derived quantity and experiment that was not fitted, by results.json."""
     known = found.get("identification") or {}
     rows = {p["parameter"]: p for p in known.get("parameters") or ()}
-    agrees = "agrees with the data" if not _is_refuted(known.get("scale")) else "fits as well as any"
+    doubts = str(known.get("doubts") or "")
+    agrees = "fits as well as any" if doubts or _is_refuted(known.get("scale")) else "agrees with the data"
+    if doubts:
+        yield "bad", f"the fit is not believed: {doubts[0].lower()}{doubts[1:].partition('. ')[0]}"
     for p in found.get("parameters") or ():
         row = rows.get(p["name"])
         if p.get("fixed") is None and row is not None:

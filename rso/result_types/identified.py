@@ -218,6 +218,7 @@ class IdentificationBlock(ResultBlock):
     )
     scale: Number = holds("what errors were multiplied with because the model does not fit; 1: it does")
     story: str = holds("the same in words")
+    doubts: str = holds("why the fit is not believed, so that it determines nothing; empty where it is")
     recomputed: RecomputedBlock = holds("the most likely point, run again")
     other_minima: tuple[MinimumBlock, ...] = holds("other minima of χ²")
     parameters: tuple[IdentifiedBlock, ...] = holds("what is known of each parameter")

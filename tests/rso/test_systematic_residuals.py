@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from rso.calibration.readings import as_data
+from rso.cli.answer import verdict_lines
 from rso.core.correlation import exponential
 from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
 from rso.inference import Misfit, Model, determine, with_autocorrelation
 from rso.inference.error_model import NUMERICAL_ERROR
 from rso.inference.systematic_residuals import systematic_misfit
+from rso.report.calibration.verdict import answers, known_sentences
 
 U, BOX = np.linspace(0.0, 2.0, 61)[1:], Box(("a",), ("N",), (0.2,), (5.0,), (True,))
 
@@ -62,3 +64,22 @@ def test_a_doubted_fit_has_its_reason_with_the_share():
     share = float(said.split("misses test by ")[1].split(" %")[0])
     left = (d.misfit.model.predict(d.fit.x[None])[0] - d.misfit.data[0].value) / np.abs(d.misfit.data[0].value).max()
     assert 0.1 < share <= 100.0 * float(np.sqrt(np.mean(left**2)))  # gain and contact took some of it
+
+
+@pytest.mark.parametrize(
+    "doubts", ["", "The fitted curve misses press by 1.2 % of its largest value. Errors are smaller."]
+)
+def test_nothing_is_said_to_agree_with_data_that_are_missed(doubts):
+    """The terminal and the first page mark the fit, and call what is left of the intervals by its name."""
+    row = {"parameter": "mu", "value": 0.01, "interval": [0.008, 0.012], "verdict": "weakly"}
+    found = {
+        "parameters": [{"name": "mu", "unit": "MPa", "low": 0.001, "high": 1.0}],
+        "determined": {"mu": {"determined": False, "interval": [0.008, 0.012], "story": ""}},
+        "identification": {"level": 0.9, "parameters": [row], "doubts": doubts},
+    }
+    lines = dict(reversed(line) for line in verdict_lines(found))
+    page = " ".join(known_sentences(found))
+    assert ("bad" in lines.values()) is bool(doubts) is any(f.mark == "bad" for f in answers(found))
+    assert any("agrees with the data" in text for text in lines) is not bool(doubts)
+    assert ("agrees with the data" in page) is not bool(doubts)
+    assert not doubts or "the fit is not believed: the fitted curve misses press by 1.2 % of its largest value" in lines

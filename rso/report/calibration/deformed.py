@@ -46,6 +46,7 @@ BAND_COLOURS = (
     "#420d30",
 )
 SCALE_BAR_COLOUR = "#24282c"  # on the lightest band, whatever the theme
+LETTER_WIDTH, MIN_LABEL_SIZE = 0.6, 8  # a letter over the size of its text; the smallest size that is read
 MAX_SECTION_WIDTH, MAX_SECTION_HEIGHT = 620.0, 400.0  # of the picture, its text being 13 of it
 COLOUR_SCALE_WIDTH = 92.0  # of it, for the scale of colours
 SURPRISING_SD = 2.0  # standard deviations of a contact shift or gain before the fit
@@ -308,7 +309,9 @@ def _colour_bar(
     unit, n = shown_unit(found, field), len(tones)
     x, top, height = place["wide"] + 18, 12.0, place["tall"] - 26.0
     turn = f' transform="rotate(-90 {x + 64:.1f} 0) translate({-place["tall"] / 2:.1f} 0)"'
-    parts = [_text(x + 64, 0, f"{clean(field)} ({unit.label})", anchor="middle", extra=turn)]
+    label = f"{clean(field)} ({unit.label})"
+    size = min(13, max(MIN_LABEL_SIZE, int(place["tall"] / (LETTER_WIDTH * len(label)))))  # a thin section is low
+    parts = [_text(x + 64, 0, label, anchor="middle", size=size, extra=turn)]
     for k, tone in enumerate(tones):
         y = top + height * (1 - (k + 1) / n)
         parts.append(f'<rect x="{x:.1f}" y="{y:.1f}" width="16" height="{height / n + 0.4:.1f}" fill="{tone}"/>')

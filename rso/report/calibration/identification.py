@@ -97,7 +97,8 @@ def _fit(data: Mapping[str, Any]) -> str:
     said = [sentence(data.get("story"))]
     numbers = [f"{shortest(data['degrees'])} degrees of freedom"] if _unsaid(said[0], data.get("degrees")) else []
     numbers += [f"p = {significant(data['p_value'], 3)}"] if known(data.get("p_value")) else []
-    numbers += [f"errors × {significant(data['scale'], 3)}"] if (number(data.get("scale")) or 1.0) > 1.0 else []
+    wider = (number(data.get("scale")) or 1.0) > 1.0 and "errors count" not in said[0]
+    numbers += [f"errors × {significant(data['scale'], 3)}"] if wider else []
     said += [f"{', '.join(numbers)}."] if numbers else []
     again = data.get("recomputed") or {}
     if known(again.get("agreement")) and again.get("chi2") is None:

@@ -102,6 +102,8 @@ def answers(results: Results) -> tuple[Fact, ...]:
     if (times := _refuted(results)) is not None:
         by = shortest(float(f"{times:.2g}"))
         found.append(Fact("Fit", f"the model misses the data by {by} times their errors", "", "bad"))
+    if doubts := clean((results.get("identification") or {}).get("doubts")):
+        found.append(Fact("Fit", f"not believed: {doubts[0].lower()}{doubts[1:].partition('. ')[0]}", "", "bad"))
     if fixed:
         found.append(Fact("Known", "; ".join(fixed), "", "good"))
     if exact := assumed(results):
@@ -213,7 +215,8 @@ def _refuted(results: Results) -> float | None:
 def _agrees(results: Results) -> str:
     """What values within an interval do: agree with the data, or no better than the model does at all."""
     if (times := _refuted(results)) is None:
-        return "agrees with the data"
+        doubted = (results.get("identification") or {}).get("doubts")
+        return "fits as well as any under the model, whose fit is not believed" if doubted else "agrees with the data"
     by = shortest(float(f"{times:.2g}"))
     return f"fits as well as any under the model, which misses the data by {by} times their errors"
 
@@ -356,7 +359,9 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             facts.append(Fact(p.letter, value, f"determined; {sure or 'compatible with the data'}: {span}", "good"))
         else:
             word = how(results, p).removeprefix("is ")
-            agrees = "all agree with the data" if _refuted(results) is None else "the model misses the data"
+            agrees = (
+                "all agree with the data" if _agrees(results) == "agrees with the data" else "the model misses the data"
+            )
             note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
             facts.append(Fact(p.letter, word, note, "warn"))
     facts += derived_facts(results)

@@ -90,7 +90,8 @@ const hero = svg => {
     bar.textContent = "";
     const put = (tag, props, text) => { const e = document.createElementNS(ns, tag); for (const k in props) e.setAttribute(k, props[k]); if (text) e.textContent = text; bar.append(e); };
     const label = { "font-family": "DejaVu Sans", fill: "var(--ink)" };
-    put("text", { x: x + 64, y: 0, "font-size": 13, "text-anchor": "middle", transform: `rotate(-90 ${x + 64} 0) translate(${-data.place.tall / 2} 0)`, ...label }, `${field} (${look.unit})`);
+    const said = `${field} (${look.unit})`, size = Math.min(13, Math.max(8, Math.floor(data.place.tall / (0.6 * said.length))));  // a thin section is low
+    put("text", { x: x + 64, y: 0, "font-size": size, "text-anchor": "middle", transform: `rotate(-90 ${x + 64} 0) translate(${-data.place.tall / 2} 0)`, ...label }, said);
     look.colours.forEach((c, k) => put("rect", { x, y: top + height * (1 - (k + 1) / n), width: 16, height: height / n + 0.4, fill: c }));
     const every = Math.max(1, Math.ceil((n + 1) / 7));
     for (let k = 0; k <= n; k += every) put("text", { x: x + 22, y: top + height * (1 - k / n) + 4.5, "font-size": 12, ...label }, look.labels[k]);
