@@ -189,7 +189,7 @@ def test_intervals_cover(k, tau):
         assert small / trials > 0.75
 
 
-@pytest.mark.parametrize("trials", [40, pytest.param(400, marks=pytest.mark.verification)])
+@pytest.mark.parametrize("trials", [20, pytest.param(400, marks=pytest.mark.verification)])
 def test_an_error_that_all_specimens_share_is_counted_once(trials):
     """One calibration error of all: counted as each specimen's own, it is averaged out and the mean too sure."""
     rng, S = np.random.default_rng(11), 0.3

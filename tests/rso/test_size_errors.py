@@ -37,17 +37,19 @@ def identified(folder, specimen, more=""):
     )
 
 
-def test_a_closed_form_says_what_a_larger_size_makes_of_the_modulus(tmp_path):
-    """Beside whole fits of bodies 5 % larger: within a fifth, as strains are large and the closed form's are small."""
-    found = identified(tmp_path / "stated", SLAB)
-    said = {r["input"]: r["moves"] for r in found["identification"]["size_errors"]}
+@pytest.mark.parametrize(
+    ("name", "size"), [("delta_thickness", 2.3), pytest.param("delta_R", 3.0, marks=pytest.mark.verification)]
+)
+def test_a_closed_form_says_what_a_larger_size_makes_of_the_modulus(tmp_path, name, size):
+    """Beside a whole fit of a body 5 % larger: within a fifth, as strains are large and the closed form's are small."""
+    found = identified(tmp_path / "stated", SLAB)["identification"]
+    said = {r["input"]: r["moves"] for r in found["size_errors"]}
     assert set(said) == {"delta_thickness", "delta_R"}
-    for name, size in (("delta_thickness", 2.3), ("delta_R", 3.0)):
-        other = identified(tmp_path / name, SLAB, f"{name} = {{ value = {0.05 * size} }}")["identification"]
-        moved = other["values"]["mu"] / found["identification"]["values"]["mu"] - 1.0
-        assert said[name]["mu"] == pytest.approx(moved, rel=0.2), name
-        assert said[name]["E"] == pytest.approx(said[name]["mu"], rel=0.02)  # ν is another with D₁ as stated
-        assert name not in {r["input"] for r in other["size_errors"]}  # its size was stated
+    other = identified(tmp_path / name, SLAB, f"{name} = {{ value = {0.05 * size} }}")["identification"]
+    moved = other["values"]["mu"] / found["values"]["mu"] - 1.0
+    assert said[name]["mu"] == pytest.approx(moved, rel=0.2)
+    assert said[name]["E"] == pytest.approx(said[name]["mu"], rel=0.02)  # ν is another with D₁ as stated
+    assert name not in {r["input"] for r in other["size_errors"]}  # its size was stated
 
 
 def test_a_body_that_no_closed_form_describes_has_none(tmp_path):
