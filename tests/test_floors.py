@@ -147,7 +147,7 @@ LAYERS = {
     "rso.calibration": (
         "cost_model exit_codes plan result_files unstated_errors",
         "formula_comparison input_sides range_ends readings required_runs stages stated_settings stored_runs",
-        "deformed_body finished_runs held_out joined_runs sensitivity_stage size_errors uncertain_inputs",
+        "assumptions deformed_body finished_runs held_out joined_runs sensitivity_stage uncertain_inputs",
         "search_stage",
         "confirmed_optimum predictive_check range_extension",
         "identification_stage results search_results",

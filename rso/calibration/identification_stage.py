@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.calibration.assumptions import SIZE_ERROR_SHARE, Assumption, exact_sizes_moved, other_settings_moved
 from rso.calibration.confirmed_optimum import (
     ConfirmedFit,
     ConfirmedOptimum,
@@ -21,7 +22,6 @@ from rso.calibration.finished_runs import runs_with_curves
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
 from rso.calibration.search_stage import SearchResult, curve_metrics, done_curves
-from rso.calibration.size_errors import SIZE_ERROR_SHARE, SizeError, size_errors
 from rso.calibration.stages import Run, Runner
 from rso.calibration.stated_settings import exact_dimensions
 from rso.calibration.unstated_errors import unstated
@@ -141,7 +141,10 @@ def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) 
             "inputs": [_input_row(plan, d, e) for e in uncertainty_budget(d, plan.effects)],
             "calibration": _calibration_row(d),
             "exact_inputs": exact_dimensions(plan),
-            "size_errors": [_size_row(plan, d, e) for e in size_errors(plan, d, found.places)],
+            "assumptions": [
+                *(_assumed(plan, d, a, SIZE_ERROR_SHARE) for a in exact_sizes_moved(plan, d, found.places)),
+                *(_assumed(plan, d, a, None) for a in other_settings_moved(plan, d, found.places)),
+            ],
             "gains": gain_rows(d, gains_of_repeats(d)),
             "mcmc": None
             if d.draws is None
@@ -184,12 +187,12 @@ def _calibration_row(d: Determination) -> dict[str, Any] | None:
     return {"moves": moves, "share": share}
 
 
-def _size_row(plan: Plan, d: Determination, one: SizeError) -> dict[str, Any]:
+def _assumed(plan: Plan, d: Determination, one: Assumption, larger: float | None) -> dict[str, Any]:
     return {
-        "input": one.knob,
+        "name": one.name,
         "experiment": ", ".join(one.experiments),
         "description": one.description,
-        "larger": SIZE_ERROR_SHARE,
+        "larger": larger,
         "moves": _moves_of_all(plan, d, one.moves),
     }
 

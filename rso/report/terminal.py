@@ -21,8 +21,7 @@ def summary(found: Mapping[str, Any]) -> list[str]:
     if likely:
         lines.append(f"  most likely by the whole curves: {_values(likely, units)}")
     lines += _budget(found.get("identification") or {})
-    if exact := assumed(found):
-        lines.append(f"  {exact}")
+    lines += [f"  {text}" for text in assumed(found)]
     if best:
         named = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
         candidate = next(c for name, c in named if (name, c["name"]) == (best["search"], best["candidate"]))

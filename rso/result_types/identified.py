@@ -143,14 +143,14 @@ class CalibrationBlock(ResultBlock):
     share: ByName = holds("parameter → share of its variance")
 
 
-class SizeErrorBlock(ResultBlock):
-    """A stated size that counts as exact, and what an error of it would do, by a closed form."""
+class AssumptionBlock(ResultBlock):
+    """What is taken for granted of a test, and what would be without it, by a closed form."""
 
-    input: str = holds("the name of its error")
-    experiment: str = holds("the experiments that count it as exact; empty for all")
+    name: str = holds("the error of a stated size that counts as exact, or other settings that a diagnosis might try")
+    experiment: str = holds("the experiments that it is of; empty for all")
     description: str = holds("what it is")
-    larger: Number = holds("by which share of itself the size is taken to be larger")
-    moves: ByName = holds("parameter or derived quantity → relative change if it is")
+    larger: Number = holds("by which share of itself a size is taken to be larger; null of settings")
+    moves: ByName = holds("parameter or derived quantity → relative change if it is so")
 
 
 class GainBlock(ResultBlock):
@@ -227,8 +227,8 @@ class IdentificationBlock(ResultBlock):
     inputs: tuple[InputBlock, ...] = holds("uncertain inputs of the study, and what they move")
     calibration: CalibrationBlock | None = holds("the calibration of the forces; null where its error is not stated")
     exact_inputs: Texts = holds("errors of stated dimensions that count as none: nobody said how well these are known")
-    size_errors: tuple[SizeErrorBlock, ...] = holds(
-        "what these sizes would move, were they larger; empty where no closed form is near the simulations"
+    assumptions: tuple[AssumptionBlock, ...] = holds(
+        "what is taken for granted and moves the answer; empty where no closed form is near the simulations"
     )
     gains: tuple[GainBlock, ...] = holds("tests that could come next")
     mcmc: DrawsBlock | None = holds("draws of the posterior")

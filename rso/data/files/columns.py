@@ -7,6 +7,7 @@ by a :class:`Column` for each column that is read.  Units may stand in a row of 
 from __future__ import annotations
 
 import csv
+import functools
 import itertools
 import math
 import re
@@ -302,6 +303,7 @@ def _filled(row: str) -> list[str]:
     return cells
 
 
+@functools.lru_cache(maxsize=64)  # the first lines of a file are asked several times, and may be long
 def numbers_in(row: str) -> int:
     """How many numbers a line holds that holds nothing else, 0 for another line and for a single number."""
     cells = _filled(row)
@@ -361,6 +363,7 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
 def _of_strains(rows: Sequence[Row], k: int) -> str:
     """What to say of a line whose columns are strains and stresses; empty for another."""
     _, cells, units, _ = _split(rows, k)
+    cells, units = cells[:_MAX_HEADERS], units[:_MAX_HEADERS]
     strains = [c for c in cells if any(part in c.lower() for part in STRAIN_WORDS)]
     stresses = [c for c, u in zip(cells, units, strict=True) if is_of("MPa", header_aliases.header_unit(c, u, "Fz"))]
     told = [f"{c!r} is no depth: multiply it by the length that it was divided by" for c in strains[:1]]
@@ -371,6 +374,7 @@ def _of_strains(rows: Sequence[Row], k: int) -> str:
 def _missing(rows: Sequence[Row], k: int) -> str:
     """Which of depth and Fz no column of a line is by a usual name; empty where both are there, or neither."""
     _, cells, units, _ = _split(rows, k)
+    cells, units = cells[:_MAX_HEADERS], units[:_MAX_HEADERS]
     there = {
         name: [
             cell

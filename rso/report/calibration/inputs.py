@@ -19,40 +19,49 @@ def input_blocks(results: Results) -> tuple[Block, ...]:
     """What uncertain dimensions move each parameter by; of those that nobody stated, that they count as exact."""
     data = results.get("identification") or {}
     rows = list(data.get("inputs") or ())
-    wrong = _size_errors(results, list(data.get("size_errors") or ()))
+    wrong = _assumptions(results, list(data.get("assumptions") or ()))
     return (*([_budget(results, rows)] if rows else []), *exact_sizes(data, others=bool(rows)), *wrong)
 
 
-def assumed(results: Results) -> str:
-    """That stated dimensions count as exact, and what an error of one of them would move; or ""."""
-    rows, known = list((results.get("identification") or {}).get("size_errors") or ()), _known(results)
-    if not rows or not known:
-        return ""
-    name, letter = known[0]
-    moves = [number(r["moves"].get(name)) or 0.0 for r in rows]
-    largest = max(map(abs, moves))
-    if largest < MIN_MENTIONED_MOVE:
-        return ""
-    # those of the specimen come first, and are known less well than those of the indenter
-    row, move = next((r, m) for r, m in zip(rows, moves, strict=True) if abs(m) >= MENTIONED_MOVE_RATIO * largest)
-    by = f"{percent(abs(move))} {'larger' if move > 0.0 else 'smaller'}"
-    wrong = f"+{percent(row['larger'], 1)} {clean(row['description'])}{_of_experiment(row)}"
-    return f"stated dimensions count as exact; with a {wrong}, {letter} would be {by}"
+def assumed(results: Results) -> list[str]:
+    """What is taken for granted, a size and a setting at most, and what is known first would be without it."""
+    rows, known = list((results.get("identification") or {}).get("assumptions") or ()), _known(results)
+    if not known:
+        return []
+    (name, letter), said = known[0], []
+    for what, is_size in (("stated dimensions count as exact", True), ("other settings count as right", False)):
+        some = [(r, number(r["moves"].get(name)) or 0.0) for r in rows if (number(r["larger"]) is not None) is is_size]
+        largest = max((abs(m) for _, m in some), default=0.0)
+        if largest < MIN_MENTIONED_MOVE:
+            continue
+        # sizes of the specimen come first, and are known less well than those of the indenter
+        row, move = next((r, m) for r, m in some if abs(m) >= MENTIONED_MOVE_RATIO * largest)
+        by = f"{percent(abs(move))} {'larger' if move > 0.0 else 'smaller'}"
+        wrong = f"{clean(row['description'])}{_of_experiment(row)}"
+        wrong = f"with a +{percent(row['larger'], 1)} {wrong}" if is_size else wrong
+        said.append(f"{what}; {wrong}, {letter} would be about {by}")
+    return said
 
 
-def _size_errors(results: Results, rows: list[Mapping[str, Any]]) -> tuple[Block, ...]:
-    """What sizes that count as exact would move, were they larger; nothing where nothing is known to be moved."""
+def _assumptions(results: Results, rows: list[Mapping[str, Any]]) -> tuple[Block, ...]:
+    """What would be if it were otherwise; nothing where nothing is known to be moved."""
     known = _known(results)
     if not rows or not known:
         return ()
-    columns = [column("dimension", words([_named(r) for r in rows]), number=False)]
+    columns = [column("otherwise", words([_otherwise(r) for r in rows]), number=False)]
     for name, letter in known:
         columns.append(column(f"moves {letter} by", words([_signed(r["moves"].get(name)) for r in rows])))
     note = (
-        f"What is known changes by about so much if a dimension is {percent(rows[0]['larger'], 1)} larger than stated, "
-        "by a closed form of the literature. The intervals do not include it."
+        "What is known would be about so much larger or smaller, by a closed form of the literature. The intervals do "
+        "not include it."
     )
-    return (table("If a dimension is not as stated", columns, note),)
+    return (table("What is taken for granted", columns, note),)
+
+
+def _otherwise(row: Mapping[str, Any]) -> str:
+    size = number(row["larger"])
+    more = "" if size is None else f", +{percent(size, 1)}"
+    return f"{clean(row['description'])}{_of_experiment(row)} ({clean(row['name'])}){more}"
 
 
 def _known(results: Results) -> list[tuple[str, str]]:

@@ -106,8 +106,7 @@ def answers(results: Results) -> tuple[Fact, ...]:
         found.append(Fact("Fit", f"not believed: {doubts[0].lower()}{doubts[1:].partition('. ')[0]}", "", "bad"))
     if fixed:
         found.append(Fact("Known", "; ".join(fixed), "", "good"))
-    if exact := assumed(results):
-        found.append(Fact("Assumed", exact, "", "warn"))
+    found += [Fact("Assumed", text, "", "warn") for text in assumed(results)]
     if loose:
         found.append(Fact("Not known", "; ".join(loose), "", "warn"))
     found += [Fact("Look again", clean(q["unlikely"]), "", "warn") for q in derived if q.get("unlikely")]
