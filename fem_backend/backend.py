@@ -635,10 +635,11 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme, 
     rounded tip were too long.  6: no later meshes were made below many edges.  7 and 8: errors were stated too small
     where contact just reaches a rounded edge.  9 and 10: elements did not follow a contact much smaller than a ball or
     a tip, on a meridian and in grids of three dimensions.  11: such grids had no errors of their own, and a penalty
-    that was too soft for a stiff layer or skin.
+    that was too soft for a stiff layer or skin.  12: such grids stated lateral forces, and peak pressures below stiff
+    layers, too exactly.
     """
     if _stated_by_grids(settings, kept, run) or _stiffened_in_space(settings, kept):
-        return 11
+        return 12
     if _small_in_space(settings, kept, run):
         return 10
     finest = np.isfinite(settings.indenter.finest[1])

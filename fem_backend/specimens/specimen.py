@@ -28,7 +28,7 @@ class Specimens(OpenSet):
         return super().register(member)
 
 
-SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 11})
+SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 12})
 
 LAYER_KNOBS = ("delta_layer", "layer_ratio")  # knobs of the uppermost layer of specimens that have layers
 PLACE_KNOBS = ("offset_x", "offset_y")  # knobs of where on the specimen the indenter is
