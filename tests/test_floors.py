@@ -262,6 +262,7 @@ LAYERS = {
         "pool",
         "cluster dispatch",
         "evaluator slurm",
+        "machines",
         "__init__",
     ),
     "rso.evaluation.decks": (

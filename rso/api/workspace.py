@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from rso import evaluation
 from rso.api.executors import Collecting, InProcess, RunsWanted
 from rso.api.exporting import check_formats, export
 from rso.api.importing import read_runs, runs_of_table
@@ -25,7 +23,7 @@ from rso.calibration.plan import Plan, make_plan
 from rso.calibration.result_files import claim
 from rso.contract import Backend, Case, Response, SimulationFailed, lacking, run_key, unfit
 from rso.core import disk
-from rso.evaluation.adapters import Source
+from rso.evaluation import executor
 from rso.evaluation.store import Done, Failed, RunStore
 from rso.study.loader import load_study as read_study
 from rso.study.schema import Study
@@ -208,26 +206,6 @@ def load(
         raise ValueError(f"backend = {backend!r}: is not a backend (rso.Backend): {'; '.join(wrong)}")
     place = study.folder / "results" if folder is None else Path(folder)
     return Workspace(study, place.absolute(), make_plan(study, backend=backend), backend)
-
-
-def executor(table: Any, jobs: int, source: Source, folder: Path, warm: bool = False) -> Any:
-    """What runs the simulations of a study by its table [dispatch]: processes of this machine, Dask, or SLURM."""
-    own = (
-        source.timeout_s if source.command is None else None
-    )  # a command is stopped by its adapter, which keeps its folder
-    limit = min((t for t in (table.timeout, own) if t is not None), default=None)
-    if table.engine == "dask":  # a folder of this machine means nothing there
-        return evaluation.open_cluster(table.address, jobs, source, limit)
-    if source.command is not None:  # folders of runs that did not end well stay with the results
-        source = dataclasses.replace(source, keep_folder=str(folder / "kept"))
-    if table.engine == "slurm":
-        asked = table.slurm
-        place = folder / "slurm" if asked.folder is None else Path(asked.folder).expanduser().absolute()
-        settings = evaluation.ArraySettings(
-            minutes=asked.walltime / 60, **asked.model_dump(exclude={"walltime", "folder"})
-        )
-        return evaluation.open_slurm(place, jobs, settings, source, limit)
-    return evaluation.WorkerPool(jobs, source=source, timeout_s=limit, warm=warm)
 
 
 def _read(plan: Plan, case: Case) -> set[str]:

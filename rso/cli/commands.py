@@ -232,14 +232,8 @@ def keys(options: argparse.Namespace, command: str) -> int:
 
 
 def run(options: argparse.Namespace, command: str) -> int:
-    from rso.api.workspace import executor
-    from rso.calibration.pipeline import run_study
-    from rso.calibration.plan import make_plan, source_of
-    from rso.calibration.result_files import claim, may_be_moved
-    from rso.calibration.stages import NothingToFit
-    from rso.cli.answer import condensed, verdict_lines
-    from rso.cli.progress import Progress
-    from rso.evaluation.store import RunStore, set_aside
+    from rso.evaluation import executor
+    from rso.study.sources import source_of
 
     if _many(options, named=True):
         from rso.cli.specimens import run_many
@@ -254,11 +248,19 @@ def run(options: argparse.Namespace, command: str) -> int:
 
         return run_objectives(options, study, folder, _store(options, folder), command)
     if options.fresh and folder.exists():
+        from rso.calibration.result_files import may_be_moved
+
         may_be_moved(folder, study.file, study.inputs())
-    plan = make_plan(study) if study.dispatch.engine != "local" else None  # a bad study asks for no cluster
-    warm = options.fresh or not folder.exists()  # there will be simulations: workers start while the plan is made
+    plan = _plan(study) if study.dispatch.engine != "local" else None  # a bad study asks for no cluster
+    warm = options.fresh or not folder.exists()  # there will be simulations: workers start while the rest is imported
     with executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
-        plan = plan or make_plan(study)
+        from rso.calibration.pipeline import run_study
+        from rso.calibration.result_files import claim
+        from rso.calibration.stages import NothingToFit
+        from rso.cli.progress import Progress
+        from rso.evaluation.store import RunStore, set_aside
+
+        plan = plan or _plan(study)
         if options.fresh and folder.exists():
             aside = set_aside(folder)
             if not options.json:
@@ -285,9 +287,12 @@ def run(options: argparse.Namespace, command: str) -> int:
 
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     if options.json:
+        from rso.cli.answer import condensed
+
         told = {"results": str(folder), **condensed(found), "pages": [str(f) for f in files]}
         print(json.dumps(told, indent=1, ensure_ascii=False))
         return int(found["exit_code"])
+    from rso.cli.answer import verdict_lines
     from rso.report.terminal import summary
 
     print()
@@ -455,9 +460,9 @@ def blind(options: argparse.Namespace, command: str) -> int:
 @contextmanager
 def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
     """The store of a study, what runs its simulations, and what shows of them; the folder is its own from then on."""
-    from rso.api.workspace import executor
     from rso.calibration.result_files import claim
     from rso.cli.progress import Progress
+    from rso.evaluation import executor
     from rso.evaluation.store import RunStore
 
     claim(folder, study.file)
@@ -577,6 +582,13 @@ def _many(options: argparse.Namespace, named: bool = False) -> bool:
     from rso.study.specimens import has_specimens
 
     return (named or not options.specimen) and has_specimens(options.study)
+
+
+def _plan(study: Any) -> Any:
+    """What would be run of a study; StudyError where it cannot be."""
+    from rso.calibration.plan import make_plan
+
+    return make_plan(study)
 
 
 def _study(options: argparse.Namespace) -> Any:

@@ -72,9 +72,9 @@ def _in(unit: str) -> str:
 
 def run_objectives(options: argparse.Namespace, study: Study, folder: Path, store: Path, command: str) -> int:
     """Run the study, write its pages, and say what was found; the exit code."""
-    from rso.api.workspace import executor
     from rso.calibration.result_files import claim, may_be_moved
     from rso.cli.progress import Progress
+    from rso.evaluation import executor
     from rso.evaluation.store import RunStore, set_aside
     from rso.objectives.pipeline import run_pareto
     from rso.objectives.solving import NoSurface

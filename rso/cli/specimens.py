@@ -103,9 +103,9 @@ def _alike(plans: Sequence[Plan]) -> list[str]:
 
 def run_many(options: argparse.Namespace, folder: Path, store: Path, command: str) -> int:
     """Run the specimens that are not finished, or the one that was named, and write the summary; the exit code."""
-    from rso.api.workspace import executor
     from rso.calibration.result_files import claim, may_be_moved
     from rso.cli.progress import Progress
+    from rso.evaluation import executor
     from rso.evaluation.store import RunStore, set_aside
     from rso.population.running import run_specimens
     from rso.report import render, render_specimens

@@ -8,6 +8,7 @@ from rso.evaluation.cluster import ClusterExecutor, open_cluster
 from rso.evaluation.dispatch import Event, Finished, Planned, Preparing, Retried, Task, begin_ahead, run_all
 from rso.evaluation.evaluator import Evaluator, Outcome, Watch, in_rows, responses, why
 from rso.evaluation.executor_loop import Ahead
+from rso.evaluation.machines import executor
 from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
 from rso.evaluation.slurm import ArraySettings, SlurmExecutor, open_slurm
 from rso.evaluation.store import Crashed, Done, Failed
@@ -35,6 +36,7 @@ __all__ = [
     "WorkerPool",
     "WorkersCannotStart",
     "begin_ahead",
+    "executor",
     "in_rows",
     "load_backend",
     "open_cluster",
