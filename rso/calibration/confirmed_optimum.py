@@ -255,7 +255,7 @@ def _heard(
         d = determination_of(seen, seed=plan.seed, mcmc=False, stated=stated_ranges(plan))
         if not d.refuting or not again:
             break
-        more = relearn(emulator, new, seed=plan.seed) if new else emulator
+        more = relearn(emulator, new, seed=plan.seed, each=bench.evaluator.each_now) if new else emulator
         emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.evaluator.each)
     return emulator, now, seen, d
 

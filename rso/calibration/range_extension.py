@@ -259,7 +259,8 @@ def _grown(
     new = [outputs_sample(plan, r.values, r.outcomes) for r in first if r.done]
     if count and not new:
         return grown, replace(fitted, added=(*fitted.added, *first)), first
-    emulator = relearn(replace(old, box=plan.box, reduced=reduced), [], seed=plan.seed)  # of the kinds that they are
+    wide = replace(old, box=plan.box, reduced=reduced)
+    emulator = relearn(wide, [], seed=plan.seed, each=grown.evaluator.each_now)  # of the kinds that they are
     scores = dict(fitted.held_out)
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}

@@ -290,7 +290,7 @@ def learn_more(bench: Runner, emulator: Emulator, new: Sequence[Sample]) -> Emul
     time that the samples have become `NEW_KIND_SAMPLES_RATIO` times as many: what few runs chose need not suit many.
     """
     plan = bench.plan
-    more = relearn(emulator, new, seed=plan.seed)
+    more = relearn(emulator, new, seed=plan.seed, each=bench.evaluator.each_now)
     good = not tolerance_misses(plan, more, {i: more.surrogates[i].cv for i in decisive(plan) if i in more.surrogates})
     before, now = (int(math.log(max(len(e.samples), 1), NEW_KIND_SAMPLES_RATIO)) for e in (emulator, more))
     if good or before == now:

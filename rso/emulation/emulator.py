@@ -336,13 +336,19 @@ def _fit(job: Mapping[str, Any]) -> Surrogate:
     return fit_surrogate(**job)
 
 
-def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:
-    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes again."""
+def relearn(
+    emulator: Emulator, new: Sequence[Sample], *, seed: int, each: Callable[..., Iterable[Any]] = map
+) -> Emulator:
+    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes again.
+
+    `each` may be the `map` of an executor: one call an output.
+    """
     bare = replace(emulator, samples=(*emulator.samples, *new))
     if emulator.reduced is None:
         return bare
     X, columns = _data(bare)
     fitted: dict[str, Surrogate | CurvePoint] = {}
+    jobs: dict[str, dict[str, Any]] = {}
     for o in emulator.outputs:
         model = emulator.surrogates[o.id]
         if o.id in fitted:
@@ -355,10 +361,14 @@ def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator
             fitted |= {m.id: CurvePoint(curve, j) for j, m in enumerate(members)}
         else:
             c = columns[o.id]
-            fitted[o.id] = refit(
-                model, X, c.y, seed=seed, noise_sd=c.noise, gradients=c.gradients, degree=emulator.degree
-            )
+            rest = {"noise_sd": c.noise, "gradients": c.gradients, "degree": emulator.degree}
+            jobs[o.id] = {"model": model, "X": X, "y": c.y, "seed": seed, **rest}
+    fitted |= dict(zip(jobs, each(_refit, jobs.values()), strict=True))
     return replace(bare, surrogates=fitted)
+
+
+def _refit(job: Mapping[str, Any]) -> Surrogate:
+    return refit(**job)
 
 
 @dataclass(frozen=True, eq=False)

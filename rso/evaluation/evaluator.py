@@ -53,6 +53,11 @@ class Evaluator:
         pairs = [(self.executor.submit(fn, i), i) for i in items]
         return [_result(future, fn, i) for future, i in pairs]
 
+    def each_now(self, fn: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """The same of what takes moments: here, where it would wait behind simulations that were begun."""
+        waits = any(not future.done() for future in self.ahead.values())
+        return [fn(i) for i in items] if waits else self.each(fn, items)
+
 
 def in_rows(outcomes: Sequence[Outcome], length: int) -> list[tuple[Outcome, ...]]:
     """Outcomes point by point, so many of each."""
