@@ -148,6 +148,8 @@ def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     bench, before = _targets_with_inputs(bench, fitted, say)
     ranges = range_extension.extend_ranges(bench.around_failures(design.similar), design, fitted, say)
     plan, fitted = ranges.bench.plan, ranges.fitted
+    if ranges.proposal is not None:  # the search begins with it
+        search_stage.begin_candidates(ranges.bench, ranges.proposal)
     found["runs"] += [*results.run_rows(plan, before), *results.added_runs(plan, fitted)]
     _warn_of_poor_surrogates(plan, fitted, found)
     emulator_file.save_emulator(fitted.emulator, notes.path.parent / "surrogates")

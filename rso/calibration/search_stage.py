@@ -74,9 +74,14 @@ def propose_all(bench: Runner, emulator: Emulator, first: Proposal | None = None
     for wanted in bench.plan.searches:
         first, found = None, first or propose(bench.plan, wanted, emulator)
         proposals.append(found)
-        bench.evaluator.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
+        begin_candidates(bench, found)
     bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
     return proposals
+
+
+def begin_candidates(bench: Runner, found: Proposal) -> None:
+    """Let the workers begin the runs of what is proposed."""
+    bench.evaluator.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
 
 
 def find_candidates(bench: Runner, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> SearchResult:
