@@ -649,6 +649,19 @@ def test_a_command_that_computes_nothing_waits_for_no_surfaces_and_no_optimisers
     assert "not started" in done.stdout
 
 
+def test_a_run_waits_for_no_tables_and_no_statistics(tmp_path):
+    """Each of these takes as long to import as the first simulations of a slab."""
+    needless = {"pandas", "scipy.stats", "sklearn", "rso.api"}
+    file = studies.write(tmp_path, **studies.QUICK)
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); from rso.cli import main; "
+        f"main(['run', {str(file)!r}, '--quiet', '--jobs', '1']); print(sorted({needless!r} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert (tmp_path / "results" / "runs.csv").exists()
+
+
 def test_report_writes_the_kinds_of_pages_that_the_study_asks_for(tmp_path, capsys):
     studies.run(tmp_path, **{**studies.QUICK, "report": "html = true\npdf = false"})
     assert main(["report", str(tmp_path / "study.toml")]) == 0
