@@ -22,7 +22,7 @@ TRACEBACK_VARIABLE = "RSO_TRACEBACK"  # environment variable: a fault of the pro
 def main(arguments: Sequence[str] | None = None) -> int:
     """Console script; returns the exit code.  Whatever goes wrong ends in one message, never in a traceback."""
     _open_streams()
-    gc.set_threshold(50_000, 20, 20)  # by default a tenth of a second of each went into looking for garbage
+    gc.set_threshold(50_000, 20, 20)  # else imports and figures pass their many objects again and again
     os.environ["MPLBACKEND"] = "agg"  # figures go to files; matplotlib does not start with a name that it lacks
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, err = Printable(sys.stdout), Printable(sys.stderr)

@@ -1,12 +1,14 @@
 """The one runner: outcomes of cases at points in order, each simulated once, its cost, and why one has no answer."""
 
+import os
+from concurrent.futures import Future
 from pathlib import Path
 
 import dummy_backend as dummy
 import sample_studies as studies
 
 from rso.contract import Case, Programme
-from rso.evaluation import Done, Evaluator, Failed, in_rows, responses, why
+from rso.evaluation import Done, Evaluator, Failed, WorkerPool, in_rows, responses, why
 from rso.evaluation.store import RunStore
 
 
@@ -30,6 +32,20 @@ def test_outcomes_are_by_point_and_case_and_known_ones_are_not_computed_again(tm
         assert dummy.calls(tmp_path / "log", "begin") == 4
         assert not isinstance(answers := responses(found[0]), str)
         assert len(answers) == 2
+
+
+def test_what_takes_moments_does_not_wait_behind_simulations(tmp_path: Path):
+    begun: Future[None] = Future()
+    with RunStore(tmp_path) as store, WorkerPool(1) as pool:
+        evaluator = Evaluator(dummy.BACKEND, store, pool, ahead={"key": begun})
+        assert evaluator.each_now(_process, [1, 2]) == [os.getpid()] * 2
+        begun.set_result(None)
+        (there,) = set(evaluator.each_now(_process, [1, 2]))
+        assert there == evaluator.each(_process, [1])[0] != os.getpid()
+
+
+def _process(_: int) -> int:
+    return os.getpid()
 
 
 def test_a_run_without_an_answer_says_why_and_is_no_number():
