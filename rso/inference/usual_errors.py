@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rso.core.digits import two_digits
+from rso.core.units import spaced
 from rso.inference.identifiability import AsStated, Determination, determine
 from rso.inference.intervals import Interval
 from rso.inference.verdict import physical
@@ -86,7 +87,7 @@ def _said(d: Determination, k: int, found: AsStated) -> str:
         f"{known.name} is known to {_either(alone)} by what is stated alone, to {_either(with_them)} with usual errors"
     )
     if moved:
-        each = [f"{ends[0]:.3g} to {ends[1]:.3g} {box.units[k]}".strip() for ends in (alone, with_them)]
+        each = [f"{ends[0]:.3g} to {ends[1]:.3g}{spaced(box.units[k])}" for ends in (alone, with_them)]
         both = (
             f"{known.name} depends on usual errors: it is {each[0]} with the stated errors alone, {each[1]} with "
             "usual ones"
