@@ -143,6 +143,29 @@ def test_two_runs_are_compared(results, tmp_path, capsys):
     assert study_differences(complete(), complete()) == []
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: r["experiments"][0]["settings"].update(specimen={"shape": "slab", "thickness": 9.0}), "specimen.th"),
+        (lambda r: r["experiments"][0]["settings"].clear(), "not stated"),
+        (lambda r: r["experiments"][0]["measured"].update(sigma=[1.0]), "errors of the readings"),
+        (lambda r: r["experiments"][0]["measured"].update(value=[1.0]), "though the files are the same"),
+        (lambda r: r["backend"].update(numerics=-1), "model: "),
+        (lambda r: r["provenance"].update(rso="other"), "version of rso"),
+        (lambda r: r["provenance"].update(study_sha256="other"), "study files"),
+    ],
+)
+def test_whatever_differs_between_two_runs_is_said(change, words):
+    """Nobody reads that all is the same where a setting, an error or the program is another."""
+    one, other = complete(), copy.deepcopy(complete())
+    for r in (one, other):
+        r["experiments"][0]["settings"] = {"specimen": {"shape": "slab", "thickness": 5.0}}
+    change(other)
+    for pair in ((one, other), (other, one)):
+        said = study_differences(*pair)
+        assert said and all(words in text or len(said) > 1 for text in said) and words in " ".join(said)
+
+
 def test_a_page_is_opened_and_one_that_is_not_there_is_named(results, monkeypatch, capsys):
     asked = []
     monkeypatch.setattr(webbrowser, "open", lambda uri: asked.append(uri) or True)
