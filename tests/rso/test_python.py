@@ -249,6 +249,15 @@ def test_a_changed_function_has_other_runs():
     assert one.fingerprint != other.fingerprint
 
 
+@pytest.mark.parametrize(("text", "words"), [('{"schema": 1, "study', "is damaged"), ('{"schema": 999}', "schema 999")])
+def test_results_that_cannot_be_read_are_named(spring, text, words):
+    study = rso.load(spring, backend=stiffening)
+    study.folder.mkdir(parents=True, exist_ok=True)
+    (study.folder / "results.json").write_text(text)
+    with pytest.raises(ValueError, match=rf"results\.json: .*{words}"):
+        _ = study.result
+
+
 def test_no_backend_is_refused(spring):
     with pytest.raises(ValueError, match="is not a backend"):
         rso.load(spring, backend=42)
