@@ -94,12 +94,16 @@ def test_what_is_open_is_called_as_in_the_report(verdict, words):
 def test_nothing_agrees_with_data_that_the_model_misses():
     """The terminal said of one and the same run that values agree with the data and that the model misses these."""
     found = missed()
-    found["identification"]["scale"] = 1.4
-    open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
-    assert open_lines and all("agrees with the data" in t for t in open_lines)
-    found["identification"]["scale"] = 3.8
-    open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
-    assert open_lines and not any("agrees" in t for t in open_lines)
+    for scale, p, agrees in (
+        (1.0, 0.5, True),
+        (1.4, 0.2, True),
+        (1.4, 1e-6, False),
+        (1.4, None, True),
+        (3.8, 0.5, False),
+    ):
+        found["identification"] |= {"scale": scale, "p_value": p}
+        open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
+        assert open_lines and all(("agrees with the data" in t) == agrees for t in open_lines)
 
 
 @pytest.mark.parametrize(

@@ -207,9 +207,17 @@ def _refuted(results: Results) -> float | None:
     return scale if scale is not None and scale > RULES.refuted_error_ratio else None
 
 
+def _missed_by(results: Results) -> float | None:
+    """By how many times their errors the model misses the data, where it does so widely or more than noise explains."""
+    known = results.get("identification") or {}
+    scale, p = number(known.get("scale")), number(known.get("p_value"))
+    chance = scale is not None and scale > 1.0 and p is not None and p < RULES.refuted_fit_chance
+    return scale if chance else _refuted(results)
+
+
 def _agrees(results: Results) -> str:
     """What values within an interval do: agree with the data, or no better than the model does at all."""
-    if (times := _refuted(results)) is None:
+    if (times := _missed_by(results)) is None:
         return "agrees with the data"
     by = shortest(float(f"{times:.2g}"))
     return f"fits as well as any under the model, which misses the data by {by} times their errors"
@@ -353,7 +361,7 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             facts.append(Fact(p.letter, value, f"determined; {sure or 'compatible with the data'}: {span}", "good"))
         else:
             word = how(results, p).removeprefix("is ")
-            agrees = "all agree with the data" if _refuted(results) is None else "the model misses the data"
+            agrees = "all agree with the data" if _missed_by(results) is None else "the model misses the data"
             note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
             facts.append(Fact(p.letter, word, note, "warn"))
     facts += derived_facts(results)
