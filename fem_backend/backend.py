@@ -164,8 +164,9 @@ class FiniteElements:
         return uncalibrated(experiment.read_settings(settings), "adhesion" in given)
 
     def odd_sizes(self, settings: Mapping[str, Any], depth: float, notes: Sequence[str]) -> Sequence[str]:
-        """What does not fit between sizes, the deepest reading (mm) and the notes of its file."""
-        return stated_sizes.doubts_of_radius(experiment.read_settings(settings), depth, notes)
+        """Sizes that are not stated, and what does not fit between sizes, deepest reading (mm) and notes of a file."""
+        doubts = stated_sizes.doubts_of_radius(experiment.read_settings(settings), depth, notes)
+        return [*stated_sizes.unstated_sizes(settings), *doubts]
 
     def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""

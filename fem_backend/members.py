@@ -204,6 +204,8 @@ def problems(
         elif e["type"] == "extra_forbidden":
             text = f"{'.'.join(place)} = {given!r}: unknown" if place[1:] else f"unknown setting {place[0]!r}"
             out.append(f"{text}; {nearest_choices(place[-1], keys)}")
+        elif e["type"] == "missing":
+            out.append(f"{'.'.join(place)} is missing, which {'.'.join(place[:-1]) or 'this case'} = {given!r} needs")
         else:
             out.append(f"{'.'.join(place)} = {given!r}: {e['msg']}")
     return out

@@ -71,13 +71,20 @@ def without_article(words: str) -> str:
 
 def _words(settings: Settings, depth: float) -> str:
     """The experiment in a sentence."""
-    support = getattr(settings.support, "described", "") or settings.support.words
+    support = _support_words(settings)
     on = f", {support}" if math.isinf(_cut(settings)) else ""
     where = "" if settings.point == (0.0, 0.0) else f", at x = {settings.point[0]:g}, y = {settings.point[1]:g} mm"
     how = ", along the normal" if settings.direction == "normal" else ""
     way = f"{where}{how}{',' if where or how else ''}"
     into = f"{described(settings.indenter)} pressed{way} into {described(settings.specimen)}{on}"
     return into + (f"; {length_words(depth)} at the deepest" if depth > 0.0 else "")
+
+
+def _support_words(settings: Settings) -> str:
+    """What holds or carries the specimen; a support may say it of this one."""
+    support = settings.support
+    on = getattr(support, "described_on", None)
+    return on(settings.specimen) if on is not None else getattr(support, "described", "") or support.words
 
 
 def _cut(settings: Settings) -> float:
@@ -126,7 +133,7 @@ def _support(settings: Settings, way: np.ndarray, wide: float, outline: tuple[tu
     specimen, support = settings.specimen, settings.support
     if not math.isinf(_cut(settings)):  # it is held far below
         return []
-    text = getattr(support, "described", "") or support.words
+    text = _support_words(settings)
     points = _dense(np.array(outline))
     space = np.column_stack([points[:, :1] * way, points[:, 1]])
     held = np.asarray(support.held(specimen, space, np.arange(len(space)))).any(axis=1)

@@ -4,10 +4,15 @@ by powers of ten, and every curve fits as well as before."""
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+import numpy as np
+
+from fem_backend.indenters.indenter import INDENTERS
 from fem_backend.members import length_words
-from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.experiment import SETS, Settings, read_settings
+from fem_backend.specimens.specimen import SPECIMENS
 
 MAX_DEPTH_RATIO = 3.0  # depths over the radius of an indenter: nobody presses a ball or a flat end further in
 MIN_DEPTH_RATIO = 1e-3  # roughness and the search of contact are as large as a depth below that
@@ -36,6 +41,19 @@ def doubts_of_radius(settings: Settings, depth: float, notes: Sequence[str]) -> 
         for found in _SIZE_NOTE.finditer(note):
             if (size := _in_mm(found)) is not None and abs(size - radius) > SAME_SIZE_TOLERANCE * radius:
                 said.append(f"the file says {found[0].strip()!r}, the study {own}: which is right?")
+    return said
+
+
+def unstated_sizes(settings: Mapping[str, Any]) -> list[str]:
+    """Sizes of specimen and indenter that settings leave to the usual ones: every curve fits under a wrong one, too."""
+    said = []
+    for noun in (SPECIMENS.noun, INDENTERS.noun):
+        table = settings.get(noun) or {}
+        member = getattr(read_settings(settings), noun)
+        for key, of in SETS[noun].members[member.name].Table.model_fields.items():
+            sizes = np.atleast_1d(of.default) if isinstance(of.default, float | tuple) else np.zeros(0)
+            if key not in table and sizes.any():
+                said.append(f"{noun}.{key} is not stated; {', '.join(f'{v:g}' for v in sizes)} mm is taken")
     return said
 
 

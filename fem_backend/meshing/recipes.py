@@ -63,6 +63,9 @@ def in_child(module: str, recipe: str, what: str) -> Mesh:
             raise BadMesh("fTetWild took more than 600 s") from None
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            own = f"{BadMesh.__module__}.{BadMesh.__qualname__}: "
+            if last.startswith(own):  # which says what is wrong with the body, whatever meshed it
+                raise BadMesh(last.removeprefix(own))
             raise BadMesh(f"fTetWild ended with code {done.returncode}: {last}")
         return Mesh.from_file(Path(folder) / "mesh.npz")
 

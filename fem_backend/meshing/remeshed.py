@@ -50,7 +50,10 @@ def remeshed_surface(surface: SmoothSurface, sizes: Sizes, fixed: np.ndarray) ->
     try:
         made = closed(x[sites], meet[three])
     except ValueError as error:
-        raise BadMesh(f"a surface with edges of the asked lengths {error}") from error
+        raise BadMesh(
+            f"its surface with edges as short as this indenter asks {error}. Does the surface of the file "
+            "cross itself, or have parts thinner than the indenter is wide?"
+        ) from error
     used, inverse = np.unique(made.facets, return_inverse=True)
     return made.vertices[used], inverse.reshape(made.facets.shape)
 

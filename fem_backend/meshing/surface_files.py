@@ -38,20 +38,22 @@ def read_surface(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     }
     reader = readers.get(file.suffix.lower())
     if reader is None:
-        raise ValueError(f"unknown format {file.suffix!r}; choose from {SURFACE_FORMATS}")
+        raise ValueError(f"has the unknown format {file.suffix!r}; choose from {SURFACE_FORMATS}")
     try:
         data = file.read_bytes()
     except FileNotFoundError:
         raise ValueError("there is no such file") from None
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from error
+    if not data.strip():
+        raise ValueError("is empty: its file holds nothing")
     vertices, facets = reader(data)
     if not len(facets):
         raise ValueError("holds no facets")
     if not np.all(np.isfinite(vertices)):
         raise ValueError("holds coordinates that are no finite numbers")
     if facets.min() < 0 or facets.max() >= len(vertices):
-        raise ValueError(f"a facet names vertex {int(facets.max())} of {len(vertices)}")
+        raise ValueError(f"has a facet that names vertex {int(facets.max())} of {len(vertices)}")
     return welded(vertices, facets)
 
 
@@ -71,19 +73,19 @@ def _stl(data: bytes) -> tuple[np.ndarray, np.ndarray]:
         record = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
         corners = np.frombuffer(data, record, count, STL_HEADER_BYTES)["corner"].astype(float).reshape(-1, 3)
         return corners, np.arange(len(corners)).reshape(-1, 3)
-    if not data.lstrip().startswith(b"solid"):
+    if not data.lstrip().startswith(b"solid") or b"\0" in data:  # many programs begin a binary one with "solid", too
         raise ValueError(
-            f"a binary STL of {count} facets has {STL_HEADER_BYTES + STL_FACET_BYTES * count} bytes, "
-            f"this file has {len(data)}"
+            f"is cut short or no STL: a binary one of {count} facets has "
+            f"{STL_HEADER_BYTES + STL_FACET_BYTES * count} bytes, this file has {len(data)}"
         )
     words = data.split()
     at = [k for k, word in enumerate(words) if word == b"vertex"]
     try:
         corners = np.array([[float(v) for v in words[k + 1 : k + 4]] for k in at]).reshape(-1, 3)
     except ValueError:
-        raise ValueError("a vertex of this text STL has other than three numbers") from None
+        raise ValueError("has a vertex with other than three numbers (a text STL)") from None
     if len(corners) % 3:
-        raise ValueError(f"{len(corners)} vertices of facets: three a facet are expected, the file ends early")
+        raise ValueError(f"has {len(corners)} vertices of facets: three a facet are expected, the file ends early")
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 

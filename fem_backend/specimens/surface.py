@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -203,6 +204,14 @@ class Surface(InSpace):
     def half(self) -> np.ndarray:
         """Half the extents (3,) mm."""
         return 0.5 * self.size * (self.scan.high - self.scan.low)
+
+    @property
+    def held_words(self) -> str:
+        """Which region a support holds."""
+        held = dict(self.held)
+        if "below" in held:
+            return f"held below z = {held['below']:.4g} mm"
+        return "held inside a box" if "box" in held else f"held beside {Path(held['file']).name}"
 
     @property
     def described(self) -> str:

@@ -36,6 +36,11 @@ class Fixed(Holding):
         """Which part of the surface it holds."""
         return "its lower half held"
 
+    def described_on(self, specimen: Any) -> str:
+        """Which part of the surface of this specimen it holds: a flat one has no lower half of it."""
+        own = str(getattr(specimen, "held_words", ""))
+        return own or ("its base held" if "base" in specimen.parts else self.described)
+
     def refusal(self, specimen: Any) -> str | None:
         """Every specimen has a lower part."""
         return None

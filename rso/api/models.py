@@ -93,7 +93,9 @@ class FunctionModel:
             said = sorted(returned) if isinstance(found, Mapping) else type(found).__name__
             raise ValueError(f"{self.name} returned {said}; expected is a mapping of {', '.join(own)} to arrays")
         channels = {n: v for n, v in returned.items() if n not in self.curves}
-        each = {n: np.broadcast_to(np.asarray(v, float), travel.shape) for n, v in channels.items()}
+        if lost := [n for n, v in returned.items() if v is None]:
+            raise ValueError(f"{self.name} returned None as {lost[0]}; a number at each travel is expected")
+        each = {n: np.full(travel.shape, v) if np.ndim(v) == 0 else v for n, v in channels.items()}
         curves = {n: self._curve(n, returned[n]) for n in self.curves}
         return Response({"time": time, "travel": travel, **each}, self.channels, curves=curves)
 

@@ -49,7 +49,7 @@ def indent(
     """
     backend = load_backend(DEFAULT_BACKEND)
     tables = _tables(specimen, indenter, support, material, settings)
-    travel = np.unique(_in_mm(depths))
+    travel = _in_mm(depths)
     case = Case("indent", Programme.ramp(tuple(map(float, travel)), speed), tables)
     given = _numbers(backend, values, tables)
     backend.check(case)
@@ -114,13 +114,18 @@ def _tables(
 
 
 def _in_mm(depths: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Depths (n,) mm; ValueError for what is no list of numbers."""
+    """Depths (n,) mm; ValueError for what is no list of numbers that increase from above 0."""
     try:
         travel = np.atleast_1d(np.asarray(depths, float))
     except (TypeError, ValueError):
         travel = np.empty((0, 0))
     if travel.ndim != 1 or not travel.size or not np.isfinite(travel).all():
         raise ValueError(f"depths = {depths!r}: a list of finite numbers is expected, in mm, such as [0.5, 1.0]")
+    # The answer has a force for each depth as it stands: sorted or thinned, forces would be read at other depths.
+    wrong = np.flatnonzero(np.diff(travel, prepend=0.0) <= 0)
+    if wrong.size:
+        said = f"depths[{wrong[0]}] = {travel[wrong[0]]:g} mm"
+        raise ValueError(f"{said}: depths are counted from contact, where no force is, and must increase from above 0")
     return travel
 
 

@@ -14,13 +14,19 @@ import pandas as pd
 from rso.api.executors import InProcess
 from rso.api.workspace import Workspace, executor
 from rso.calibration.plan import Plan, source_of
-from rso.calibration.result_files import claim
+from rso.calibration.result_files import claim, finished_results
 from rso.contract import Backend, lacking, unfit
-from rso.core import disk
 from rso.evaluation.store import RunStore
 from rso.population.plans import specimen_plans
 from rso.population.running import run_specimens
-from rso.population.summary import SPECIMENS_FILE, folder_of, population_rows, population_summary, write_summary
+from rso.population.summary import (
+    SPECIMENS_FILE,
+    SPECIMENS_SCHEMA,
+    folder_of,
+    population_rows,
+    population_summary,
+    write_summary,
+)
 from rso.report import render, render_specimens
 from rso.study.specimens import SpecimenStudies, load_specimens
 
@@ -90,8 +96,8 @@ class SpecimensStudy:
 
     @property
     def result(self) -> SpecimensResult:
-        """What `run` found last; FileNotFoundError before it has."""
-        return SpecimensResult(self.folder, disk.read_json(self.folder / SPECIMENS_FILE))
+        """What `run` found last; FileNotFoundError before it has, ValueError for what another version has left."""
+        return SpecimensResult(self.folder, finished_results(self.folder / SPECIMENS_FILE, SPECIMENS_SCHEMA))
 
     def study(self, name: str) -> Workspace:
         """The study of one specimen, whose results lie in a folder of its own; StudyError naming the others."""

@@ -20,9 +20,9 @@ from rso.api.importing import read_runs, runs_of_table
 from rso.api.run_result import RunResult
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import Plan, make_plan
-from rso.calibration.result_files import claim
+from rso.calibration.result_files import claim, finished_results
+from rso.calibration.results import RUN_SCHEMA
 from rso.contract import Backend, Case, Response, SimulationFailed, lacking, run_key, unfit
-from rso.core import disk
 from rso.evaluation import executor
 from rso.evaluation.store import Done, Failed, RunStore
 from rso.study.loader import load_study as read_study
@@ -66,8 +66,8 @@ class Workspace:
 
     @property
     def result(self) -> RunResult:
-        """What `run` found last; FileNotFoundError before it has."""
-        return RunResult(self.folder, disk.read_json(self.folder / "results.json"))
+        """What `run` found last; FileNotFoundError before it has, ValueError for what another version has left."""
+        return RunResult(self.folder, finished_results(self.folder / "results.json", RUN_SCHEMA))
 
     def run(self, *, jobs: int | None = None, progress: Say | None = None, report: bool = False) -> RunResult:
         """Run the study, or go on with it, as `rso run` does: what has been computed is not computed again.

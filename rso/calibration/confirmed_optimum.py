@@ -203,10 +203,10 @@ def _most_likely(
         whole = now.misfit.model.predict(best.x[None])[0]
         predicted = np.split(whole, np.cumsum([len(c) for c in curves])[:-1])
         sizes = np.array([np.abs(y).max() for y in curves])
-        # by symmetry a lateral force may be zero, or noise about it
-        sizes = np.maximum(sizes, NEGLIGIBLE_OUTPUT_SHARE * sizes.max())
-        gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
         readings = np.concatenate([d.value for d in now.misfit.data])
+        # by symmetry a lateral force may be zero, or noise about it; a model may answer nothing but zero
+        sizes = np.maximum(sizes, NEGLIGIBLE_OUTPUT_SHARE * max(sizes.max(), np.abs(readings).max()))
+        gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
         left = np.concatenate(curves) - readings
         chi2, bare = (float(np.sum(m.white(left) ** 2)) for m in (now.misfit, now.bare))
         off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))

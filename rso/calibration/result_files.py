@@ -35,6 +35,19 @@ def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
 
 
+def finished_results(path: Path, schema: int) -> dict[str, Any]:
+    """What lies in a file of results; FileNotFoundError where there is none, ValueError for what is damaged or of
+    another version."""
+    try:
+        found = disk.read_json(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: is damaged ({error}); run the study again") from error
+    if not isinstance(found, dict) or found.get("schema") != schema:
+        other = found.get("schema") if isinstance(found, dict) else None
+        raise ValueError(f"{path}: has schema {other}, this version reads {schema}; run the study again")
+    return found
+
+
 def _as_stated(parameters: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Without the ranges that a search has widened."""
     return [{k: v for k, v in p.items() if k not in ("low", "high")} for p in parameters]

@@ -19,7 +19,7 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
     known = found.get("identification") or {}
     rows = {p["parameter"]: p for p in known.get("parameters") or ()}
     doubts = str(known.get("doubts") or "")
-    agrees = "fits as well as any" if doubts or _is_refuted(known.get("scale")) else "agrees with the data"
+    agrees = "fits as well as any" if doubts or _is_refuted(known) else "agrees with the data"
     if doubts:
         yield "bad", f"the fit is not believed: {doubts[0].lower()}{doubts[1:].partition('. ')[0]}"
     for p in found.get("parameters") or ():
@@ -40,13 +40,14 @@ def verdict_lines(found: Mapping[str, Any]) -> Iterator[tuple[Mark, str]]:
         yield "bad", "no candidate meets every target and constraint"
 
 
-def _is_refuted(scale: float | None) -> bool:
-    """Whether the model misses the data widely: nothing agrees with them then."""
+def _is_refuted(known: Mapping[str, Any]) -> bool:
+    """Whether the model misses the data widely, or by more than noise explains: no value agrees with them then."""
+    scale, p = known.get("scale"), known.get("p_value")
     if scale is None or scale <= 1.0:
         return False
     from rso.inference.rules import RULES  # what its package imports takes longer than all else of `rso status`
 
-    return scale > RULES.refuted_error_ratio
+    return scale > RULES.refuted_error_ratio or (p is not None and p < RULES.refuted_fit_chance)
 
 
 def condensed(found: Mapping[str, Any]) -> dict[str, Any]:

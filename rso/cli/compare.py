@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ def compare(options: argparse.Namespace) -> int:
         else:
             output.marked_line("good", f"{text}: the intervals overlap")
     print()
-    output.say("What differs:" if unlike else "Data, ranges and method are the same.")
+    output.say("What differs:" if unlike else "Data, settings, ranges and method are the same.")
     output.lines([f"  {text}" for text in unlike])
     return 0
 
@@ -61,8 +61,11 @@ def results_of(place: Path) -> Path:
 
 
 def study_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """Data, fitted experiments, ranges and method that are not the same, a sentence each."""
-    said = []
+    """Data, roles, settings, readings, ranges and method that are not the same, a sentence each.
+
+    Where none of these differs and the study files do, that is said: not all of a study is in its results.
+    """
+    said = [*_unlike_programs(one, other)]
     data = [_hashes(r) for r in (one, other)]
     if data[0] != data[1]:
         both = len(set(data[0]) & set(data[1]))
@@ -70,6 +73,7 @@ def study_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[
     fitted = [sorted(e["name"] for e in r.get("experiments") or () if e.get("role") == "fit") for r in (one, other)]
     if fitted[0] != fitted[1]:
         said.append(f"fitted experiments: {', '.join(fitted[0])}; {', '.join(fitted[1])}")
+    said += [*_unlike_settings(one, other), *_unlike_readings(one, other, data[0] == data[1])]
     method = ["Gauss–Newton" if r.get("descent") else "response surfaces" for r in (one, other)]
     if method[0] != method[1]:
         said.append(f"method: {method[0]}; {method[1]}")
@@ -78,7 +82,58 @@ def study_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[
         each = [_range(r.get(name)) for r in ranges]
         if each[0] != each[1]:
             said.append(f"{symbol(name)}: {each[0]}; {each[1]}")
+    hashes = [(r.get("provenance") or {}).get("study_sha256") for r in (one, other)]
+    if not said and hashes[0] != hashes[1]:
+        said.append("the study files, in a key that results do not hold: see the files")
     return said
+
+
+def _unlike_programs(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+    """Other models, or versions of the program."""
+    models = [r.get("backend") or {} for r in (one, other)]
+    each = [f"{b.get('name')} (numerics {b.get('numerics')})" for b in models]
+    if each[0] != each[1]:
+        yield f"model: {each[0]}; {each[1]}"
+    versions = [(r.get("provenance") or {}).get("rso") for r in (one, other)]
+    if versions[0] != versions[1]:
+        yield f"version of rso: {versions[0]}; {versions[1]}"
+
+
+def _unlike_settings(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Settings of experiments of one name, once where several differ alike."""
+    said: dict[str, list[str]] = {}
+    pairs = _common_experiments(one, other)
+    for name, *both in pairs:
+        a, b = (dict(_leaves(e.get("settings") or {})) for e in both)
+        for key in sorted({*a, *b}):
+            if a.get(key) != b.get(key):
+                each = [json.dumps(v[key], ensure_ascii=False) if key in v else "not stated" for v in (a, b)]
+                said.setdefault(f"settings.{key}: {each[0]}; {each[1]}", []).append(name)
+    return [words if len(names) == len(pairs) else f"{', '.join(names)}: {words}" for words, names in said.items()]
+
+
+def _unlike_readings(one: Mapping[str, Any], other: Mapping[str, Any], same_files: bool) -> Iterator[str]:
+    """Where the same files are read in another way, or their errors are taken to be others."""
+    for name, *both in _common_experiments(one, other):
+        a, b = (e.get("measured") or {} for e in both)
+        if same_files and any(a.get(k) != b.get(k) for k in ("depth", "value")):
+            yield f"{name}: the readings, though the files are the same"
+        elif same_files and a.get("sigma") != b.get("sigma"):
+            yield f"{name}: the errors of the readings"
+
+
+def _common_experiments(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    own, its = ({e["name"]: e for e in r.get("experiments") or ()} for r in (one, other))
+    return [(name, own[name], its[name]) for name in own if name in its]
+
+
+def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Values within tables by their keys with dots."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and value:
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
 
 
 def _range(p: Mapping[str, Any] | None) -> str:

@@ -9,15 +9,36 @@ from rso.core.symbols import unit_text
 from rso.core.units import people
 
 MENTIONED_WIDTH_RATIO = 1.15  # times: an interval that is said beside another is wider by this
+MAX_LEFT_CHI2 = 2.0  # χ² per reading that a hypothesis leaves: beyond it its intervals of parameters are not said
 RANGE_END_SHARE_LN = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 
 
 def parameter_sentences(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     """Sentences about every parameter, open or fixed, and about ranges that are too narrow for the data."""
     own = [
-        " ".join(filter(None, (_parameter(d, found, k), known_alone(d, found, k)))) for k in d["parameters"]["before"]
+        _doubtful(d, found, k)
+        if is_far_from_the_data(d)
+        else " ".join(filter(None, (_parameter(d, found, k), known_alone(d, found, k))))
+        for k in d["parameters"]["before"]
     ]
     return own + _trusted(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
+
+
+def is_far_from_the_data(d: Mapping[str, Any]) -> bool:
+    """Whether causes are named that leave so much of the gap that their intervals of parameters mean nothing.
+
+    These intervals are those of a right hypothesis; a wrong one is as sure of itself.
+    """
+    return bool(d.get("chosen")) and not d.get("odd") and (d.get("left") or 0.0) > MAX_LEFT_CHI2
+
+
+def _doubtful(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
+    """A base parameter with and without causes that leave more than noise: values alone."""
+    was, now = (_amounts(found, k, d["parameters"][when][k]["median"], digits=3) for when in ("before", "after"))
+    return (
+        f"{k} would be {now} with what is named, {was} without it. What is left is {d['left'] ** 0.5:.2g} times the "
+        f"noise: no interval of {k} can be stated."
+    )
 
 
 def called(found: Mapping[str, Any], name: str) -> str:

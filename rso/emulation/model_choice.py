@@ -133,13 +133,23 @@ def refit(
 
     Kriging finds its hyper-parameters again from the old ones and uses gradients if it did; a polynomial selects its
     terms again unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters; what
-    widens the band is kept, the rivals of a kriging model are refitted as it is.
+    widens the band is kept, the rivals of a kriging model are refitted as it is.  A logarithm that the new data do not
+    have is given up: then a surrogate of this kind is chosen again.
     """
+    if _logs(model) and np.min(y) <= 0:
+        return fit_surrogate(
+            model.kind, X, y, seed=seed, degree=degree, noise_sd=noise_sd, share=None, gradients=gradients
+        )
     if isinstance(model, Kriging):
         return _refit_kriging(model, X, y, seed, noise_sd, gradients)
     return replace(
         fit_polynomial(X, y, degree=degree, log=model.log), inflate=model.inflate, story=_anew(model, len(y))
     )
+
+
+def _logs(model: Surrogate) -> bool:
+    """Whether a surrogate or one of its rivals is of the logarithm."""
+    return model.log or (isinstance(model, Kriging) and any(rival.log for _, rival in model.rivals))
 
 
 def _refit_kriging(

@@ -215,8 +215,13 @@ def refit_curve(
     gradients: np.ndarray | None = None,
     unit: str = "",
 ) -> WholeCurve:
-    """The same kind of whole-curve surrogate on other (usually more) curves; modes, coefficients and band again."""
+    """The same kind of whole-curve surrogate on other (usually more) curves; modes, coefficients and band again.
+
+    Logarithms are given up where a curve is not positive.
+    """
     X, Y = np.asarray(X, float), np.asarray(Y, float)
+    if model.log and Y.min() <= 0:
+        return fit_curve(X, model.at, Y, seed=seed, log=False, noise_sd=noise_sd, gradients=gradients, unit=unit)
     new = _again(model, X, Y, noise_sd, gradients, seed)
     new = _checked(new, X, Y, noise_sd, gradients, seed)
     return replace(new, story=_story(new, unit, len(X)))

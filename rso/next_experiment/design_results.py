@@ -16,6 +16,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.calibration.stated_settings import exact_dimensions
 from rso.core.distributions import chi2_ppf
+from rso.core.units import spaced
 from rso.inference.error_model import shares
 from rso.inference.rules import RULES
 from rso.inference.verdict import physical
@@ -176,7 +177,7 @@ def design_warnings(found: DesignResult) -> list[str]:
                 if on
                 else ""
             )
-            value = f"{box.names[k]} = {theta[k]:.3g} {box.units[k]}"
+            value = f"{box.names[k]} = {theta[k]:.3g}{spaced(box.units[k])}"
             said.append(
                 f"The data speak against {value}: χ² is {rise:.3g} above its least value there{held}; "
                 "what is expected for it is not expected of this specimen."
@@ -193,7 +194,7 @@ def by_truth(at: Sequence[str], sizes: Sequence[float], unit: str) -> str:
     groups: dict[str, list[str]] = {}
     for value, sd in zip(at, sizes, strict=True):
         groups.setdefault(f"±{100 * sd:.2g} %" if sd < 0.2 else f"a factor of {math.exp(sd):.2g}", []).append(value)
-    return ", to ".join(f"{text} if it is {_or(values)} {unit}" for text, values in groups.items())
+    return ", to ".join(f"{text} if it is {_or(values)}{spaced(unit)}" for text, values in groups.items())
 
 
 def _factor(sd: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ EXIT_STOPPED = 3  # as that of failed runs: some specimens have no answer
 SMALL_Q_CHANCE = 0.05  # probability of a Q as small: errors of the specimens are not their own
 MIN_SPECIMENS_FOR_SCATTER = 5  # of fewer the scatter is hardly known
 INTERVAL_END_NAMES = ("low", "high")
+REFUTED_CHANCE = 0.01  # p-value of a fit below which the model misses the data
 MAX_NAMED_IN_SENTENCE = 4  # specimens that a sentence names
 SHARED_ERRORS_NOTE = (
     "Errors that all specimens share are in no interval of the mean, as that of one load cell or one indenter. More "
@@ -252,8 +253,7 @@ def _population(
     marked = _mark(name, likelihoods, rows)
     every = list(likelihoods.values())
     effects = random_effects(every, CREDIBLE_LEVEL, shared=shared) if any(s.closed for s in every) else None
-    without = [s for n, s in likelihoods.items() if n not in marked]
-    again = random_effects(without, CREDIBLE_LEVEL) if marked and any(s.closed for s in without) else None
+    refuted = [r["name"] for r in rows if r["name"] in likelihoods and _is_refuted(r)]
     block = {
         "parameter": name,
         "unit": unit,
@@ -262,7 +262,9 @@ def _population(
         "shared": shared,
         "left_out": left_out,
         "outliers": marked,
-        "without_outliers": None if again is None else _back(again.mean, log),
+        "without_outliers": _without(likelihoods, marked, log, shared)[0],
+        "refuted": refuted,
+        "without_doubtful": _without(likelihoods, {*marked, *refuted}, log, shared),
     }
     return {**block, "words": population_words(block)}
 
@@ -297,6 +299,22 @@ def _moves_alike(known: Found, name: str, alike: Sequence[str], log: bool) -> tu
             moves[e] = math.log1p(relative) if log else relative * known["values"][name]
             share += blocks[e]["share"].get(name) or 0.0
     return moves, share
+
+
+def _without(
+    likelihoods: Mapping[str, SpecimenLikelihood], names: Collection[str], log: bool, shared: float
+) -> tuple[float | None, float | None, float | None]:
+    """Mean without these specimens and the ends of its interval; None where none of them counts or too few are left."""
+    rest = [s for n, s in likelihoods.items() if n not in names]
+    if not names or not any(s.closed for s in rest):
+        return None, None, None
+    effects = random_effects(rest, CREDIBLE_LEVEL, shared=shared)
+    return _back(effects.mean, log), *_ends(effects.interval, log)
+
+
+def _is_refuted(row: Found) -> bool:
+    """Whether the model misses the data of a specimen by more than their errors."""
+    return row["p_value"] is not None and row["p_value"] < REFUTED_CHANCE
 
 
 def _identified(found: Found | None) -> Sequence[Found]:
@@ -383,7 +401,23 @@ def population_words(p: Found) -> str:
     if p["prediction"][0] is not None:
         a, b = p["prediction"]
         said += f" The next specimen is expected between {number(a)} and {number(b)}{behind}."
-    return said
+    return said + _doubt_words(p, what, number, behind)
+
+
+def _doubt_words(p: Found, what: str, number: Any, behind: str) -> str:
+    """Which specimens that count may not belong to the others, and the mean without them."""
+    outliers, refuted = p["outliers"], [n for n in p["refuted"] if n not in p["outliers"]]
+    count = len(outliers) + len(refuted)
+    if not count:
+        return ""
+    of, lie = ("Specimens", "lie") if len(outliers) > 1 else ("Specimen", "lies")
+    said = f" {of} {_few(outliers)} {lie} far from the others." if outliers else ""
+    said += f" The model misses the data of {_few(refuted)}." if refuted else ""
+    mean, low, high = p["without_doubtful"]
+    them = "them" if count > 1 else "it"
+    if mean is None or low is None:
+        return f"{said} Without {them} too few are left."
+    return f"{said} Without {them} the {what} is {number(mean)}{behind} ({number(low)} to {number(high)})."
 
 
 def _scatter_words(p: Found, number: Any, behind: str) -> str:
@@ -422,7 +456,7 @@ def _warnings(rows: Sequence[Found], population: Sequence[Found]) -> list[str]:
                 f"{letter}: specimens agree better than their errors allow (p = {p_low:.2g}): these are shared by all, "
                 "or overstated. What is shared does not average out, and the interval of the mean is then too narrow"
             )
-    refuted = [r["name"] for r in rows if r["p_value"] is not None and r["p_value"] < 0.01]
+    refuted = [r["name"] for r in rows if _is_refuted(r)]
     if refuted:
         said.append(f"the model misses the data (p < 0.01) of {_few(refuted)}: what their parameters mean is open")
     lacking = any(p["mean"] is not None and not p["shared"] for p in population)

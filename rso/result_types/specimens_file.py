@@ -64,6 +64,10 @@ class PopulationBlock(ResultBlock):
     left_out: Texts = holds("specimens that say nothing of it")
     outliers: Texts = holds("specimens that are outliers; they are not left out")
     without_outliers: Number = holds("`mean` without these; null where there are none")
+    refuted: Texts = holds("specimens that count, but whose data the model misses (p < 0.01)")
+    without_doubtful: tuple[Number, Number, Number] = holds(
+        "`mean` without outliers and those refuted, and its 90 % interval; null where there are none, or too few rest"
+    )
     words: str = holds("the same in words")
 
 

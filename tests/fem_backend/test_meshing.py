@@ -299,3 +299,13 @@ def test_mesher_that_dies_is_a_bad_mesh():
     recipe = json.dumps({"mesher": "tetwild", "semi_axes": [1.0, 2.0], "sizing": {}})
     with pytest.raises(BadMesh, match="ended with code 1: TypeError"):
         meshing.make_mesh(recipe)
+
+
+def test_a_mesher_that_says_what_is_wrong_is_quoted_without_its_own_names(monkeypatch):
+    import subprocess
+
+    words = f"{BadMesh.__module__}.BadMesh: its surface is not closed"
+    answer = subprocess.CompletedProcess([], 1, "", f"Traceback\n{words}\n")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: answer)
+    with pytest.raises(BadMesh, match=r"^its surface is not closed$"):
+        meshing.recipes.in_child("module", "{}", "a body")

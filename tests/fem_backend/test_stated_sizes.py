@@ -1,8 +1,10 @@
 """A radius in another unit fits every curve as well: what a record and its notes say against it."""
 
+import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND
+from fem_backend.simulation.experiment import SETS
 
 HALF_SPACE = {"specimen": {"shape": "half_space"}}
 
@@ -52,3 +54,27 @@ def test_what_is_no_radius_of_the_indenter_is_left_alone():
     )
     assert said(ball, 0.005, *notes) == []
     assert said({"shape": "cone", "half_angle": 70.0, "tip_radius": 1e-3}, 0.5, "Tip radius (um) 50") == []
+
+
+@pytest.mark.parametrize("noun", ["specimen", "indenter"])
+def test_a_size_that_nobody_stated_is_said(noun):
+    """Of every member that has usual sizes: what is left out is said with its value, what stands is not."""
+    found = 0
+    for name, member in SETS[noun].members.items():
+        table = {"shape": name}
+        try:
+            built = member.Table.model_validate(table).build()
+        except ValueError:  # it has sizes that must be stated
+            continue
+        usual = {k for k, f in member.Table.model_fields.items() if f.default is not None}
+        sizes = {k: v for k, v in built.plain().items() if k in usual and not isinstance(v, bool)}
+        sizes = {k: v for k, v in sizes.items() if isinstance(v, float | list | tuple) and np.any(np.asarray(v) > 0)}
+        said = [w for w in BACKEND.odd_sizes({noun: table}, 0.5, []) if w.startswith(f"{noun}.")]
+        assert {w.split()[0] for w in said} == {f"{noun}.{k}" for k in sizes}
+        for k, v in sizes.items():
+            (words,) = (w for w in said if w.startswith(f"{noun}.{k} "))
+            assert all(f"{x:g}" in words for x in np.atleast_1d(v))
+            stated = BACKEND.odd_sizes({noun: {**table, k: v}}, 0.5, [])
+            assert not [w for w in stated if w.startswith(f"{noun}.{k} ")]
+        found += len(sizes)
+    assert found

@@ -90,6 +90,8 @@ def test_polygons_are_cut_into_fans(tmp_path):
         ("no.stl", None, "no such file"),
         ("a.step", b"ISO", r"unknown format '.step'; choose from .stl, .ply, .obj"),
         ("short.stl", b"x" * 80 + (9).to_bytes(4, "little") + b"y" * 60, "9 facets has 534 bytes, this file has 144"),
+        ("solid.stl", b"solid made by CAD".ljust(80) + (9).to_bytes(4, "little") + bytes(99), "9 facets has 534 bytes"),
+        ("empty.stl", b"", "is empty"),
         ("cut.stl", b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "ends early"),
         ("bad.stl", b"solid a\nvertex 0 0 zero\n", "other than three numbers"),
         ("bad.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 three\n", "line 3 is no vertex or facet"),

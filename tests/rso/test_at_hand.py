@@ -94,12 +94,16 @@ def test_what_is_open_is_called_as_in_the_report(verdict, words):
 def test_nothing_agrees_with_data_that_the_model_misses():
     """The terminal said of one and the same run that values agree with the data and that the model misses these."""
     found = missed()
-    found["identification"]["scale"] = 1.4
-    open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
-    assert open_lines and all("agrees with the data" in t for t in open_lines)
-    found["identification"]["scale"] = 3.8
-    open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
-    assert open_lines and not any("agrees" in t for t in open_lines)
+    for scale, p, agrees in (
+        (1.0, 0.5, True),
+        (1.4, 0.2, True),
+        (1.4, 1e-6, False),
+        (1.4, None, True),
+        (3.8, 0.5, False),
+    ):
+        found["identification"] |= {"scale": scale, "p_value": p}
+        open_lines = [t for mark, t in verdict_lines(found) if mark == "open"]
+        assert open_lines and all(("agrees with the data" in t) == agrees for t in open_lines)
 
 
 @pytest.mark.parametrize(
@@ -141,6 +145,29 @@ def test_two_runs_are_compared(results, tmp_path, capsys):
     assert told["disjoint"] == ["mu"] and len(told["differences"]) == 1
     assert main(["compare", str(results), str(tmp_path / "nothing")]) == 2
     assert study_differences(complete(), complete()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda r: r["experiments"][0]["settings"].update(specimen={"shape": "slab", "thickness": 9.0}), "specimen.th"),
+        (lambda r: r["experiments"][0]["settings"].clear(), "not stated"),
+        (lambda r: r["experiments"][0]["measured"].update(sigma=[1.0]), "errors of the readings"),
+        (lambda r: r["experiments"][0]["measured"].update(value=[1.0]), "though the files are the same"),
+        (lambda r: r["backend"].update(numerics=-1), "model: "),
+        (lambda r: r["provenance"].update(rso="other"), "version of rso"),
+        (lambda r: r["provenance"].update(study_sha256="other"), "study files"),
+    ],
+)
+def test_whatever_differs_between_two_runs_is_said(change, words):
+    """Nobody reads that all is the same where a setting, an error or the program is another."""
+    one, other = complete(), copy.deepcopy(complete())
+    for r in (one, other):
+        r["experiments"][0]["settings"] = {"specimen": {"shape": "slab", "thickness": 5.0}}
+    change(other)
+    for pair in ((one, other), (other, one)):
+        said = study_differences(*pair)
+        assert said and all(words in text or len(said) > 1 for text in said) and words in " ".join(said)
 
 
 def test_a_page_is_opened_and_one_that_is_not_there_is_named(results, monkeypatch, capsys):

@@ -225,10 +225,37 @@ def test_what_a_function_returns_must_be_its_channels():
         two.check(rso.Case("one", rso.Programme.ramp((1.0,)), {"eta": 1}))
 
 
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (lambda s: s + 1j, "'Fz' holds complex numbers"),
+        (lambda s: s[:-1], r"'Fz' has shape \(1,\), expected \(2,\)"),
+        (lambda s: s[:, None], r"'Fz' has shape \(2, 1\)"),
+        (lambda s: None, "returned None as Fz"),
+        (lambda s: "soft", "'Fz' holds text"),
+    ],
+)
+def test_what_is_no_number_at_each_travel_is_refused(answer, words):
+    case = rso.Case("c", rso.Programme.ramp((1.0, 2.0)))
+    with pytest.raises(ValueError, match=words):
+        rso.model(parameters={"k": (0.1, 10.0)})(lambda travel, k: answer(travel))({"k": 2.0}, case)
+    good = rso.model(parameters={"k": (0.1, 10.0)})(lambda travel, k: k)({"k": 2.0}, case)
+    np.testing.assert_array_equal(good.channels["Fz"], [2.0, 2.0])
+
+
 def test_a_changed_function_has_other_runs():
     make = rso.model(parameters={"k": (0, 1)}, name="same")
     one, other = make(lambda travel, k: k * travel), make(lambda travel, k: 2 * k * travel)
     assert one.fingerprint != other.fingerprint
+
+
+@pytest.mark.parametrize(("text", "words"), [('{"schema": 1, "study', "is damaged"), ('{"schema": 999}', "schema 999")])
+def test_results_that_cannot_be_read_are_named(spring, text, words):
+    study = rso.load(spring, backend=stiffening)
+    study.folder.mkdir(parents=True, exist_ok=True)
+    (study.folder / "results.json").write_text(text)
+    with pytest.raises(ValueError, match=rf"results\.json: .*{words}"):
+        _ = study.result
 
 
 def test_no_backend_is_refused(spring):
@@ -279,6 +306,13 @@ def test_bad_input_of_an_indentation_is_named(change, words):
 @pytest.mark.parametrize("depths", ["0.5 mm", ["0.5 mm"], [], [0.5, np.nan], None, [[0.1], [0.2]]])
 def test_depths_that_are_no_numbers_are_named(depths):
     with pytest.raises(ValueError, match=r"depths = .*in mm"):
+        rso.indent(depths, **SLAB, mu=0.01, D1=5.8)
+
+
+@pytest.mark.parametrize("depths", [[0.4, 0.2], [0.2, 0.2, 0.4], [0.0, 0.2], [-0.2, 0.2]])
+def test_depths_that_an_answer_could_not_stand_beside_are_named(depths):
+    """Forces come one for each depth as given: no order is mended, no depth dropped."""
+    with pytest.raises(ValueError, match=r"depths\[\d\] = .* mm: .*increase"):
         rso.indent(depths, **SLAB, mu=0.01, D1=5.8)
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
+from scipy.spatial import ConvexHull
 
 from fem_backend.backend import BACKEND
 from fem_backend.members import length_words
@@ -13,6 +14,7 @@ from rso.contract import plain
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
 from rso.report.discrepancy import figures as diagnosis
+from rso.report.language.catalogue import sentences_of
 from rso.report.layout.document import Picture
 from rso.report.model_selection import figures as ladder
 from rso.report.optimal_design import report as next_test
@@ -54,6 +56,32 @@ def test_a_sentence_says_what_is_modelled():
     assert "0.5 mm (5 times as stiff) and 2 mm (2 times as stiff)" in sketched("puck")["words"]
     assert "in a bowl 2 mm larger all round" in sketched("bowl")["words"]
     assert "at x = 20, y = 10 mm, along the normal" in sketched("off the top")["words"]
+
+
+@pytest.mark.parametrize(
+    ("specimen", "said"),
+    [
+        ({"shape": "slab", "thickness": 5.0}, "its base held"),
+        ({"shape": "cylinder", "radius": 10.0, "height": 8.0}, "its base held"),
+        ({"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]}, "its lower half held"),
+        ({"shape": "surface", "held": {"below": -2.0}}, "held below z = -2 mm"),
+        ({"shape": "surface", "held": {"box": [[-9, -9, -9], [9, 9, -1]]}}, "held inside a box"),
+    ],
+)
+def test_what_is_held_is_said_of_the_specimen(tmp_path, specimen, said):
+    """The support that holds the lower part holds the base of a slab, and of a scan the region that is stated."""
+    if specimen["shape"] == "surface":
+        k = np.arange(200) + 0.5  # a ball of 4 mm by the hull of a Fibonacci lattice
+        z, turn = 1.0 - k / 100.0, np.pi * (1.0 + np.sqrt(5.0)) * k
+        x = 4.0 * np.column_stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z])
+        lines = [f"v {a} {b} {c}" for a, b, c in x] + [f"f {a} {b} {c}" for a, b, c in ConvexHull(x).simplices + 1]
+        (tmp_path / "ball.obj").write_text("\n".join(lines) + "\n")
+        specimen = {**specimen, "file": str(tmp_path / "ball.obj"), "unit": "mm"}
+    settings = {"specimen": specimen, "indenter": {**BALL, "shaft": False}, "support": {"kind": "fixed"}}
+    sketch = plain(dataclasses.asdict(BACKEND.sketch(settings, 0.4)))
+    assert f", {said}" in sketch["words"]
+    assert said in [p["text"] for p in sketch["drawn"]] or specimen["shape"] == "surface"
+    assert sentences_of("de").phrase(said) != said
 
 
 def test_a_slab_lies_where_it_is_and_is_held_below():

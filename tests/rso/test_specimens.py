@@ -8,9 +8,11 @@ import pytest
 import rso
 from rso.cli import main
 from rso.evaluation.store import RunStore
+from rso.inference.random_effects import likelihood_of_profile
 from rso.population.plans import specimen_plans
-from rso.population.summary import folder_of
+from rso.population.summary import _without, folder_of, population_words
 from rso.report import render_specimens
+from rso.report.language.catalogue import sentences_of
 from rso.result_types import RESULT_FILES
 from rso.study.errors import StudyError
 from rso.study.specimens import load_specimens
@@ -143,6 +145,74 @@ def test_one_calibration_of_all_specimens_is_not_averaged_out(springs):
     assert "share" in both["words"] and not any("no interval" in w for w in found["warnings"])
     render_specimens(found, springs, pdf=False, language="de", untranslated=(missing := []))
     assert missing == ["area"]
+
+
+@pytest.mark.parametrize(
+    ("outliers", "refuted", "without", "said"),
+    [
+        ([], [], None, ""),
+        (["b"], [], (3.0, 2.0, 4.0), "Specimen b lies far from the others. Without it the median is 3 N (2 to 4)."),
+        (["b"], ["b"], (3.0, 2.0, 4.0), "Specimen b lies far from the others. Without it the median is 3 N (2 to 4)."),
+        (["b", "c"], [], None, "Specimens b, c lie far from the others. Without them too few are left."),
+        ([], ["a"], (3.0, 2.0, 4.0), "The model misses the data of a. Without it the median is 3 N (2 to 4)."),
+        (
+            ["b"], ["a"], (3.0, None, None),
+            "Specimen b lies far from the others. The model misses the data of a. Without them too few are left.",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_said_of_specimens_that_may_not_belong(outliers, refuted, without, said):
+    block = {
+        "parameter": "k", "unit": "N", "scale": "log", "mean": 5.0, "interval": (4.0, 6.0), "tau": 0.1,
+        "tau_interval": (0.05, 0.3), "q_p_value": 0.001, "prediction": (3.0, 7.0), "both_sides": 6,
+        "shared": 0.0, "outliers": outliers, "refuted": refuted, "without_doubtful": without or (None, None, None),
+    }  # fmt: skip
+    words = population_words(block)
+    assert words.endswith(said or "between 3 and 7 N.") and (bool(said) or "ithout" not in words)
+    german = sentences_of("de", frozenset({"k"}))
+    german.text(words)
+    assert not german.missing
+
+
+def test_the_mean_without_some_is_that_of_the_others():
+    def known(m):
+        at = np.linspace(m - 1, m + 1, 41)
+        return likelihood_of_profile(at, 100 * (at - m) ** 2, (m - 0.16, m + 0.16), (False, False), 0.9)
+
+    ones = {"a": known(0.0), "b": known(0.1), "c": known(2.0)}
+    of_two = _without({n: ones[n] for n in "abc"}, {"c"}, False, 0.0)
+    assert of_two[0] == pytest.approx(0.05, abs=0.01) and of_two[1] < 0.05 < of_two[2]
+    assert _without(ones, (), False, 0.0) == (None, None, None)
+    assert _without(ones, {"a", "b", "c"}, False, 0.0) == (None, None, None)
+
+
+@pytest.mark.verification
+@pytest.mark.parametrize("spoil", ["outlier", "refuted", "none"])
+def test_the_answer_names_specimens_that_may_not_belong_and_says_the_mean_without_them(springs, spoil):
+    """One of six is thrice as stiff, or its record breaks off; the words alone, as `rso status` prints them, say so."""
+    truth = np.random.default_rng(5).normal(3.0, 0.15, 6)
+    for n, k in enumerate(truth):
+        measured(springs, f"s{n}", 2.0, 3.0 * k if spoil == "outlier" and n == 5 else k, 2.0, n)
+    if spoil == "refuted":
+        rows = [r.split(",") for r in (springs / "s5.csv").read_text().splitlines()]
+        broken = [[u, f if k < 9 else "0.01"] for k, (u, f) in enumerate(rows)]
+        (springs / "s5.csv").write_text("\n".join(map(",".join, broken)) + "\n")
+    write(springs, "name\n" + "\n".join(f"s{n}" for n in range(6)) + "\n")
+    found = rso.specimens(springs, backend=spring).run()
+    block, said = found.data["population"][0], " ".join(found.words)
+    RESULT_FILES["specimens.json"].model_validate_json((springs / "results" / "specimens.json").read_text())
+    assert ("s5" in said) == (spoil != "none")
+    assert ("Without it the median" in said) == (spoil != "none")
+    if spoil == "none":
+        assert block["without_doubtful"] == [None, None, None] and not block["refuted"]
+        return
+    _, low, high = block["without_doubtful"]
+    assert low < np.exp(np.mean(np.log(truth[:5]))) < high
+    assert spoil == "refuted" or high - low < block["interval"][1] - block["interval"][0]
+    assert block["refuted"] == (["s5"] if spoil == "refuted" else [])
+    missing = []
+    render_specimens(found.data, springs, pdf=False, language="de", untranslated=missing)
+    assert not [w for w in missing if "s5" in w or "ithout" in w]
 
 
 def test_the_german_summary_has_a_template_for_every_sentence(springs):

@@ -474,3 +474,15 @@ def test_some_points_of_many_fill_the_space():
 
     # Within twice the least covering radius, which for 25 of a square is about 0.14; 25 at random leave larger gaps.
     assert covering(X[rows]) < 0.28 and covering(X[rows]) < 0.8 * covering(X[:25])
+
+
+@pytest.mark.parametrize("kind", ["polynomial", "kriging"])
+def test_a_refit_gives_up_a_logarithm_that_new_runs_do_not_have(kind):
+    X = design("lhs", 1, 12, 0)
+    y = np.exp(6.0 * X[:, 0])
+    first = fit_surrogate(kind, X, y, seed=0, log=True)
+    more, z = np.vstack([X, [[0.0]]]), np.append(y, -2.0)
+    again = refit(first, more, z, seed=0)
+    assert first.log and not again.log and again.kind == kind
+    assert again.mean(np.zeros((1, 1)))[0] < y.min()
+    assert refit(first, more, np.append(y, 1.0), seed=0).log  # with nothing but positive ones it is kept

@@ -140,3 +140,13 @@ def test_what_the_modes_leave_out_is_in_the_band():
     assert np.all(model.truncation > 0)
     sd = model.predict(X)[1]
     assert np.all(sd >= 0.999 * model.inflate * model.truncation * model.weight)
+
+
+def test_a_refit_gives_up_logarithms_that_new_curves_do_not_have():
+    X = design("lhs", 2, 20, 0)
+    first = fit_curve(X, DEPTHS, forces(X), seed=0, kind="polynomial", log=True)
+    more = np.vstack([X, [[0.5, 0.5]]])
+    Y = np.vstack([forces(X), -forces(more[-1:])])
+    again = refit_curve(first, more, Y, seed=0)
+    assert first.log and not again.log
+    assert np.isfinite(again.mean(more)).all()

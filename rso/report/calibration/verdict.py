@@ -211,9 +211,17 @@ def _refuted(results: Results) -> float | None:
     return scale if scale is not None and scale > RULES.refuted_error_ratio else None
 
 
+def _missed_by(results: Results) -> float | None:
+    """By how many times their errors the model misses the data, where it does so widely or more than noise explains."""
+    known = results.get("identification") or {}
+    scale, p = number(known.get("scale")), number(known.get("p_value"))
+    chance = scale is not None and scale > 1.0 and p is not None and p < RULES.refuted_fit_chance
+    return scale if chance else _refuted(results)
+
+
 def _agrees(results: Results) -> str:
     """What values within an interval do: agree with the data, or no better than the model does at all."""
-    if (times := _refuted(results)) is None:
+    if (times := _missed_by(results)) is None:
         doubted = (results.get("identification") or {}).get("doubts")
         return "fits as well as any under the model, whose fit is not believed" if doubted else "agrees with the data"
     by = shortest(float(f"{times:.2g}"))

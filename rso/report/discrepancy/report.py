@@ -9,7 +9,7 @@ from typing import Any, Unpack
 
 from rso.core.digits import DASH, NBSP, known, significant
 from rso.core.symbols import in_letters
-from rso.discrepancy.parameters import called, known_alone, unproved
+from rso.discrepancy.parameters import called, is_far_from_the_data, known_alone, unproved
 from rso.discrepancy.wording import (
     MENTIONED_NO_GAP_PROBABILITY,
     UNDECIDED,
@@ -203,6 +203,8 @@ def _parameter_facts(found: Found) -> list[Fact]:
     """The base parameters over all that the data allow."""
     each = [(name, unit, bands.get("after", bands.get("before"))) for name, unit, bands in parameter_bands(found)]
     rows = [(name, interval(b, unit)) for name, unit, b in each if b]
+    if is_far_from_the_data(core(found)):
+        return [Fact(symbol(name), value, "no interval: more is left than noise", "warn") for name, (value, _) in rows]
     return [Fact(symbol(name), value, f"90{NBSP}%: {ends}") for name, (value, ends) in rows]
 
 
