@@ -572,6 +572,8 @@ def filmed(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
 
 def bent(ratio: float, thickness: float, result: Result) -> np.ndarray:
     """(J^(2/3) − 1) min(a/t, 1) of a layer or skin J times as stiff as what is below it, (k,); 0 of a soft one."""
+    if thickness <= 0.0:
+        return np.zeros_like(result.travel)
     wide = np.minimum(result.channels["contact_radius"] / thickness, 1.0)
     return (max(ratio, 1.0) ** (2.0 / 3.0) - 1.0) * wide
 
