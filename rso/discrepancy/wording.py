@@ -289,7 +289,9 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     alike += " A body out of which water is pressed does nearly the same." if first.get("like_a_body") else ""
     alike += " A softer spot of the body there does nearly the same." if first.get("like_a_spot") else ""
     alike += _unconfirmed(first["effect"], found)
-    return f"{head}: {text[first['effect']]}, {each}; probability {percent_text(first['probability'])}.{alike}"
+    among = " among what the catalogue has" if v == "partly" else ""  # what else acts is none of these
+    chance = f"probability {percent_text(first['probability'])}{among}"
+    return f"{head}: {text[first['effect']]}, {each}; {chance}.{alike}"
 
 
 def _fitting(found: Mapping[str, Any]) -> str:

@@ -186,7 +186,8 @@ def _facts(found: Found) -> list[Fact]:
     causes = list(d.get("causes") or ())
     if causes:
         c, given = causes[0], ", given a gap" if nothing(found) > MENTIONED_NO_GAP_PROBABILITY else ""
-        note = f"probability {chance(c.get('probability'))}{given}"
+        among = " in the catalogue" if d.get("verdict") == "partly" else ""
+        note = f"probability {chance(c.get('probability'))}{among}{given}"
         note += "; may be absent" if pair(c.get("interval")) and may_be_absent(c) else ""
         facts.append(Fact("Leading cause", short(clean(called(found, str(c.get("effect")))), 26), note))
     if known(s.get("closed")) and not each_its_own(found):
