@@ -8,7 +8,7 @@ from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme
 from rso.report.calibration.inputs import assumed
 
-DEPTH = np.linspace(0.05, 0.8, 16)
+DEPTH = np.linspace(0.1, 0.8, 8)
 SLAB = {"shape": "slab", "thickness": 2.3}
 WIDE = {"indenter": {"shape": "sphere", "radius": 3.0}, "mesh": {"level": "coarse"}}
 PUCK = {"shape": "cylinder", "radius": 2.0, "height": 6.0}

@@ -256,7 +256,11 @@ def test_a_cloud_validates_a_model_and_refutes_a_wrong_one(marked):
 
 
 @pytest.mark.parametrize(
-    "search", [studies.SECTIONS["search"], 'method = "gauss_newton"\nderivatives = "differences"'], ids=["rs", "gn"]
+    "search",
+    [
+        pytest.param(studies.SECTIONS["search"], id="rs", marks=pytest.mark.verification),
+        pytest.param('method = "gauss_newton"\nderivatives = "differences"', id="gn"),
+    ],
 )
 def test_a_size_that_is_uncertain_beside_a_cloud(marked, search):
     """The sphere was one standard uncertainty larger than stated; it moves the force of this backend, no point."""

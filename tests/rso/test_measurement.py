@@ -299,7 +299,7 @@ def fitted(curve: MeasuredCurve, shape: np.ndarray, covariance: np.ndarray) -> t
 
 @pytest.mark.parametrize(
     "count, noise",
-    [(1, Noise(Fz=0.002, gain=0.03)), (3, Noise()), pytest.param(5, Noise(), marks=pytest.mark.verification)],
+    [(1, Noise(Fz=0.002, gain=0.03)), *(pytest.param(n, Noise(), marks=pytest.mark.verification) for n in (3, 5))],
 )
 def test_a_gain_error_neither_pulls_a_fit_nor_spoils_its_interval(tmp_path, count, noise):
     """Peelle's puzzle: 200 readings whose own values carry the gain are fitted 200 g² too low, of which 5 g² may stay.
