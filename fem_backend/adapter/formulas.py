@@ -15,6 +15,7 @@ from fem_backend.indenters.plate import Plate
 from fem_backend.laws import LAWS
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
+from fem_backend.supports.walls import Walls
 from rso.contract import FormulaCurve
 
 INDENTER_SIZE_KEYS = ("radius", "fillet", "half_angle", "tip_radius")  # keys of an indenter's table that formulas know
@@ -37,10 +38,11 @@ def formula_forces(settings: Settings, knobs: Knobs, travel: np.ndarray) -> tupl
     h, found = travel * tilt, []
     general = _general(actual, h, nu)
     relaxes = "the material relaxes, the formula is elastic" if settings.prony or knobs.prony_g else ""
+    other = relaxes or _unknown(settings, knobs)
     for f in of_pair(actual, E, nu):
         with np.errstate(all="ignore"):
             force = np.asarray(f.force(h), float) * float(normal[2])
-        why = tuple(relaxes or general[k] or f.valid(float(d)) or "" for k, d in enumerate(h))
+        why = tuple(other or general[k] or f.valid(float(d)) or "" for k, d in enumerate(h))
         found.append(FormulaCurve(f.name, f.source, force, why))
     return (*found, *adhesive(actual, knobs, h, float(normal[2]), relaxes))
 
@@ -163,6 +165,20 @@ def _general(settings: Settings, depth: np.ndarray, nu: float) -> list[str]:
         words.format(100.0 * v) if d != 0.0 and v > MAX_BASE_FORCE_SHARE else ""
         for d, v in zip(depth, more, strict=True)
     ]
+
+
+def _unknown(settings: Settings, knobs: Knobs) -> str:
+    """What acts that no formula of a bonded or sliding elastic body knows; "" for nothing."""
+    support = settings.support.actual(knobs)
+    if knobs.permeability:
+        return "water flows in the pores, the formula is elastic"
+    if knobs.adhesion:
+        return "the indenter is attracted, the formula knows no attraction"
+    if not isinstance(support, Walls):
+        return ""
+    if support.rubs and not _held(settings):
+        return "the base rubs, that of the formula slides"
+    return "the base yields, that of the formula does not" if support.yields else ""
 
 
 def _anywhere(settings: Settings) -> str | None:

@@ -10,18 +10,23 @@ from typing import Any
 
 from rso.cli import output
 from rso.cli.answer import condensed, estimate_text, interval_in_unit
-from rso.core import disk
 from rso.core.symbols import symbol
 
 
 def compare(options: argparse.Namespace) -> int:
     """Print both answers and whether their intervals overlap; 2 where one has no results."""
+    from rso.calibration.result_files import finished_results
+    from rso.calibration.results import RUN_SCHEMA
+
     found = []
     for place in (options.first, options.second):
         try:
-            found.append(disk.read_json(results_of(place)))
-        except (OSError, ValueError):
+            found.append(finished_results(results_of(place), RUN_SCHEMA))
+        except OSError:
             output.complain(f"{place}: has no results; run it first: rso run {place}")
+            return 2
+        except ValueError as error:  # damaged, or of another version
+            output.complain(str(error))
             return 2
     one, other = map(condensed, found)
     unlike = study_differences(*found)

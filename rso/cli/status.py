@@ -33,17 +33,27 @@ def report_status(options: argparse.Namespace, file: Path, folder: Path, store: 
     if not folder.exists():
         output.say(f"{file}: not started ({folder} does not exist)")
     else:
-        _told(found, file, runs, count)
+        _told(found, file, runs, count, (folder / "results.json").is_file(), then)
     for page in pages:
         output.say(f"  page: {page}")
     output.say(f"  next: {then}")
     return 0
 
 
-def _told(found: Mapping[str, Any], file: Path, runs: Sequence[Mapping[str, Any]], count: Mapping[str, int]) -> None:
+def _told(
+    found: Mapping[str, Any],
+    file: Path,
+    runs: Sequence[Mapping[str, Any]],
+    count: Mapping[str, int],
+    broken: bool,
+    then: str,
+) -> None:
+    """Print them; `broken`: there are results that cannot be read where none are `found`."""
     output.bold(str((found.get("study") or {}).get("title") or file))
     every = ", ".join(f"{state}: {n}" for state, n in count.items())
-    if found.get("exit_code") is None:
+    if not found and broken:
+        output.say(f"  results.json is damaged; {then} writes it again from the stored simulations")
+    elif found.get("exit_code") is None:
         stage = found.get("stage")
         output.say(f"  not finished; {f'last finished stage: {stage}' if stage else 'no stage is finished'}")
     for mark, text in verdict_lines(found):

@@ -18,6 +18,7 @@ ASKED_BY_SETTINGS: Mapping[str, tuple[int, Any]] = {  # the place of the setting
     "controls_force": (0, False),
     "uncalibrated": (0, None),
     "resolution": (0, {}),
+    "variants": (0, {}),
 }
 ASKED_BY_CASE: Mapping[str, tuple[int, Any]] = {
     "refused": (1, None),

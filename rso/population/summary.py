@@ -234,7 +234,7 @@ def _population(
     unit = axes[0].parameter.unit
     likelihoods: dict[str, SpecimenLikelihood] = {}
     left_out: list[str] = []
-    alike, moves = errors_alike(plans), list[dict[str, float]]()
+    alike, moves = errors_alike(plans), list[dict[SharedInput, float]]()
     for row in rows:
         one = found[row["name"]]
         block = next((p for p in _identified(one) if p["parameter"] == name), None) if row["state"] == "done" else None
@@ -248,8 +248,10 @@ def _population(
         likelihoods[row["name"]] = made.without(share)
         if made.closed:
             moves.append(moved)
-    # one error moves the mean by the mean of what it moves each specimen by; several errors are independent
-    shared = math.hypot(*(float(np.mean([m.get(e, 0.0) for m in moves])) for e in alike)) if moves else 0.0
+    # one error moves the mean by the mean of what it moves each specimen by, as far as that is known; several errors
+    # are independent
+    each = [[m[e] for m in moves if e in m] for e in alike]
+    shared = math.hypot(*(float(np.mean(known)) for known in each if known))
     marked = _mark(name, likelihoods, rows)
     every = list(likelihoods.values())
     effects = random_effects(every, CREDIBLE_LEVEL, shared=shared) if any(s.closed for s in every) else None
@@ -269,29 +271,37 @@ def _population(
     return {**block, "words": population_words(block)}
 
 
-def errors_alike(plans: Sequence[Plan]) -> tuple[str, ...]:
-    """Stated errors that are the same in all specimens: the calibration, and the inputs of the study whose stated size
-    and uncertainty are the same for all.
+SharedInput = tuple[str, str]
+"""Name of an uncertain input and the experiments that state it, as results have them."""
+CALIBRATION: SharedInput = ("calibration", "")
+
+
+def errors_alike(plans: Sequence[Plan]) -> tuple[SharedInput, ...]:
+    """Stated errors that are the same in all specimens: the calibration, and inputs whose stated sizes and uncertainty
+    are the same for all.
 
     A size that each specimen has for itself, such as its own thickness, was measured for each.
     """
-    stated: dict[str, set[tuple[float | None, float]]] = {}
-    count: dict[str, int] = {}
+    stated: dict[SharedInput, list[tuple[object, ...]]] = {}
     for p in plans:
         fitted = [e.name for e in p.study.experiments if e.name in p.case_of]
         for i in p.resolved.inputs:
-            if i.experiments:
-                continue
-            sizes = {stated_size(p.backend, p.study.settings_of(e), p.resolved.fixed, i) for e in fitted}
-            stated.setdefault(i.parameter.name, set()).update((size, i.uncertainty) for size in sizes)
-            count[i.parameter.name] = count.get(i.parameter.name, 0) + 1
-    return ("calibration", *(n for n, each in stated.items() if len(each) == 1 and count[n] == len(plans)))
+            own = [e for e in fitted if not i.experiments or e in i.experiments]
+            sizes = [stated_size(p.backend, p.study.settings_of(e), p.resolved.fixed, i) for e in own]
+            stated.setdefault((i.parameter.name, ", ".join(i.experiments)), []).append((i.uncertainty, *sizes))
+    return (CALIBRATION, *(k for k, each in stated.items() if len(each) == len(plans) and len(set(each)) == 1))
 
 
-def _moves_alike(known: Found, name: str, alike: Sequence[str], log: bool) -> tuple[dict[str, float], float]:
-    """What each of these errors moves a parameter of one specimen by, and their share of its variance."""
-    blocks = {r["input"]: r for r in known.get("inputs") or () if not r["experiment"]}
-    blocks |= {"calibration": known["calibration"]} if known.get("calibration") else {}
+def _moves_alike(
+    known: Found, name: str, alike: Sequence[SharedInput], log: bool
+) -> tuple[dict[SharedInput, float], float]:
+    """What each of these errors moves a parameter of one specimen by, and their share of its variance.
+
+    Results of a program that did not keep it are without the calibration: nothing is known of it then.
+    """
+    blocks = {(r["input"], r["experiment"]): r for r in known.get("inputs") or ()}
+    if "calibration" in known:
+        blocks[CALIBRATION] = known["calibration"] or {"moves": {name: 0.0}, "share": {name: 0.0}}
     moves, share = {}, 0.0
     for e in alike:
         relative = blocks[e]["moves"].get(name) if e in blocks else None
@@ -396,7 +406,7 @@ def population_words(p: Found) -> str:
     said = f"The {what} {letter} of {of} is {number(p['mean'])}{behind} ({number(low)} to {number(high)}). "
     if p["shared"]:
         size = f"{100 * math.expm1(p['shared']):.2g} %" if p["scale"] == "log" else f"{number(p['shared'])}{behind}"
-        said += f"Of that, stated errors that all specimens share make ±{size}. "
+        said += f"Of that, stated errors that all specimens share make ±{size}, one standard deviation. "
     said += _scatter_words(p, number, behind)
     if p["prediction"][0] is not None:
         a, b = p["prediction"]
@@ -427,7 +437,7 @@ def _scatter_words(p: Found, number: Any, behind: str) -> str:
     def size(x: float) -> str:
         return f"{100 * math.expm1(min(x, 50.0)):.2g} %" if p["scale"] == "log" else f"{number(x)}{behind}"
 
-    if not p["tau"]:
+    if not p["tau"] or low is None:  # none is as likely, or specimens agree better than their errors allow
         most = "" if high is None else f"; the data allow a scatter of up to {size(high)}"
         return f"Their differences are no larger than their errors{most}."
     sure = "" if p["q_p_value"] is None or p["q_p_value"] < 0.05 else "; errors alone might explain it"

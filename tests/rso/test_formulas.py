@@ -115,3 +115,20 @@ def test_the_report_says_how_far_a_formula_leads_where_none_is_enough():
 
 def test_without_formulas_there_is_no_section():
     assert closed_form_sections({}) == closed_form_sections({"formulas": []}) == ()
+
+
+@pytest.mark.parametrize(
+    ("more", "values", "why"),
+    [
+        ({"support": {"kind": "plate", "friction": 0.6}}, {}, "rubs"),
+        ({"support": {"kind": "plate"}}, {"substrate_compliance": 1.0}, "yields"),
+        ({}, {"permeability": 0.1, "pore_D1": 0.1}, "pores"),
+        ({}, {"adhesion": 1e-5, "adhesion_range": 0.01}, "attract"),
+        ({"support": {"kind": "plate"}}, {}, ""),
+    ],
+)
+def test_what_no_formula_knows_is_said(more, values, why):
+    settings = {"specimen": {"shape": "slab", "thickness": 5.0}, "indenter": {"shape": "sphere", "radius": 3.0}, **more}
+    found = BACKEND.formulas({**VALUES, **values}, Case("c", Programme.ramp((0.01,), 0.5), settings))
+    (hayes,) = (f for f in found if f.name.startswith("Hayes"))
+    assert why in hayes.invalid[0] and bool(hayes.invalid[0]) is bool(why)

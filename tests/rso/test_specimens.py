@@ -10,7 +10,7 @@ from rso.cli import main
 from rso.evaluation.store import RunStore
 from rso.inference.random_effects import likelihood_of_profile
 from rso.population.plans import specimen_plans
-from rso.population.summary import _without, folder_of, population_words
+from rso.population.summary import CALIBRATION, _moves_alike, _without, folder_of, population_words
 from rso.report import render_specimens
 from rso.report.language.catalogue import sentences_of
 from rso.result_types import RESULT_FILES
@@ -213,6 +213,27 @@ def test_the_answer_names_specimens_that_may_not_belong_and_says_the_mean_withou
     missing = []
     render_specimens(found.data, springs, pdf=False, language="de", untranslated=missing)
     assert not [w for w in missing if "s5" in w or "ithout" in w]
+
+
+def test_results_that_do_not_keep_the_calibration_say_nothing_of_it():
+    """Those of an older program: they neither count as unmoved nor as known."""
+    kept = {"values": {"k": 3.0}, "inputs": [], "calibration": {"moves": {"k": -0.03}, "share": {"k": 0.4}}}
+    old = {k: v for k, v in kept.items() if k != "calibration"}
+    none = {**kept, "calibration": None}
+    moves, share = _moves_alike(kept, "k", (CALIBRATION,), True)
+    assert moves[CALIBRATION] == pytest.approx(np.log(0.97)) and share == 0.4
+    assert _moves_alike(old, "k", (CALIBRATION,), True) == ({}, 0.0)
+    assert _moves_alike(none, "k", (CALIBRATION,), True) == ({CALIBRATION: 0.0}, 0.0)
+
+
+def test_specimens_that_agree_too_well_have_no_scatter_in_words():
+    block = {
+        "parameter": "k", "unit": "N", "scale": "log", "mean": 5.0, "interval": (4.0, 6.0), "tau": 1e-4,
+        "tau_interval": (None, None), "q_p_value": 0.999, "prediction": (3.0, 7.0), "both_sides": 6,
+        "shared": 0.03, "outliers": [], "refuted": [], "without_doubtful": (None, None, None),
+    }  # fmt: skip
+    words = population_words(block)
+    assert "no larger than their errors." in words and "±3 %, one standard deviation" in words
 
 
 def test_the_german_summary_has_a_template_for_every_sentence(springs):

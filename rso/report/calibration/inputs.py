@@ -12,7 +12,7 @@ from rso.report.layout.document import Block, column, table, words
 from rso.report.reading import Results, number, parameters
 
 MENTIONED_MOVE_RATIO = 0.5  # of the largest one: a dimension that moves that much is named
-MIN_MENTIONED_MOVE = 0.005  # of a quantity: less is not worth a line of the first page
+MIN_MENTIONED_MOVE = 0.02  # of a quantity: less is not worth a line of the first page, and hardly known
 
 
 def input_blocks(results: Results) -> tuple[Block, ...]:
@@ -37,9 +37,11 @@ def assumed(results: Results) -> list[str]:
         # sizes of the specimen come first, and are known less well than those of the indenter
         row, move = next((r, m) for r, m in some if abs(m) >= MENTIONED_MOVE_RATIO * largest)
         by = f"{percent(abs(move))} {'larger' if move > 0.0 else 'smaller'}"
-        wrong = f"{clean(row['description'])}{_of_experiment(row)}"
-        wrong = f"with a +{percent(row['larger'], 1)} {wrong}" if is_size else wrong
-        said.append(f"{what}; {wrong}, {letter} would be about {by}")
+        if is_size:
+            otherwise = f"were {_size_of(row)} {percent(row['larger'], 1)} larger than stated"
+        else:
+            otherwise = f"were the specimen {clean(row['description'])}{_of_experiment(row)}"
+        said.append(f"{what}; {otherwise}, {letter} would be about {by}")
     return said
 
 
@@ -48,20 +50,31 @@ def _assumptions(results: Results, rows: list[Mapping[str, Any]]) -> tuple[Block
     known = _known(results)
     if not rows or not known:
         return ()
-    columns = [column("otherwise", words([_otherwise(r) for r in rows]), number=False)]
+    columns = [column("if it were", words([_otherwise(r) for r in rows]), number=False)]
     for name, letter in known:
         columns.append(column(f"moves {letter} by", words([_signed(r["moves"].get(name)) for r in rows])))
     note = (
         "What is known would be about so much larger or smaller, by a closed form of the literature. The intervals do "
         "not include it."
     )
+    exact = (results.get("identification") or {}).get("exact_inputs") or ()
+    if unsaid := [clean(n) for n in exact if n.split(" of ")[0] not in {r["name"] for r in rows}]:
+        note += (
+            f" Of others nothing is said, as they move it by less or no closed form knows them: {', '.join(unsaid)}."
+        )
     return (table("What is taken for granted", columns, note),)
 
 
 def _otherwise(row: Mapping[str, Any]) -> str:
     size = number(row["larger"])
-    more = "" if size is None else f", +{percent(size, 1)}"
-    return f"{clean(row['description'])}{_of_experiment(row)} ({clean(row['name'])}){more}"
+    if size is None:
+        return f"{clean(row['description'])}{_of_experiment(row)} ({clean(row['name'])})"
+    return f"{_size_of(row)} ({clean(row['name'])}): {percent(size, 1)} larger"
+
+
+def _size_of(row: Mapping[str, Any]) -> str:
+    """What a size is called by the name of its error."""
+    return f"{clean(row['description']).removeprefix('error of ')}{_of_experiment(row)}"
 
 
 def _known(results: Results) -> list[tuple[str, str]]:
