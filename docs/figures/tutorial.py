@@ -20,7 +20,7 @@ def main(folder: Path) -> None:
     """The commands of the tutorial, in order."""
     (folder / "curve.csv").write_bytes((ROOT / "studies/gel_slab/measured/thin.csv").read_bytes())
     print(rso(folder, "new", "curve.csv", "--slab", "6", "--ball", "3"))
-    rso(folder, "run", "study.toml")
+    print(rso(folder, "run", "study.toml"))
     print(rso(folder, "status", "study.toml"))
     for name, file in FIGURES.items():
         rso(folder, "plot", "study.toml", name, "--to", str(Path(__file__).with_name(file)))

@@ -14,6 +14,7 @@ from rso.api.run_result import RunResult
 from rso.cli import doctor, main, output
 from rso.cli.answer import condensed, estimate_text, interval_in_unit, number_text, verdict_lines
 from rso.cli.compare import study_differences
+from rso.evaluation.store import RunStore
 from rso.report.calibration.use import use_section
 from rso.report.picture_files import every
 
@@ -314,8 +315,8 @@ def test_the_report_says_how_to_use_it():
 
 def test_damaged_results_are_called_so(tmp_path, capsys):
     """Not taken for a study that has not been run."""
-    (tmp_path / "results").mkdir()
-    (tmp_path / "study.toml").write_text('title = "s"\n')
+    with RunStore(tmp_path / "results"):
+        (tmp_path / "study.toml").write_text('title = "s"\n')
     (tmp_path / "results/results.json").write_text("{")
     assert main(["compare", str(tmp_path), str(tmp_path)]) == 2
     assert "results.json: is damaged" in capsys.readouterr().err
