@@ -397,7 +397,9 @@ def answered(values, monkeypatch):
         return BACKEND(values, case), states.call_args.args
 
 
-@pytest.mark.parametrize("ratio, thickness", SKINS)
+@pytest.mark.parametrize(
+    "ratio, thickness", [pytest.param(0.1, 0.3, marks=pytest.mark.verification), *(s for s in SKINS if s[0] > 1.0)]
+)
 def test_what_is_missed_of_a_skin_is_stated(ratio, thickness, monkeypatch):
     """The level coarse beside the level fine; negative control: stated as of a plain body each is off by more."""
     values = {"mu": 0.01, "D1": 2.0 / 0.6, "skin_ratio": ratio, "skin_thickness": thickness}

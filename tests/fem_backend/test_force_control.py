@@ -55,7 +55,7 @@ def test_what_is_found_does_not_hang_on_which_forces_are_asked_for():
     [
         {"prony_g": 0.4, "prony_tau": 5.0},
         pytest.param({"friction": 0.3}, marks=pytest.mark.verification),
-        {"mullins": 0.5},
+        pytest.param({"mullins": 0.5}, marks=pytest.mark.verification),
     ],
     ids=["relaxes", "rubs", "softens"],
 )

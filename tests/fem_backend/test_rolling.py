@@ -20,7 +20,11 @@ SETTINGS = {
 }
 
 
-@pytest.fixture(scope="module", params=[[10.0, 0.0], [8.0, 4.0]], ids=["half", "whole"])
+@pytest.fixture(
+    scope="module",
+    params=[[10.0, 0.0], pytest.param([8.0, 4.0], marks=pytest.mark.verification)],
+    ids=["half", "whole"],
+)
 def lying(request):
     """A body in a bowl on springs of 0.1 μR, the ball 0.3 mm deep: bench, load, equilibrium by Newton in double."""
     settings = experiment.read_settings({**SETTINGS, "point": request.param})

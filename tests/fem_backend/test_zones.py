@@ -131,7 +131,7 @@ def test_surface_faces_cover_the_upper_and_lower_surface_once(body):
 @pytest.mark.parametrize(
     "zone,at",
     [
-        (lambda b, t: zones.skin(b, BODY, t), 0.5),
+        pytest.param(lambda b, t: zones.skin(b, BODY, t), 0.5, marks=pytest.mark.verification),
         (lambda b, r: zones.inclusion(b, BELOW, r), 5.0),
         (lambda b, z: zones.inclusion(b, [0.0, 0.0, z], 5.0), 25.0),
     ],

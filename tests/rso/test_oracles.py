@@ -29,7 +29,7 @@ def misfit_of(case):
     return Misfit(soft_ball.model(), (soft_ball.data(0.01, D1, noise, np.random.default_rng(4), gain=0.003),))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["determined", pytest.param("open", marks=pytest.mark.verification)])
 def test_the_evidence_is_that_of_nested_sampling(case):
     """ln of the integral over the cube; dynesty states its own error, three of which (0.6 at most) are allowed.
 
