@@ -86,6 +86,7 @@ def test_a_loop_says_how_much_relaxes_and_how_fast(folder):
     assert not [w for w in results["warnings"] if "separable" in w]
 
 
+@pytest.mark.verification
 def test_loading_alone_does_not(folder):
     """Negative control."""
     head, _, rest = BOTH.partition('[[experiments]]\nname = "back"')
