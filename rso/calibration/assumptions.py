@@ -16,7 +16,7 @@ import numpy as np
 
 from rso.calibration.plan import Plan
 from rso.calibration.stated_settings import unstated_dimensions
-from rso.contract import Formulas, Variants, capability
+from rso.contract import Formulas, Programme, Variants, capability
 from rso.inference import CurvePlace, Determination, Fit, Model
 from rso.inference.least_squares import fit_at, levenberg_marquardt
 from rso.study.cases import case_for
@@ -152,8 +152,10 @@ def _forms(
     if form is None or u[-1] <= 0.0:
         return {}
     try:
-        case = case_for(plan.study, p.experiment, tuple(map(float, u)))
-        found = form.formulas(values, replace(case, settings={**case.settings, **replaced}))
+        asked = tuple(map(float, u))
+        case = case_for(plan.study, p.experiment, asked)  # of an unloading the forms are those of the way there
+        settings = {**case.settings, **replaced}
+        found = form.formulas(values, replace(case, programme=Programme.ramp(asked), settings=settings))
     except MISREAD_SETTING_ERRORS:  # there is none of what the study describes
         return {}
     forces = {f.name: np.asarray(f.force, float) for f in found if not f.invalid[0]}

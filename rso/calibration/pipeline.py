@@ -114,7 +114,7 @@ def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str,
         parts = identification_stage.of_identification(plan, known, settled)
         found["runs"] += results.run_rows(plan, settled.runs)
     except (ValueError, np.linalg.LinAlgError) as error:
-        parts = identification_stage.not_identified(plan, str(error))
+        known, parts = None, identification_stage.not_identified(plan, str(error))
         found["warnings"].append(f"identification: {error}")
     found["warnings"] += [
         *descent_results.descent_warnings(plan, there, known),

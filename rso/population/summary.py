@@ -27,6 +27,7 @@ from rso.inference.random_effects import (
     outliers,
     random_effects,
 )
+from rso.inference.rules import RULES
 from rso.study.input_sizes import stated_size
 
 SPECIMENS_SCHEMA = 1  # of specimens.json; raised when keys change their meaning
@@ -36,7 +37,7 @@ EXIT_STOPPED = 3  # as that of failed runs: some specimens have no answer
 SMALL_Q_CHANCE = 0.05  # probability of a Q as small: errors of the specimens are not their own
 MIN_SPECIMENS_FOR_SCATTER = 5  # of fewer the scatter is hardly known
 INTERVAL_END_NAMES = ("low", "high")
-REFUTED_CHANCE = 0.01  # p-value of a fit below which the model misses the data
+
 MAX_NAMED_IN_SENTENCE = 4  # specimens that a sentence names
 SHARED_ERRORS_NOTE = (
     "Errors that all specimens share are in no interval of the mean, as that of one load cell or one indenter. More "
@@ -324,7 +325,7 @@ def _without(
 
 def _is_refuted(row: Found) -> bool:
     """Whether the model misses the data of a specimen by more than their errors."""
-    return row["p_value"] is not None and row["p_value"] < REFUTED_CHANCE
+    return row["p_value"] is not None and row["p_value"] < RULES.refuted_fit_chance
 
 
 def _identified(found: Found | None) -> Sequence[Found]:

@@ -5,8 +5,12 @@ import pytest
 import sample_studies as studies
 
 from fem_backend.backend import BACKEND
+from rso.calibration.assumptions import _forms
+from rso.calibration.plan import make_plan
 from rso.contract import Case, Programme
+from rso.inference import CurvePlace
 from rso.report.calibration.inputs import assumed
+from rso.study.loader import load_study
 
 DEPTH = np.linspace(0.1, 0.8, 8)
 SLAB = {"shape": "slab", "thickness": 2.3}
@@ -80,6 +84,24 @@ def test_a_body_that_no_closed_form_describes_has_none(tmp_path):
     found = identified(tmp_path / "puck", PUCK)
     assert found["identification"]["exact_inputs"]
     assert not found["identification"]["assumptions"] and assumed(found) == []
+
+
+def test_the_forms_of_an_unloading_are_those_of_the_loading(tmp_path):
+    """Its programme asks for moments of the way back: travels are as many as the forces, whichever branch it is."""
+    rows = [(t, u, u**1.5) for t, u in enumerate([*np.linspace(0.0, 0.8, 9), *np.linspace(0.7, 0.1, 7)])]
+    (tmp_path / "top.csv").write_text("time_s,depth_mm,Fz_N\n" + "".join(f"{t},{u:.3f},{F:.5f}\n" for t, u, F in rows))
+    body = studies.SECTIONS["[experiments]"].replace("0.02 mN", NOISE)
+    both = body + "\n[[experiments]]\n" + body.replace('"top"', '"back"', 1) + '\nbranch = "unloading"'
+    backend = {"backend": 'use = "fem_backend.backend:BACKEND"', "search": 'method = "gauss_newton"'}
+    settings = {"backend.settings": 'specimen = { shape = "slab", thickness = 2.3 }'}
+    gone = dict.fromkeys(("doe", "surrogate", "sensitivity"))
+    plan = make_plan(load_study(studies.write(tmp_path, **backend, **settings, **gone, experiments=both)))
+    u = np.array([0.001, 0.2, 0.4, 0.8])
+    forms = [_forms(plan, CurvePlace(e, "Fz", u), {"mu": 0.01, "D1": 5.0}, {}, u) for e in ("top", "back")]
+    assert forms[0] and forms[0].keys() == forms[1].keys()
+    for name, F in forms[0].items():
+        np.testing.assert_array_equal(F, forms[1][name])
+        assert F.shape == u.shape
 
 
 def results(*rows):
