@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rso.cli import output
-from rso.core import disk
 from rso.study.errors import choices_text
 
 OPENED_PAGES = ("report", "specimens", "diagnosis", "ladder", "next")
@@ -45,14 +44,17 @@ def plot(options: argparse.Namespace, folder: Path) -> int:
 
     What is modelled is drawn of a study that has not run, too.
     """
+    from rso.calibration.result_files import finished_results
+    from rso.calibration.results import RUN_SCHEMA
     from rso.report.picture_files import captions, written
 
     try:
-        found = disk.read_json(folder / "results.json")
-    except FileNotFoundError:
+        found: dict[str, Any] | None = finished_results(folder / "results.json", RUN_SCHEMA)
+    except OSError:
         found = _before_a_run(options.study) if options.figure == "sketch" else None
-    except (OSError, ValueError):
-        found = None
+    except ValueError as error:  # damaged, or of another version
+        output.complain(error)
+        return 2
     if found is None:
         again = shlex.quote(str(options.study))
         output.complain(f"{folder}: has no results; run the study first: rso run {again}")

@@ -175,13 +175,13 @@ class SimulationFailed(Exception):
     def __init__(
         self,
         cause: str,
-        reason: str,
+        reason: str = "",
         partial: Response | None = None,
         history: tuple[Mapping[str, Any], ...] = (),
     ) -> None:
         if cause not in CAUSES:
             raise ValueError(f"unknown cause {cause!r}; choose one of {', '.join(CAUSES)}")
-        super().__init__(f"{cause}: {reason}")
+        super().__init__(f"{cause}: {reason}" if reason else cause)
         self.cause, self.reason, self.partial, self.history = cause, reason, partial, history
 
     def __reduce__(self) -> tuple[Any, ...]:

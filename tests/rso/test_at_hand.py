@@ -192,6 +192,10 @@ def test_a_figure_is_written_as_a_file(results, capsys):
     assert ".png" in capsys.readouterr().err
     assert main(["plot", str(results), "curve"]) == 2
     assert "did you mean 'curve-0'" in capsys.readouterr().err
+    path = results / "results/results.json"
+    path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | {"schema": 99}), "utf-8")
+    assert main(["plot", str(results), "curve-0", "--to", str(file)]) == 2
+    assert "has schema 99" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suffix, head", [(".pdf", b"%PDF"), (".png", b"\x89PNG")])

@@ -371,3 +371,8 @@ def test_the_example_of_the_documentation_runs(tmp_path):
     done = subprocess.run([sys.executable, script, tmp_path], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "the same from runs made elsewhere: True" in done.stdout and (tmp_path / "own_model.svg").exists()
+
+
+def test_a_failure_without_a_known_cause_names_the_causes():
+    with pytest.raises(ValueError, match=r"unknown cause 'no root found'; choose one of inversion, contact"):
+        rso.SimulationFailed("no root found")
