@@ -20,7 +20,7 @@ from skfem import ElementTetP2, MeshTet, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend.meshing.closed_surface import closed, enclosed_volume
+from fem_backend.meshing.closed_surface import closed, edges_of, enclosed_volume
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
 from fem_backend.meshing.placing import MIN_SCALED_JACOBIAN, REGULAR_TETRAHEDRON, scaled_jacobian
 from fem_backend.meshing.recipes import in_child
@@ -36,7 +36,6 @@ MAX_EDGE_PER_HUMP_RADIUS, MAX_EDGE_PER_HOLLOW_RADIUS = 0.8, 0.5
 MIN_EDGE_PER_SCAN_EDGE = 2.0  # of the scan's own edges: curvature of its scatter asks for nothing shorter
 # of the volume: what large curved elements may miss, beyond it the surface does not bound the body
 SCAN_VOLUME_TOLERANCE = 0.03
-SURFACE_DOUBTS = "does the surface meet itself, or is it thinner somewhere than its facets are long?"
 MIN_RIM_SCALED_JACOBIAN = 0.15  # scaled Jacobian that elements at the rim of the held region keep
 ON_RIM_TOLERANCE = 1e-9  # of the size: what lies this near to the edge of the held region lies on it
 
@@ -67,6 +66,19 @@ class Scan:
         x, f = refined_surface(self.smooth, lambda p: np.zeros(len(p)), passes=1)
         flat, finer = enclosed_volume(self.smooth.project(self.vertices), self.facets), enclosed_volume(x, f)
         return finer + (finer - flat) / 3.0
+
+    @functools.cached_property
+    def crossings(self) -> np.ndarray:
+        """Points (k, 3) mm where an edge of the scan passes through one of its facets."""
+        edges = np.unique(np.sort(edges_of(self.facets), 1), axis=0)
+        return self.smooth.tree.crossings(edges, self.facets, self.vertices)
+
+    def doubts(self) -> str:
+        """Why a mesh of it may have failed: where it crosses itself, or what to look for."""
+        if not len(self.crossings):
+            return "is the surface thinner somewhere than its facets are long?"
+        at = ", ".join(f"{v:.4g}" for v in self.crossings[0])
+        return f"the surface crosses itself at {len(self.crossings)} of its edges, the first at ({at}) mm"
 
     @functools.cached_property
     def spacing(self) -> np.ndarray:
@@ -104,7 +116,10 @@ def _scan(file: str, scale: float, changed: int, size: int) -> Scan:
     if not float(np.ptp(vertices, axis=0).min()) > 0.0:
         raise ValueError("is flat: it encloses no volume")
     sha = hashlib.sha256(vertices.tobytes() + whole.facets.astype(np.int64).tobytes()).hexdigest()
-    return Scan(sha, vertices, whole.facets, SmoothSurface.through(vertices, whole.facets), whole.repairs)
+    body = Scan(sha, vertices, whole.facets, SmoothSurface.through(vertices, whole.facets), whole.repairs)
+    if len(body.crossings):
+        print(f"  {file}: {body.doubts()}; meshes may fail there", file=sys.stderr, flush=True)
+    return body
 
 
 # ----------------------------------------------------------------------------------------------- the held region
@@ -268,7 +283,7 @@ def finished_mesh(body: Scan, held: Mapping[str, Any], points: np.ndarray, tets:
     made = Mesh(np.ascontiguousarray(points), np.ascontiguousarray(tets))
     v = volumes(made)
     if v.min() <= 0.0:
-        raise BadMesh(f"an element of {v.min():.3g} mm³: {SURFACE_DOUBTS}")
+        raise BadMesh(f"an element of {v.min():.3g} mm³: {body.doubts()}")
     return made
 
 
@@ -278,7 +293,7 @@ def scan_quality(body: Scan, made: MeshTet2) -> float:
     X = made.doflocs.T[made.dofs.element_dofs.T]
     inside = float((np.linalg.det(np.einsum("mai,ajq->mqij", X, at)) @ get_quadrature(RefTet, 3)[1]).sum())
     if abs(inside / body.volume - 1.0) > SCAN_VOLUME_TOLERANCE:
-        raise BadMesh(f"a volume of {inside:.4g} mm³ in a surface of {body.volume:.4g} mm³: {SURFACE_DOUBTS}")
+        raise BadMesh(f"a volume of {inside:.4g} mm³ in a surface of {body.volume:.4g} mm³: {body.doubts()}")
     return float(scaled_jacobian(made).min())
 
 

@@ -161,6 +161,24 @@ def test_turned_facets_are_repaired_and_it_is_said():
         assert np.all(np.einsum("ni,ni->n", normals, body.vertices) > 0.99)
 
 
+def test_a_surface_that_crosses_itself_is_said_at_reading(tmp_path, capsys):
+    """The top of a ball drawn through its bottom: crossings lie where the cone of its facets leaves it."""
+    x, f = files.sphere(8)
+    ball, spiked = tmp_path / "ball.stl", tmp_path / "spiked.stl"
+    files.write_stl(ball, x, f)
+    assert not len(scans.scan(str(ball), 1.0).crossings) and not capsys.readouterr().err
+    top = int(np.argmax(x[:, 2]))
+    x[top] = [0.013, 0.007, -1.5]
+    files.write_stl(spiked, x, f)
+    body = scans.scan(str(spiked), 2.0)
+    assert "crosses itself at" in capsys.readouterr().err
+    at = body.crossings / 2.0
+    around = np.unique(f[(f == top).any(1)])
+    assert len(at) >= len(around) - 1  # every edge of the top passes through the bottom
+    assert np.all(at[:, 2] < -0.9) and np.all(np.linalg.norm(at, axis=1) > 0.95)
+    assert body.doubts().startswith("the surface crosses itself at")
+
+
 def test_vertices_that_round_off_parts_are_joined(tmp_path):
     """Every facet with corners of its own, rounded differently; vertices a hundredth apart stay apart."""
     x, f = files.sphere(4)
@@ -561,7 +579,7 @@ def test_a_mesh_of_another_body_is_refused(kidney):
     whole = scans.quadratic_on_scan(body.smooth, {"below": 0.0}, mesh)
     assert scans.scan_quality(body, whole) > meshing.placing.MIN_SCALED_JACOBIAN
     part = scans.quadratic_on_scan(body.smooth, {"below": 0.0}, Mesh(mesh.vertices, mesh.tets[mesh.tets.max(1) > 100]))
-    with pytest.raises(meshing.BadMesh, match=r"a volume of .* does the surface meet itself"):
+    with pytest.raises(meshing.BadMesh, match=r"a volume of .* thinner somewhere than its facets"):
         scans.scan_quality(body, part)
 
 
