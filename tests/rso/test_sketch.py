@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.path import Path as Outline
 from scipy.spatial import ConvexHull
 
@@ -11,6 +12,7 @@ from fem_backend.backend import BACKEND
 from fem_backend.members import length_words
 from rso.cli.text_sketch import text_sketch
 from rso.contract import plain
+from rso.report import sketch as sketches
 from rso.report.calibration.figures import draw
 from rso.report.calibration.numbers import report
 from rso.report.discrepancy import figures as diagnosis
@@ -197,3 +199,36 @@ def test_results_of_an_older_program_have_no_sketch():
 )
 def test_lengths_have_the_unit_of_their_size(mm, said):
     assert length_words(mm) == said
+
+
+LONG = {
+    "flat end on a layer": {
+        "specimen": {"shape": "slab", "thickness": 2.0, "layers": [{"thickness": 0.2, "ratio": 2.0}]},
+        "indenter": {"shape": "flat", "radius": 1.5, "fillet": 0.15},
+        "support": {"kind": "bonded"},
+    },
+    "skins": {**SLAB, "specimen": {"shape": "slab", "thickness": 12.0, "layers": [*LAYERED, *LAYERED]}},
+}
+
+
+@pytest.mark.parametrize("wide", [4.4, 6.3])
+def test_no_label_leaves_the_picture_or_covers_another(wide, monkeypatch):
+    """By matplotlib's own boxes of the drawn texts, for one section and for three beside or below each other."""
+    monkeypatch.setattr(sketches, "svg", lambda figure, name: figure)
+    every = [sketched(name) for name in CASES] + [
+        plain(dataclasses.asdict(BACKEND.sketch(settings, 0.3))) for settings in LONG.values()
+    ]
+    three = [{**one, "experiments": [f"experiment {k}"]} for k, one in enumerate(every[-3:])]
+    for shown in [[one] for one in every] + [three]:
+        figure = sketches.sketch_figure({"sketches": shown}, wide)
+        FigureCanvasAgg(figure).draw()
+        texts = [t for axes in figure.axes for t in axes.texts if t.get_text()] + figure.texts
+        boxes = [t.get_window_extent() for t in texts]
+        for text, box in zip(texts, boxes, strict=True):
+            assert box.x0 >= -1 and box.x1 <= figure.bbox.x1 + 1, text.get_text()
+            assert box.y0 >= -1 and box.y1 <= figure.bbox.y1 + 1, text.get_text()
+        across = sum(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+        assert across == 0, shown[0]["words"]
+        for axes in figure.axes:  # a section is drawn as large as its labels allow
+            body = axes.patches[0].get_window_extent()
+            assert body.width > 0.3 * axes.bbox.width or body.height > 0.6 * axes.bbox.height
