@@ -411,7 +411,8 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     print()
     output.say(found["study"]["title"])
     unanswered = (f"no answer: {n}: {w}" for n, w in found["problems"].items())
-    output.wrapped_sentences([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
+    names = [p["name"] for p in found["parameters"]]
+    output.wrapped_sentences([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered], names)
     print("\n" + "\n".join(markdown(found)) + "\n")
     for file in files:
         output.say(f"  {file}")

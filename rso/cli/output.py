@@ -6,11 +6,11 @@ import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 from rso.core.printable import as_one_entry, raw_stream
-from rso.core.symbols import in_units
+from rso.core.symbols import in_letters
 
 Mark = Literal["good", "open", "bad"]
 MARK_SIGNS: dict[Mark, tuple[str, str, str]] = {  # sign, the same in ASCII, colour
@@ -42,13 +42,12 @@ def lines(texts: Sequence[str]) -> None:
     print("\n".join(wrapped(text, sys.stdout) for text in texts))
 
 
-def wrapped_sentences(texts: Sequence[str]) -> None:
-    """Sentences below a title, each wrapped at words."""
-    width = min(_columns(), MAX_LINE_WIDTH)
+def wrapped_sentences(texts: Sequence[str], names: Iterable[str] = ()) -> None:
+    """Sentences below a title, each wrapped at words, with the letters of the parameters of these names."""
+    width, names = min(_columns(), MAX_LINE_WIDTH), tuple(names)
     for text in texts:
-        print(
-            textwrap.fill(in_units(text), width, initial_indent="  ", subsequent_indent="    ", break_long_words=False)
-        )
+        said = in_letters(text, names)
+        print(textwrap.fill(said, width, initial_indent="  ", subsequent_indent="    ", break_long_words=False))
 
 
 def marked_line(mark: Mark, text: str) -> None:

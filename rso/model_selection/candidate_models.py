@@ -108,7 +108,8 @@ def _modulus(plan: Plan, opened: Sequence[str], fixed: Mapping[str, float]) -> s
 def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
     """The rungs that `[ladder]` asks for, by default all that the backend offers; StudyError for unknown names."""
     study, backend = plan.study, plan.backend
-    offered = _relaxing(plan, _offered(backend, study.backend.settings))
+    each = [study.settings_of(name) for name in plan.case_of] or [study.backend.settings]
+    offered = _relaxing(plan, _offered(backend, each))
     if not study.ladder.levels:
         return offered or _relaxing(plan, ((ModelLevel(STUDY_LEVEL, "the model of the study file"),),))
     problems: list[Problem] = []
@@ -166,9 +167,22 @@ def cases_of_levels(
     return list(zip(middles, (v.settings for rung in rungs for v in rung), strict=True))
 
 
-def _offered(backend: Backend, settings: Mapping[str, Any]) -> tuple[tuple[ModelLevel, ...], ...]:
+def _offered(backend: Backend, settings: Sequence[Mapping[str, Any]]) -> tuple[tuple[ModelLevel, ...], ...]:
+    """The rungs that a backend has for the settings of every experiment; a level has the titles of all of them."""
     models = capability(backend, ModelHierarchy)
-    return tuple(tuple(_plain(v) for v in rung) for rung in models.levels(settings)) if models else ()
+    if models is None:
+        return ()
+    each = [[[_plain(v) for v in rung] for rung in models.levels(one)] for one in settings]
+    titles = [{v.name: v.title for rung in rungs for v in rung} for rungs in each]
+    shared = [
+        tuple(
+            dataclasses.replace(v, title=" and ".join(dict.fromkeys(t[v.name] for t in titles)))
+            for v in rung
+            if all(v.name in t for t in titles)
+        )
+        for rung in each[0]
+    ]
+    return tuple(rung for rung in shared if rung)
 
 
 def _plain(data: Mapping[str, Any]) -> ModelLevel:

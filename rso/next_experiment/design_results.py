@@ -16,6 +16,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.calibration.stated_settings import exact_dimensions
 from rso.core.distributions import chi2_ppf
+from rso.core.symbols import symbol, unit_text
 from rso.core.units import spaced
 from rso.inference.error_model import shares
 from rso.inference.rules import RULES
@@ -265,7 +266,8 @@ def markdown(data: Mapping[str, Any], pairs: int = 3) -> list[str]:
     """The expected uncertainties of next.json as a table in Markdown: each experiment, the best `pairs`."""
     focus, kept = data["focus"], [r for r in data["told"] if len(r["added"]) < 2]
     kept += [r for r in data["told"] if len(r["added"]) == 2][:pairs]
-    heads = [f"{focus} = {t[focus]:.3g}" for t in data["truths"]]
+    unit = next((spaced(unit_text(p["unit"])) for p in data["parameters"] if p["name"] == focus), "")
+    heads = [f"{symbol(focus)} = {t[focus]:.3g}{unit}" for t in data["truths"]]
     rows = [f"| added | {' | '.join(heads)} |", f"|{'---|' * (1 + len(heads))}"]
     for r in kept:
         sizes = [(at["expected"] or at["fisher"])[focus] for at in r["at"]]

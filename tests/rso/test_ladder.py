@@ -19,6 +19,7 @@ from rso.evaluation.store import RunStore
 from rso.inference import Data, Misfit, Model, emulated, fit_at
 from rso.inference.rules import RULES
 from rso.model_selection import Added, Goodness, GoodnessOfFit, Judged, Left, ModelLevel, goodness_of_fit, study_ladder
+from rso.model_selection.candidate_models import levels_of
 from rso.model_selection.ladder_results import ladder_data, write_ladder
 from rso.model_selection.simulations import level_design
 from rso.model_selection.study_ladder import ladder_plan, run_ladder
@@ -651,3 +652,38 @@ def test_a_wrong_law_is_not_excused_by_memory(tmp_path):
     """The control: what is left is far more than the record scatters by."""
     found, said = remembering_record(tmp_path, "stiff", 0.0, 0, C20=1e-3)
     assert verdicts(found)["neo"] == "fails" and not any("If the noise itself" in w for w in said)
+
+
+BALL_TEXT, FLAT_TEXT = '{ shape = "sphere", radius = 3.0 }', '{ shape = "flat", radius = 2.0, fillet = 0.2 }'
+
+
+@pytest.mark.parametrize(
+    "indenters, titles",
+    [
+        (('{ shape = "sphere", radius = 3.0 }', '{ shape = "plate" }'), []),
+        (
+            ('{ shape = "sphere", radius = 3.0 }', '{ shape = "flat", radius = 2.0, fillet = 0.2 }'),
+            ["Hertz and Sneddon"],
+        ),
+        (('{ shape = "flat", radius = 2.0, fillet = 0.2 }',), ["Sneddon"]),
+    ],
+)
+def test_a_closed_form_is_offered_where_every_experiment_has_one(tmp_path, indenters, titles):
+    """Its title is that of all of them, whatever the settings say that all experiments share."""
+    lines = [
+        "[backend]",
+        'use = "fem_backend.backend:BACKEND"',
+        "[backend.settings]",
+        'specimen = { shape = "cylinder", radius = 10.0, height = 8.0 }',
+        "[parameters]",
+        'mu = { low = "6 kPa", high = "40 kPa" }',
+    ]
+    for k, indenter in enumerate(indenters):
+        lines += ["[[experiments]]", f'name = "e{k}"', 'role = "fit"', 'data = "e.csv"']
+        lines += [f"settings = {{ indenter = {indenter} }}"]
+    (tmp_path / "study.toml").write_text("\n".join(lines), "utf-8")
+    rows = (f"{u:.3f},{0.1 * u**1.5:.5f}" for u in np.linspace(0.0, 1.0, 12))
+    (tmp_path / "e.csv").write_text("\n".join(["depth_mm,Fz_N", *rows]), "utf-8")
+    found = levels_of(ladder_plan(load_study(tmp_path / "study.toml")))
+    assert [v.title for rung in found for v in rung if v.closed_form] == titles
+    assert [v.name for rung in found for v in rung if not v.closed_form][:2] == ["linear_elastic", "neo_hooke"]

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 
 from rso.core import disk
 from rso.core.digits import DASH, known, significant
+from rso.core.symbols import in_letters
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
 from rso.report.exact_sizes import exact_sizes
 from rso.report.language import PageOptions, names_of, write_page
@@ -84,7 +85,9 @@ def answer(found: Found) -> Section:
     """Section 1: in words, every experiment in a line, the picture."""
     now, *more = listed_words(found) or [""]
     said = [*more[:1], now, *more[1:]]
-    blocks: list[Block] = [Text(sentence(w), "plain" if k or not more else "lead") for k, w in enumerate(said) if w]
+    names = [clean(p.get("name")) for p in listed(found, "parameters")]
+    said = [sentence(in_letters(w, names)) for w in said if w]
+    blocks: list[Block] = [Text(w, "plain" if k or not more else "lead") for k, w in enumerate(said)]
     blocks += sketch_blocks(found)
     rows = [*rows_of(found, 0), *rows_of(found, 1)]
     titles = [r["added"][0] if r.get("added") else "only what has been done" for r in rows]
@@ -97,7 +100,7 @@ def answer(found: Found) -> Section:
     )
     blocks.append(_table(found, "Each experiment", rows, titles))
     blocks += exact_sizes(found, bool(found.get("stated_inputs")))
-    blocks[1:1] = [Text(sentence(clean(w)), "warning") for w in found.get("warnings") or ()]
+    blocks[1:1] = [Text(sentence(in_letters(clean(w), names)), "warning") for w in found.get("warnings") or ()]
     for name, why in (found.get("problems") or {}).items():
         blocks.append(Text(sentence(f"{name} has no answer: {why}"), "warning"))
     return Section("answer", "Answer", tuple(blocks))
@@ -271,8 +274,18 @@ def sizes(found: Found) -> Figure:
     plain_log(axes.xaxis)
     focus = _focus(found)
     axes.set_xlabel(f"standard deviation of ln {focus}  (0.1: ±10 %, 0.7: a factor 2)")
-    axes.text(enough, -0.35, "determined ", ha="right", va="bottom", fontsize=7.5, color=GREY)
-    axes.text(enough, -0.35, " not", ha="left", va="bottom", fontsize=7.5, color=WARM)
+    for side, text, colour in (("right", "determined", GREY), ("left", "not determined", WARM)):
+        offset = (-4 if side == "right" else 4, 0)
+        axes.annotate(
+            text,
+            (enough, -0.35),
+            xytext=offset,
+            textcoords="offset points",
+            ha=side,
+            va="bottom",
+            fontsize=7.5,
+            color=colour,
+        )
     handles = [Line2D([], [], ls="none", marker="o", ms=5, mfc=c, mec=PAPER) for c in shades]
     texts = [f"{significant(t, 3)}".rstrip("0").rstrip(".") if t < 1 else f"{t:.3g}" for t in truths]
     figure.legend(
