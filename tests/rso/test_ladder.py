@@ -671,12 +671,18 @@ BALL_TEXT, FLAT_TEXT = '{ shape = "sphere", radius = 3.0 }', '{ shape = "flat", 
 def test_a_closed_form_is_offered_where_every_experiment_has_one(tmp_path, indenters, titles):
     """Its title is that of all of them, whatever the settings say that all experiments share."""
     lines = [
+        "[study]",
+        'title = "t"',
+        "seed = 1",
+        'units = "N-mm-MPa-s"',
         "[backend]",
         'use = "fem_backend.backend:BACKEND"',
         "[backend.settings]",
         'specimen = { shape = "cylinder", radius = 10.0, height = 8.0 }',
+        'support = { kind = "bonded" }',
         "[parameters]",
         'mu = { low = "6 kPa", high = "40 kPa" }',
+        'D1 = { value = "1 1/MPa" }',
     ]
     for k, indenter in enumerate(indenters):
         lines += ["[[experiments]]", f'name = "e{k}"', 'role = "fit"', 'data = "e.csv"']
