@@ -42,6 +42,9 @@ UNIT_LADDERS = {
     "N": (("N", 1.0), ("mN", 1e3), ("µN", 1e6), ("nN", 1e9)),
     "mm": (("mm", 1.0), ("µm", 1e3), ("nm", 1e6)),
     "N/mm": (("N/mm", 1.0), ("N/m", 1e3), ("mN/m", 1e6)),
+    "N/s": (("N/s", 1.0), ("mN/s", 1e3), ("µN/s", 1e6), ("nN/s", 1e9)),
+    "mm/s": (("mm/s", 1.0), ("µm/s", 1e3), ("nm/s", 1e6)),
+    "mm/N": (("mm/N", 1.0), ("µm/N", 1e3), ("nm/N", 1e6)),
 }
 COLUMN_NAMES = (*COLUMN_UNITS, *(f"{name}_sigma" for name in COLUMN_UNITS if name != "z"), *BARE_COLUMNS)
 UNITS_OF_KIND = MappingProxyType(

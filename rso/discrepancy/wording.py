@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.core.digits import quantity_text
+from rso.core.units import people
 from rso.discrepancy.evidence.noise import MAX_STATED_NOISE_RATIO
 from rso.discrepancy.evidence.settings import DIAGNOSIS_SETTINGS
 from rso.discrepancy.library.test_plan import ASSUMED_TIMES_NOTE, NOT_USED_NOTE
@@ -216,26 +217,30 @@ def _of(region: Mapping[str, Any]) -> str:
 
 
 def _named(c: Mapping[str, Any]) -> str:
-    low, high = c["interval"]
-    unit, other = unit_suffix(c["unit"]), c.get("otherwise")
-    neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {percent_text(other['probability'])}" if other else ""
+    label, k = people(c["unit"], c["size"])
+    (low, high), other = c["interval"], c.get("otherwise")
+    neutral = ""
+    if other:
+        neutral = f", or {k * other['low']:.3g} to {k * other['high']:.3g}: {percent_text(other['probability'])}"
     if may_be_absent(c):
-        neutral += f", among them {c['neutral']:g}: it may be absent"
+        neutral += f", among them {k * c['neutral']:g}: it may be absent"
     elif c["neutral"]:
-        neutral += f", absent at {c['neutral']:g}"
+        neutral += f", absent at {k * c['neutral']:g}"
     if c["railed"]:
         neutral += (
             "; a parameter of it lies at the end of its plausible or computed range, so size and interval mean little"
         )
-    return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
+    size = f"{k * c['size']:.3g}{unit_suffix(label)}"
+    return f"{c['effect']} = {size} (90 % {k * low:.3g} to {k * high:.3g}{neutral}){shaped(c)}"
 
 
 def shaped(c: Mapping[str, Any]) -> str:
     """The knobs that shape an effect, as found: a thickness, a time, a place."""
     each = []
     for k in c.get("shape") or []:
-        (low, high), unit = k["interval"], unit_suffix(k["unit"])
-        each.append(f"{k['knob']} = {k['size']:.3g}{unit} ({low:.3g} to {high:.3g})")
+        (low, high), (label, by) = k["interval"], people(k["unit"], k["size"])
+        size = f"{by * k['size']:.3g}{unit_suffix(label)}"
+        each.append(f"{k['knob']} = {size} ({by * low:.3g} to {by * high:.3g})")
     return f" with {', '.join(each)}" if each else ""
 
 
@@ -343,9 +348,9 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         first = max(each, key=lambda v: abs(v["value"]))
         if first["value"] ** 2 < NAMED_SINGLE_CURVE_SHARE * whole or abs(first["value"]) < 3.0 * first["sd"]:
             continue
-        unit = unit_suffix(c["unit"])
+        label, k = people(c["unit"], first["value"])
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
-        size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
+        size = f"{k * first['value']:+.2g} ± {k * first['sd']:.1g}{unit_suffix(label)}"
         out += f" Nearly all of it ({called(found, c['effect'])}) is in one curve, {curve}: {size}."
     return out
 
