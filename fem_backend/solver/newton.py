@@ -279,20 +279,14 @@ def sprung(system: System, load: Load, bulk: np.ndarray) -> np.ndarray:
 
 def reduced(body: Body, v: np.ndarray) -> np.ndarray:
     """Free components (f,) of a nodal field (n, 3) in the order of the matrix."""
-    free = body.free.reshape(v.shape)
-    mask = free >= 0
-    out = np.empty(body.pattern.size)
-    out[free[mask]] = v[mask]
-    return out
+    return v.ravel()[body.places]
 
 
 def full(body: Body, v: np.ndarray) -> np.ndarray:
     """Nodal field (n, 3) from its free components (f,), zero where held."""
-    free = body.free.reshape(-1, 3)
-    mask = free >= 0
-    out = np.zeros(free.shape)
-    out[mask] = v[free[mask]]
-    return out
+    out = np.zeros(body.free.shape)
+    out[body.places] = v
+    return out.reshape(-1, 3)
 
 
 def solve(
