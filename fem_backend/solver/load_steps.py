@@ -326,8 +326,9 @@ def follow_travel(
             if worn is not None and worn(u, here):
                 raise Worn(points, u, here)
         try:
+            starts = _starts(u, points) if swift else [u]
             points.append(
-                equilibrate(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True)
+                equilibrate(system, starts, start(target), target, control, counters, 0.0, watch, known, loose=True)
             )
         except NotConverged as error:
             raise stopped_run(error, target, points, counters, u) from error
@@ -362,6 +363,12 @@ def proper(
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
     """Whether an unconstrained body that is lost after `limit` iterations may be looked for with more patience."""
     return system.loose and limit < MAX_ITERATIONS_AS_LAST_RESORT and error.cause != "time_limit"
+
+
+def _starts(u: np.ndarray, points: list[LoadPoint]) -> list[np.ndarray]:
+    """States (n, 3) from which to begin at u and after its multipliers, which move it about as at the point before."""
+    stages = [stage.equilibrium.evaluation.u for stage in points[-1].stages] if points else []
+    return [u + (moved - stages[0]) for moved in stages] or [u]
 
 
 def _end(point: LoadPoint, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -404,7 +411,11 @@ def equilibrate(
                 else mixed_newton.ASKED_RESIDUAL_TOLERANCE,
             )
         try:
-            found = find_tight(system, u, load, tolerance, counters, known)
+            if 0 < k < len(starts):
+                before, moved = stages[-1].equilibrium.evaluation, starts[k] - starts[k - 1]
+                found = _found_from(system, before, moved, load, tolerance, counters, known)
+            else:
+                found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:
             if not loose or not rigid_motions.rolls(system) or error.cause == "time_limit":
                 raise
@@ -417,6 +428,22 @@ def equilibrate(
         found = replace(found, linear=None, known=None)  # a matrix each
         stages[-1] = Stage(found, load)
         u, load = found.evaluation.u, newton.augmented(system, load, found.evaluation)
-        if k + 1 < len(starts):
-            u = u + (starts[k + 1] - starts[k])
     return LoadPoint(time, target, tuple(stages))
+
+
+def _found_from(
+    system: System, at: Evaluation, moved: np.ndarray, load: Load, tolerance: float, counters: Counters,
+    known: Known | Kept | None,
+) -> Equilibrium:  # fmt: skip
+    """As `find_tight`, from a state that is likely to have `moved` (n, 3); on a meridian also from where it was."""
+    if not mixed_newton.applies(system, load):
+        return find_tight(system, at.u + moved, load, tolerance, counters, known)
+    assert known is None or isinstance(known, tuple)
+    try:
+        return mixed_newton.solve(
+            system, at.u + moved, load, tolerance, counters, known=known, before=at, predicted=False
+        )
+    except NotConverged as error:
+        if error.cause == "time_limit":
+            raise
+    return find_tight(system, at.u, load, tolerance, counters, NO_KNOWN_FACTOR if known else None)

@@ -30,7 +30,8 @@ ASKED_RESIDUAL_TOLERANCE = 1e-8  # relative residual at an asked travel
 MAX_MIXED_CHORD_RESIDUAL_RATIO = 0.3  # of the residual may be left by a step with an old factor
 MIN_NEWTON_STEP_SHARE = 1e-3  # share of a step at which turned-over elements are given up
 NEW_CONTACT_PRESSURE = 1e-300  # pressure of points that have come to touch: they count as active
-MAX_MIXED_CHORD_START_RESIDUAL = 0.1  # relative residual below which an old factor is tried
+# relative residual below which an old factor is tried, and below which the first step is made with one that is known
+MAX_MIXED_CHORD_START_RESIDUAL, MAX_FIRST_CHORD_RESIDUAL = 0.1, 1.0
 MAX_FACTOR_AGE = 8  # steps with one factor
 # relative residual below which none gained in four iterations ends the search; errors state what is left
 STAGNANT_RESIDUAL = 1e-6
@@ -65,10 +66,12 @@ def solve(
     limit: int = 15,
     known: Known | None = None,
     before: Evaluation | None = None,
+    predicted: bool = True,
 ) -> Equilibrium:
     """As :func:`fem_backend.solver.newton.solve`, for systems that this `applies` to.
 
-    `before` is a state nearby from which the start u (n, 3) was predicted.  Raises NotConverged.
+    `before` is a state nearby.  The start u (n, 3) was `predicted` by its tangent, which carries its stresses there; or
+    else moved as another state was, and its stresses are as good as any.  Raises NotConverged.
     """
     body = _meridian(system)
     history: list[float] = []
@@ -80,7 +83,8 @@ def solve(
     carried = Carried(None, _begun(load, at, frame is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
-        carried = Carried(response.stresses_after_step(body, origin, u - before.u), _expected(before, at))
+        moved = u - before.u if predicted else np.zeros_like(u)
+        carried = Carried(response.stresses_after_step(body, origin, moved), _expected(before, at))
     fresh, age = False, 0
     attracted = any(tractions.attracts(p) for p in system.pairs)  # equilibria may be unstable: the last tangent tells
     sizes: list[float] = []
@@ -92,9 +96,8 @@ def solve(
             raise NotConverged("contact", "the residual grows", tuple(history))
         found = history[-1] <= tolerance or _flat(history)
         found = found or (fresh and newton.at_round_off(history, partial(newton.round_off, system, at)))
-        lazy = (
-            frame is not None and age < MAX_FACTOR_AGE and (not sizes or history[-1] < MAX_MIXED_CHORD_START_RESIDUAL)
-        )
+        near = MAX_MIXED_CHORD_START_RESIDUAL if sizes else MAX_FIRST_CHORD_RESIDUAL
+        lazy = frame is not None and age < MAX_FACTOR_AGE and history[-1] < near
         lazy = lazy and (len(sizes) < 2 or sizes[-1] < MAX_MIXED_CHORD_RESIDUAL_RATIO * sizes[-2])
         if found and frame is not None and (fresh or not attracted):
             linear = frame.exactly(carried.contact)
