@@ -16,8 +16,9 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, 
 MAX_ITERATIONS_ON_THE_WAY, MAX_ITERATIONS_AS_LAST_RESORT = 15, 40
 # of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
 MIN_HALVED_STEP_RATIO = 0.25
-# evaluations of a step on a meridian, most of them with old factors, after which the next may be longer
-MAX_EASY_STEP_EVALUATIONS = 9
+# evaluations of a step after which the next may be longer; on a meridian, most of them with old factors; where it is
+# sought what touches
+MAX_EASY_EVALUATIONS, MAX_EASY_STEP_EVALUATIONS, MAX_EASY_SEEKING_EVALUATIONS = 5, 9, 4
 NO_KNOWN_FACTOR: Known = (None, None)  # no factor is known, old ones may be used
 SEATED_RESIDUAL_FACTORS = (1.0, 10.0, 100.0)  # times the residual that is left when seated
 # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
@@ -270,9 +271,13 @@ def follow_travel(
     Raises Stopped with what was reached, and Worn after a step to a state that is `worn`.
     """
     limit = MAX_ITERATIONS_ON_THE_WAY
+    system = replace(system, seeking=worn is None)  # elsewhere the steps say where a mesh is made
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, step, last = np.zeros_like(u), control.first, None
     swift = mixed_newton.applies(system, start(0.0))
+    few, many = MAX_EASY_EVALUATIONS, MAX_EASY_STEP_EVALUATIONS
+    if swift and system.seeking:
+        few = many = MAX_EASY_SEEKING_EVALUATIONS
     amiss = np.zeros_like(u)  # of what is offered, at the travel before
     points: list[LoadPoint] = []
     for target in asked:
@@ -317,9 +322,9 @@ def follow_travel(
                 continue
             counters.steps += 1
             proper(system, found, here, goal, points, counters)
-            easy = len(found.history) <= 5
-            step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
-            if swift and len(found.history) <= MAX_EASY_STEP_EVALUATIONS:
+            evaluations = len(found.history)
+            step = min((goal - here) * (1.6 if evaluations <= few else 1.0), control.largest) if goal < target else step
+            if swift and evaluations <= many:
                 step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
