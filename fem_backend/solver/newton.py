@@ -53,8 +53,8 @@ class System:
     `indenter` and the pairs of the `seat`, which the support offers, are the surfaces that may touch rigid bodies;
     `scale` (m, q) multiplies all moduli; `dead` (n, 3) N is a dead load, `springs` (n,) N/mm ground every component of
     a node of a body that its support does not hold, `least_force` (N) is the force below which the residual is no
-    longer measured relative to the load.  `seeking` saves iterations on a meridian: its steps, too, then hang on how
-    many there were.
+    longer measured relative to the load.  `seeking` saves iterations on a meridian, where the lengths of the steps
+    may be others.
     """
 
     body: Body

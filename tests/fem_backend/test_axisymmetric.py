@@ -242,6 +242,18 @@ def test_multipliers_begin_from_where_those_before_led() -> None:
     assert after.force[2] == pytest.approx(alone.force[2], rel=1e-7)
 
 
+def test_seeking_what_touches_saves_factors_and_does_not_show() -> None:
+    """Forces (1e-7: residuals of 1e-8) with fewer iterations and factors than where steps say when a mesh is made."""
+    system, start = pressed()
+    plain, seeking = Counters(), Counters()
+    control, depths = Control().scaled(1.0), [0.15, 0.3, 0.45, 0.6]
+    watched = follow_travel(system, start, depths, control, plain, worn=lambda u, travel: False)
+    free = follow_travel(system, start, depths, control, seeking)
+    for a, b in zip(watched, free, strict=True):
+        assert b.force[2] == pytest.approx(a.force[2], rel=1e-7)
+    assert seeking.iterations < plain.iterations and seeking.factorisations <= plain.factorisations
+
+
 @pytest.mark.parametrize("size", [0.05, 1.0])
 def test_a_start_that_is_far_off_does_not_show(size: float) -> None:
     """The same force (1e-7: residuals of 1e-8) from a start with multipliers that is bent or turned inside out."""
