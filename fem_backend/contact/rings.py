@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +33,7 @@ def ring_patch(
     of the outer points vanishes, between the last point that is touched and the next one.  The peak is that of the mean
     of p − σ, σ the `attraction`, over an edge of the mesh and its current area.
     """
-    X, w = get_quadrature(RefLine, EDGE_QUADRATURE_ORDER)
-    dN = np.stack([ElementLineP2().lbasis(X, a)[1][0] for a in range(3)])
+    dN, w = _edge_slopes()
     now = x[surface.facets]
     points = np.einsum("qa,fai->fqi", surface.N, now)
     length = np.linalg.norm(np.einsum("fai,aq->fqi", now, dN), axis=-1)
@@ -59,3 +59,10 @@ def ring_patch(
             edge = float(np.clip(-level / slope, r[last], outer))
     within = np.cumsum(ring) - 0.5 * ring  # area up to each point
     return RingPatch(float(np.interp(edge, r, within)), float(edge), peak)
+
+
+@functools.cache
+def _edge_slopes() -> tuple[np.ndarray, np.ndarray]:
+    """∂N/∂t (3, q) and weights (q,) of an edge."""
+    X, w = get_quadrature(RefLine, EDGE_QUADRATURE_ORDER)
+    return np.stack([ElementLineP2().lbasis(X, a)[1][0] for a in range(3)]), w

@@ -466,7 +466,8 @@ def _quadratic(r: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def _full(value: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
-    return np.ascontiguousarray(np.broadcast_to(np.asarray(value, float), shape))
+    value = np.asarray(value, float)
+    return np.ascontiguousarray(value if value.shape == shape else np.broadcast_to(value, shape))
 
 
 def _epsilon(pair: Pair, touch: Touch) -> np.ndarray:

@@ -23,7 +23,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
 from fem_backend.compiled import compiled
-from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
+from fem_backend.kinematics.numbering import Pattern, free_places, numbering, pattern_of
 
 MERIDIAN_QUADRATURE_ORDER = 4  # six points: exact for the quadratic strains of the bubble
 EDGE_QUADRATURE_ORDER = 11  # six Gauss points an edge, where contact says which of them are open to a liquid
@@ -48,6 +48,11 @@ class MeridianBody:
     free: np.ndarray
     pattern: Pattern
     place: np.ndarray
+
+    @functools.cached_property
+    def places(self) -> np.ndarray:
+        """Places (f,) of the free dofs in the components (3n,) of a nodal field."""
+        return free_places(self.free)
 
 
 @dataclass(frozen=True)
@@ -282,62 +287,49 @@ def stiffness(
 def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # type: ignore[no-untyped-def]
     data = np.zeros(nnz)
     m, n = w.shape
-    B, CB = np.empty((4, 14)), np.empty((4, 14))
-    block = np.empty((14, 14))
-    J1, V = np.empty(14), np.empty((n, 14))  # cof F : ∂H at a point, and at all of them projected
+    # A is the second derivative of a point's energy by H_rr, H_rz, H_zr, H_zz, H_yy; J1 is cof F : ∂H there, v is b
+    A, block = np.empty((5, 5)), np.empty((14, 14))
+    J1, v, Mv = np.empty(14), np.empty((3, 14)), np.empty((3, 14))
     one = s.shape[0] != m
-    row = np.array([0, 1, 2, 4])
     for e in range(m):
         block[:, :] = 0.0
-        V[:, :] = 0.0
+        v[:, :] = 0.0
         for q in range(n):
             a, b, c, d, h = F[e, q, 0, 0], F[e, q, 0, 2], F[e, q, 2, 0], F[e, q, 2, 2], F[e, q, 1, 1]
-            wq, flat = w[e, q], a * d - b * c
-            p = hat[e, 0] * phi[q, 0] + hat[e, 1] * phi[q, 1] + hat[e, 2] * phi[q, 2]
-            for k in range(7):
-                g, z, o = G[e, q, k, 0], G[e, q, k, 1], ring[e, q, k]
-                B[0, 2 * k], B[0, 2 * k + 1] = a * g, c * g
-                B[1, 2 * k], B[1, 2 * k + 1] = h * o, 0.0
-                B[2, 2 * k], B[2, 2 * k + 1] = b * z, d * z
-                B[3, 2 * k], B[3, 2 * k + 1] = a * z + b * g, c * z + d * g
-                J1[2 * k] = h * (d * g - c * z) + flat * o
-                J1[2 * k + 1] = h * (a * z - b * g)
-            for t in range(n):  # Q_i(q) φ_i(t): what a volume change here is there
-                share = Q[e, 0, q] * phi[t, 0] + Q[e, 1, q] * phi[t, 1] + Q[e, 2, q] * phi[t, 2]
-                for k in range(14):
-                    V[t, k] += share * J1[k]
-            for i in range(4):
-                c0, c1 = wq * C[e, q, row[i], 0], wq * C[e, q, row[i], 1]
-                c2, c3 = wq * C[e, q, row[i], 2], wq * C[e, q, row[i], 4]
-                for k in range(14):
-                    CB[i, k] = c0 * B[0, k] + c1 * B[1, k] + c2 * B[2, k] + c3 * B[3, k]
-            for k in range(14):
-                b0, b1, b2, b3 = B[0, k], B[1, k], B[2, k], B[3, k]
-                for l in range(k, 14):
-                    block[k, l] += b0 * CB[0, l] + b1 * CB[1, l] + b2 * CB[2, l] + b3 * CB[3, l]
-            if small:
-                continue
-            s0, s1, s2, s4, pw = wq * S[e, q, 0], wq * S[e, q, 1], wq * S[e, q, 2], wq * S[e, q, 4], wq * p
-            for k in range(7):
-                g, z, o = G[e, q, k, 0], G[e, q, k, 1], ring[e, q, k]
-                t0, t1 = s0 * g + s4 * z, s4 * g + s2 * z
-                bent, tilt = pw * (d * g - c * z), pw * (a * z - b * g)
-                for l in range(k, 7):
-                    gl, zl, ol = G[e, q, l, 0], G[e, q, l, 1], ring[e, q, l]
-                    v = t0 * gl + t1 * zl
-                    cross = pw * h * (g * zl - z * gl)
-                    block[2 * k, 2 * l] += v + s1 * o * ol + bent * ol + pw * o * (d * gl - c * zl)
-                    block[2 * k + 1, 2 * l + 1] += v
-                    block[2 * k, 2 * l + 1] += cross + pw * o * (a * zl - b * gl)
-                    if l > k:
-                        block[2 * k + 1, 2 * l] += -cross + tilt * ol
-        for q in range(n):
-            factor = w[e, q] * (K if one else K * s[e, q])
-            for k in range(14):
-                vk = factor * V[q, k]
-                for l in range(k, 14):
-                    block[k, l] += vk * V[q, l]
+            flat = a * d - b * c
+            _moduli(A, a, b, c, d, h, C[e, q], w[e, q])
+            if not small:
+                p = hat[e, 0] * phi[q, 0] + hat[e, 1] * phi[q, 1] + hat[e, 2] * phi[q, 2]
+                _turning(A, a, b, c, d, h, S[e, q], p, w[e, q])
+            for l in range(7):
+                g, z, o = G[e, q, l, 0], G[e, q, l, 1], ring[e, q, l]
+                r0, z0 = A[0, 0] * g + A[0, 1] * z + A[0, 4] * o, A[0, 2] * g + A[0, 3] * z
+                r1, z1 = A[1, 0] * g + A[1, 1] * z + A[1, 4] * o, A[1, 2] * g + A[1, 3] * z
+                r2, z2 = A[2, 0] * g + A[2, 1] * z + A[2, 4] * o, A[2, 2] * g + A[2, 3] * z
+                r3, z3 = A[3, 0] * g + A[3, 1] * z + A[3, 4] * o, A[3, 2] * g + A[3, 3] * z
+                r4, z4 = A[4, 0] * g + A[4, 1] * z + A[4, 4] * o, A[4, 2] * g + A[4, 3] * z
+                J1[2 * l] = h * (d * g - c * z) + flat * o
+                J1[2 * l + 1] = h * (a * z - b * g)
+                for k in range(l + 1):
+                    g, z, o = G[e, q, k, 0], G[e, q, k, 1], ring[e, q, k]
+                    block[2 * k, 2 * l] += g * r0 + z * r1 + o * r4
+                    block[2 * k, 2 * l + 1] += g * z0 + z * z1 + o * z4
+                    block[2 * k + 1, 2 * l] += g * r2 + z * r3
+                    block[2 * k + 1, 2 * l + 1] += g * z2 + z * z3
+            for i in range(3):
+                for l in range(14):
+                    v[i, l] += Q[e, i, q] * J1[l]
+        for i in range(3):
+            Mv[i, :] = 0.0
+            for j in range(3):
+                mass = 0.0
+                for q in range(n):
+                    mass += w[e, q] * (K if one else K * s[e, q]) * phi[q, i] * phi[q, j]
+                for l in range(14):
+                    Mv[i, l] += mass * v[j, l]
         for k in range(14):
+            for l in range(k, 14):
+                block[k, l] += v[0, k] * Mv[0, l] + v[1, k] * Mv[1, l] + v[2, k] * Mv[2, l]
             for l in range(k):
                 block[k, l] = block[l, k]
         for k in range(14):
@@ -345,3 +337,32 @@ def _stiffness(G, ring, w, Q, phi, F, S, C, hat, K, s, small, place, nnz):  # ty
                 if place[e, k, l] >= 0:
                     data[place[e, k, l]] += block[k, l]
     return data
+
+
+@compiled(fastmath=True)
+def _moduli(A, a, b, c, d, h, C, w):  # type: ignore[no-untyped-def]
+    """Fill A (5, 5) with w Lᵀ ℂ L, L the derivative of Green's strain by H."""
+    of_L = ((0, 0, a, 4, b), (1, 2, b, 4, a), (2, 0, c, 4, d), (3, 2, d, 4, c), (4, 1, h, 1, 0.0))
+    for j, first, x, second, y in of_L:  # a column of L and its entries
+        t0, t1 = w * (C[0, first] * x + C[0, second] * y), w * (C[1, first] * x + C[1, second] * y)
+        t2, t4 = w * (C[2, first] * x + C[2, second] * y), w * (C[4, first] * x + C[4, second] * y)
+        A[0, j], A[1, j] = a * t0 + b * t4, b * t2 + a * t4
+        A[2, j], A[3, j] = c * t0 + d * t4, d * t2 + c * t4
+        A[4, j] = h * t1
+
+
+@compiled(fastmath=True)
+def _turning(A, a, b, c, d, h, S, p, w):  # type: ignore[no-untyped-def]
+    """Add w (S : HᵀH + p ∂²J) to A (5, 5)."""
+    s0, s1, s2, s4, p = w * S[0], w * S[1], w * S[2], w * S[4], w * p
+    A[0, 0] += s0
+    A[2, 2] += s0
+    A[1, 1] += s2
+    A[3, 3] += s2
+    A[4, 4] += s1
+    for i, j, value in (
+        (0, 1, s4), (2, 3, s4), (0, 3, p * h), (1, 2, -p * h), (0, 4, p * d), (1, 4, -p * c), (2, 4, -p * b),
+        (3, 4, p * a),
+    ):  # fmt: skip
+        A[i, j] += value
+        A[j, i] += value

@@ -36,6 +36,11 @@ class Pattern:
         row = np.repeat(np.arange(self.size), np.diff(self.indptr))
         return np.nonzero(self.indices == row)[0]
 
+    @functools.cached_property
+    def from_one(self) -> tuple[np.ndarray, np.ndarray]:
+        """`indptr` and `indices` counted from one, int32."""
+        return self.indptr.astype(np.int32) + 1, self.indices.astype(np.int32) + 1
+
     def find(self, dofs: np.ndarray) -> np.ndarray:
         """Place in `data` of every pair of the free dofs (b, d), −1 where one is held or not stored by symmetry.
 
@@ -91,6 +96,11 @@ def numbering(cells: np.ndarray, held: np.ndarray) -> np.ndarray:
     free = np.full(held.shape, -1, dtype=np.int64)
     free[order] = np.where(mask, np.cumsum(mask.ravel()).reshape(mask.shape) - 1, -1)
     return free.ravel()
+
+
+def free_places(free: np.ndarray) -> np.ndarray:
+    """Places (f,) of the free dofs in the components (3n,) of a nodal field, in the order of their numbers."""
+    return np.argsort(free, kind="stable")[np.count_nonzero(free < 0) :]
 
 
 def pattern_of(cells: np.ndarray, free: np.ndarray, symmetric: bool) -> Pattern:

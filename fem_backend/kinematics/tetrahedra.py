@@ -5,6 +5,7 @@ Dofs and matrices are numbered as :mod:`fem_backend.kinematics.numbering` says.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend.compiled import compiled
-from fem_backend.kinematics.numbering import Pattern, numbering, pattern_of
+from fem_backend.kinematics.numbering import Pattern, free_places, numbering, pattern_of
 from fem_backend.kinematics.voigt import VOIGT_COLUMN, VOIGT_ROW, cauchy_green, fill_tensor
 
 
@@ -33,6 +34,11 @@ class Body:
     pattern: Pattern
     place: np.ndarray
     mean: bool = False
+
+    @functools.cached_property
+    def places(self) -> np.ndarray:
+        """Places (f,) of the free dofs in the components (3n,) of a nodal field."""
+        return free_places(self.free)
 
 
 @dataclass(frozen=True)

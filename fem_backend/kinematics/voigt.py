@@ -16,13 +16,13 @@ def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
     c[3] = f[0, 1] * f[0, 2] + f[1, 1] * f[1, 2] + f[2, 1] * f[2, 2]
     c[4] = f[0, 0] * f[0, 2] + f[1, 0] * f[1, 2] + f[2, 0] * f[2, 2]
     c[5] = f[0, 0] * f[0, 1] + f[1, 0] * f[1, 1] + f[2, 0] * f[2, 1]
-    J2 = J * J
-    inverse[0] = (c[1] * c[2] - c[3] * c[3]) / J2
-    inverse[1] = (c[0] * c[2] - c[4] * c[4]) / J2
-    inverse[2] = (c[0] * c[1] - c[5] * c[5]) / J2
-    inverse[3] = (c[4] * c[5] - c[0] * c[3]) / J2
-    inverse[4] = (c[5] * c[3] - c[1] * c[4]) / J2
-    inverse[5] = (c[3] * c[4] - c[2] * c[5]) / J2
+    j = 1.0 / (J * J)
+    inverse[0] = (c[1] * c[2] - c[3] * c[3]) * j
+    inverse[1] = (c[0] * c[2] - c[4] * c[4]) * j
+    inverse[2] = (c[0] * c[1] - c[5] * c[5]) * j
+    inverse[3] = (c[4] * c[5] - c[0] * c[3]) * j
+    inverse[4] = (c[5] * c[3] - c[1] * c[4]) * j
+    inverse[5] = (c[3] * c[4] - c[2] * c[5]) * j
 
 
 @compiled()

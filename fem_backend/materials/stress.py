@@ -253,8 +253,9 @@ def invariants(F):  # type: ignore[no-untyped-def]
                         trace += c
             jac[e, q] = J
             if J > 0.0:
-                i1[e, q] = trace * J ** (-2.0 / 3.0)
-                i2[e, q] = 0.5 * (trace * trace - square) * J ** (-4.0 / 3.0)
+                shrunk = J ** (-2.0 / 3.0)
+                i1[e, q] = trace * shrunk
+                i2[e, q] = 0.5 * (trace * trace - square) * shrunk * shrunk
             else:
                 i1[e, q] = np.nan
                 i2[e, q] = np.nan
@@ -271,12 +272,11 @@ def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[
     S = np.empty((m, n, 6))
     C4 = np.empty((m, n, 6, 6) if tangent else (1, 1, 6, 6))
     one = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    c, ci, a, b, t = np.empty(6), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    c, ci, a, b, t, y = np.empty(6), np.empty(6), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     G = np.empty((3, 3))
     for e in range(m):
         for q in range(n):
             J = jac[e, q]
-            J2 = J * J
             cauchy_green(F[e, q], J, c, ci)
             I1 = c[0] + c[1] + c[2]
             I2 = c[0] * c[1] + c[1] * c[2] + c[0] * c[2] - c[3] * c[3] - c[4] * c[4] - c[5] * c[5]
@@ -291,26 +291,20 @@ def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[
             if not tangent:
                 continue
             fill_tensor(ci, G)
-            aa, ab, bb, uu = w11[e, q], w12[e, q], w22[e, q], u2[e, q] * 0.25 * J2
-            cc = W1 * j23 * I1 / 9.0 + W2 * j43 * 4.0 / 9.0 * I2 + 0.25 * U1 * J + uu
-            gg = W1 * j23 * I1 / 3.0 + W2 * j43 * 2.0 / 3.0 * I2 - 0.5 * U1 * J
+            w, v = 4.0 * W1 * j23, 4.0 * W2 * j43
+            aa, ab, bb, uu = 4.0 * w11[e, q], 4.0 * w12[e, q], 4.0 * w22[e, q], u2[e, q] * J * J
+            cc = w * I1 / 9.0 + v * 4.0 / 9.0 * I2 + U1 * J + uu
+            gg = 0.5 * (w * I1 / 3.0 + v * 2.0 / 3.0 * I2) - U1 * J
+            for k in range(6):
+                y[k] = -w / 3.0 * one[k] - 2.0 / 3.0 * v * t[k]
             for k in range(6):
                 i, j = VOIGT_ROW[k], VOIGT_COLUMN[k]
+                of_a, of_b, of_ci = aa * a[k] + ab * b[k], ab * a[k] + bb * b[k], cc * ci[k] + y[k]
                 for l in range(k, 6):
                     p, r = VOIGT_ROW[l], VOIGT_COLUMN[l]
-                    inverse = 0.5 * (G[i, p] * G[j, r] + G[i, r] * G[j, p])
-                    identity = 0.0
-                    if k == l:
-                        identity = 1.0 if k < 3 else 0.5
-                    value = 4.0 * (
-                        aa * a[k] * a[l]
-                        + ab * (a[k] * b[l] + b[k] * a[l])
-                        + bb * b[k] * b[l]
-                        + cc * ci[k] * ci[l]
-                        + gg * inverse
-                        - W1 * j23 / 3.0 * (ci[k] * one[l] + one[k] * ci[l])
-                        + W2 * j43 * (one[k] * one[l] - identity - 2.0 / 3.0 * (ci[k] * t[l] + t[k] * ci[l]))
-                    )
+                    value = of_a * a[l] + of_b * b[l] + of_ci * ci[l] + ci[k] * y[l] + v * one[k] * one[l]
+                    value += gg * (G[i, p] * G[j, r] + G[i, r] * G[j, p])
                     C4[e, q, k, l] = value
                     C4[e, q, l, k] = value
+                C4[e, q, k, k] -= v if k < 3 else 0.5 * v
     return S, C4

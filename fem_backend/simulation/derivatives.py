@@ -71,7 +71,7 @@ class Slopes:
     def __call__(self, stage: load_steps.Stage, last: bool) -> None:
         """Differentiate one stage; the derivatives of its pressures are those of the next stage's multipliers."""
         at, body, started = stage.equilibrium.evaluation, self.at.system.body, time.process_time()
-        here = channels(self.at, self.at.system, at, stage.load) if last else {}
+        here = channels(self.at, self.at.system, at, stage.load) if last and self.names else {}
         rows: dict[str, dict[str, float]] = {}
         for name, (h, high) in self._ends.items():
             du, first = self._known.get(name, (np.zeros_like(at.u), 0.0))

@@ -86,7 +86,7 @@ def follow_travel_rezoned(
         try:
             found = load_steps.follow_travel(
                 leg.at.system, leg.at.start, left, control, counters, u, guess if known == 0 else None, leg.watch,
-                here, wear(leg, since) if may_rezone(leg.at) else _noting(legs),
+                here, _watching(legs, since, asked[-1]) if asked else None,
             )  # fmt: skip
             return points + [replace(p, leg=known) for p in found]
         except Worn as worn:
@@ -112,6 +112,14 @@ def follow_travel_rezoned(
                 raise stopped from None
             legs.append(new)
             since = here
+
+
+def _watching(legs: list[MeshLeg], since: float, last: float) -> Wear | None:
+    """What looks at the mesh on the way to a travel `last` (mm); None where that ends before it is looked at."""
+    leg = legs[-1]
+    if last <= watched_from(leg.at.settings):
+        return None
+    return wear(leg, since) if may_rezone(leg.at) else _noting(legs)
 
 
 def _served(leg: MeshLeg, here: float) -> bool:

@@ -12,6 +12,7 @@ import importlib.metadata
 import os
 import weakref
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -191,9 +192,6 @@ class _Pardiso:
 
     def __init__(self, pattern: Pattern) -> None:
         _point_to_mkl()
-        import pypardiso
-
-        self._error = pypardiso.pardiso_wrapper.PyPardisoError
         self._pattern = pattern
         self._solvers: dict[type, object] = {}
 
@@ -212,27 +210,27 @@ class _Pardiso:
         weakref.finalize(self, _free, solver).atexit = False
         return solver, True
 
-    def _call(self, solver: object, phase: int, matrix: sparse.csr_matrix, b: np.ndarray) -> np.ndarray:
-        solver.set_phase(phase)  # type: ignore[attr-defined]
-        return solver._call_pardiso(matrix, b)  # type: ignore[attr-defined]
-
     def factor(self, data: np.ndarray) -> Solve:
         solver, new = self._solver(data.dtype.type)
         empty = np.zeros(self._pattern.size, data.dtype)
-        matrix = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
         for other in self._solvers.values():
             if other is not solver:
                 _free(other, everything=False)  # its factor is of a matrix before; its analysis stays
         if new:
-            self._call(solver, 11, matrix, empty)
+            _call(solver, 11, data, *self._pattern.from_one, empty, empty.copy())
         try:
-            self._call(solver, 22, matrix, empty)
-        except self._error as error:
-            if error.value == -4:
-                _free(solver, everything=False)
-                raise NotPositiveDefinite("negative pivot") from error
+            _call(solver, 22, data, *self._pattern.from_one, empty, empty.copy())
+        except NotPositiveDefinite:
+            _free(solver, everything=False)
             raise
-        return lambda b: self._call(solver, 33, matrix, np.asfortranarray(b))
+
+        def solve(b: np.ndarray) -> np.ndarray:
+            b = np.asfortranarray(b)
+            x = np.zeros_like(b)
+            _call(solver, 33, data, *self._pattern.from_one, b, x)
+            return np.ascontiguousarray(x)
+
+        return solve
 
     def release(self) -> None:
         """Free all factors; solutions with them are at an end."""
@@ -252,9 +250,9 @@ class Schur:
         self._solver = pypardiso.PyPardisoSolver(mtype=2)
         for place, value in ((1, 1), (2, 2), (10, 13), (28, 1), (35, 0), (36, 2)):
             self._solver.set_iparm(place, value)  # 2: its own METIS, 28: single precision, 36: Schur complement
-        self._indptr, self._indices = pattern.indptr.astype(np.int32) + 1, pattern.indices.astype(np.int32) + 1
-        self._chosen = np.zeros(pattern.size, np.int32)
-        self._chosen[dofs] = 1
+        self._pattern = pattern
+        self._solver.perm = np.zeros(pattern.size, np.int32)  # chooses the dofs of the complement
+        self._solver.perm[dofs] = 1
         weakref.finalize(self, _free, self._solver).atexit = False
 
     def factor(self, data: np.ndarray) -> tuple[np.ndarray, Solve, Solve]:
@@ -265,49 +263,55 @@ class Schur:
         S = np.zeros((len(self._dofs), len(self._dofs)), np.float32)
         nothing = np.zeros(max(S.size, self._size), np.float32)
         if not self._analysed:
-            self._call(11, data, nothing, nothing.copy())
+            _call(self._solver, 11, data, *self._pattern.from_one, nothing, nothing.copy())
             self._analysed = True
-        self._call(22, data, nothing, S)
+        _call(self._solver, 22, data, *self._pattern.from_one, nothing, S)
 
         def half(phase: int, b: np.ndarray) -> np.ndarray:
             x = np.zeros_like(b)
-            self._call(phase, data, b, x)
+            _call(self._solver, phase, data, *self._pattern.from_one, b, x)
             return x
 
         return S, functools.partial(half, 331), functools.partial(half, 333)
 
-    def _call(self, phase: int, data: np.ndarray, b: np.ndarray, x: np.ndarray) -> None:
-        """Pardiso itself: its Python wrapper has no room for a result of another shape than that of b."""
-        s, error = self._solver, ctypes.c_int32(0)
 
-        def one(value: int) -> object:
-            return ctypes.byref(ctypes.c_int32(value))
+def _call(
+    solver: Any, phase: int, data: np.ndarray, starts: np.ndarray, columns: np.ndarray, b: np.ndarray, x: np.ndarray
+) -> None:
+    """Pardiso itself: its Python wrapper makes the places anew each time and has no room for a result of another shape.
 
-        def many(array: np.ndarray, kind: type) -> object:
-            return array.ctypes.data_as(ctypes.POINTER(kind))
+    Raises NotPositiveDefinite.
+    """
+    error = ctypes.c_int32(0)
 
-        s._mkl_pardiso(
-            many(s.pt, s._pt_type[0]),
-            one(1),
-            one(1),
-            one(2),
-            one(phase),
-            one(self._size),
-            many(data, ctypes.c_float),
-            many(self._indptr, ctypes.c_int32),
-            many(self._indices, ctypes.c_int32),
-            many(self._chosen, ctypes.c_int32),
-            one(1),
-            many(s.iparm, ctypes.c_int32),
-            one(0),
-            many(b, ctypes.c_float),
-            many(x, ctypes.c_float),
-            ctypes.byref(error),
-        )
-        if error.value == -4:
-            raise NotPositiveDefinite("negative pivot")
-        if error.value:
-            raise ArithmeticError(f"Pardiso ends with error {error.value} in phase {phase}")
+    def one(value: int) -> object:
+        return ctypes.byref(ctypes.c_int32(value))
+
+    def many(array: np.ndarray) -> object:
+        return ctypes.cast(array.ctypes.data, ctypes.POINTER(ctypes.c_int32))
+
+    solver._mkl_pardiso(
+        ctypes.cast(solver.pt.ctypes.data, ctypes.POINTER(solver._pt_type[0])),
+        one(1),
+        one(1),
+        one(solver.mtype),
+        one(phase),
+        one(len(starts) - 1),
+        data.ctypes.data,
+        many(starts),
+        many(columns),
+        many(solver.perm),
+        one(1 if b.ndim == 1 else b.shape[1]),
+        many(solver.iparm),
+        one(0),
+        b.ctypes.data,
+        x.ctypes.data,
+        ctypes.byref(error),
+    )
+    if error.value == -4:
+        raise NotPositiveDefinite("negative pivot")
+    if error.value:
+        raise ArithmeticError(f"Pardiso ends with error {error.value} in phase {phase}")
 
 
 def _free(solver: object, everything: bool = True) -> None:

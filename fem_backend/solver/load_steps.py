@@ -16,8 +16,9 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, 
 MAX_ITERATIONS_ON_THE_WAY, MAX_ITERATIONS_AS_LAST_RESORT = 15, 40
 # of the first step: above, a step that does not go well on a meridian is halved rather than insisted on
 MIN_HALVED_STEP_RATIO = 0.25
-# evaluations of a step on a meridian, most of them with old factors, after which the next may be longer
-MAX_EASY_STEP_EVALUATIONS = 9
+# evaluations of a step after which the next may be longer; on a meridian, most of them with old factors; where it is
+# sought what touches
+MAX_EASY_EVALUATIONS, MAX_EASY_STEP_EVALUATIONS, MAX_EASY_SEEKING_EVALUATIONS = 5, 9, 4
 NO_KNOWN_FACTOR: Known = (None, None)  # no factor is known, old ones may be used
 SEATED_RESIDUAL_FACTORS = (1.0, 10.0, 100.0)  # times the residual that is left when seated
 # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
@@ -270,9 +271,13 @@ def follow_travel(
     Raises Stopped with what was reached, and Worn after a step to a state that is `worn`.
     """
     limit = MAX_ITERATIONS_ON_THE_WAY
+    system = replace(system, seeking=worn is None)  # elsewhere the steps say where a mesh is made
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, step, last = np.zeros_like(u), control.first, None
     swift = mixed_newton.applies(system, start(0.0))
+    few, many = MAX_EASY_EVALUATIONS, MAX_EASY_STEP_EVALUATIONS
+    if swift and system.seeking:
+        few = many = MAX_EASY_SEEKING_EVALUATIONS
     amiss = np.zeros_like(u)  # of what is offered, at the travel before
     points: list[LoadPoint] = []
     for target in asked:
@@ -317,17 +322,18 @@ def follow_travel(
                 continue
             counters.steps += 1
             proper(system, found, here, goal, points, counters)
-            easy = len(found.history) <= 5
-            step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
-            if swift and len(found.history) <= MAX_EASY_STEP_EVALUATIONS:
+            evaluations = len(found.history)
+            step = min((goal - here) * (1.6 if evaluations <= few else 1.0), control.largest) if goal < target else step
+            if swift and evaluations <= many:
                 step = min(max(step, 1.6 * (goal - here)), control.largest)
             u, rate, here, last = found.evaluation.u, found.rate, goal, found.evaluation
             known = found.known
             if worn is not None and worn(u, here):
                 raise Worn(points, u, here)
         try:
+            starts = _starts(u, points) if swift else [u]
             points.append(
-                equilibrate(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True)
+                equilibrate(system, starts, start(target), target, control, counters, 0.0, watch, known, loose=True)
             )
         except NotConverged as error:
             raise stopped_run(error, target, points, counters, u) from error
@@ -362,6 +368,12 @@ def proper(
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
     """Whether an unconstrained body that is lost after `limit` iterations may be looked for with more patience."""
     return system.loose and limit < MAX_ITERATIONS_AS_LAST_RESORT and error.cause != "time_limit"
+
+
+def _starts(u: np.ndarray, points: list[LoadPoint]) -> list[np.ndarray]:
+    """States (n, 3) from which to begin at u and after its multipliers, which move it about as at the point before."""
+    stages = [stage.equilibrium.evaluation.u for stage in points[-1].stages] if points else []
+    return [u + (moved - stages[0]) for moved in stages] or [u]
 
 
 def _end(point: LoadPoint, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -404,7 +416,11 @@ def equilibrate(
                 else mixed_newton.ASKED_RESIDUAL_TOLERANCE,
             )
         try:
-            found = find_tight(system, u, load, tolerance, counters, known)
+            if 0 < k < len(starts):
+                before, moved = stages[-1].equilibrium.evaluation, starts[k] - starts[k - 1]
+                found = _found_from(system, before, moved, load, tolerance, counters, known)
+            else:
+                found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:
             if not loose or not rigid_motions.rolls(system) or error.cause == "time_limit":
                 raise
@@ -417,6 +433,22 @@ def equilibrate(
         found = replace(found, linear=None, known=None)  # a matrix each
         stages[-1] = Stage(found, load)
         u, load = found.evaluation.u, newton.augmented(system, load, found.evaluation)
-        if k + 1 < len(starts):
-            u = u + (starts[k + 1] - starts[k])
     return LoadPoint(time, target, tuple(stages))
+
+
+def _found_from(
+    system: System, at: Evaluation, moved: np.ndarray, load: Load, tolerance: float, counters: Counters,
+    known: Known | Kept | None,
+) -> Equilibrium:  # fmt: skip
+    """As `find_tight`, from a state that is likely to have `moved` (n, 3); on a meridian also from where it was."""
+    if not mixed_newton.applies(system, load):
+        return find_tight(system, at.u + moved, load, tolerance, counters, known)
+    assert known is None or isinstance(known, tuple)
+    try:
+        return mixed_newton.solve(
+            system, at.u + moved, load, tolerance, counters, known=known, before=at, predicted=False
+        )
+    except NotConverged as error:
+        if error.cause == "time_limit":
+            raise
+    return find_tight(system, at.u, load, tolerance, counters, NO_KNOWN_FACTOR if known else None)

@@ -27,10 +27,13 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, 
 # relative residual before multipliers, of which the answer keeps a thousandth: its differences must show
 RESIDUAL_TOLERANCE_BEFORE_MULTIPLIERS = 1e-6
 ASKED_RESIDUAL_TOLERANCE = 1e-8  # relative residual at an asked travel
-MAX_MIXED_CHORD_RESIDUAL_RATIO = 0.3  # of the residual may be left by a step with an old factor
+# of the residual may be left by a step with an old factor, and of a system that is `seeking`
+MAX_MIXED_CHORD_RESIDUAL_RATIO, MAX_SEEKING_CHORD_RESIDUAL_RATIO = 0.3, 0.1
+MAX_CONTACT_SEARCHES = 8  # solutions by which the points are sought that touch after a step
 MIN_NEWTON_STEP_SHARE = 1e-3  # share of a step at which turned-over elements are given up
 NEW_CONTACT_PRESSURE = 1e-300  # pressure of points that have come to touch: they count as active
-MAX_MIXED_CHORD_START_RESIDUAL = 0.1  # relative residual below which an old factor is tried
+# relative residual below which an old factor is tried, and below which the first step is made with one that is known
+MAX_MIXED_CHORD_START_RESIDUAL, MAX_FIRST_CHORD_RESIDUAL = 0.1, 1.0
 MAX_FACTOR_AGE = 8  # steps with one factor
 # relative residual below which none gained in four iterations ends the search; errors state what is left
 STAGNANT_RESIDUAL = 1e-6
@@ -65,10 +68,12 @@ def solve(
     limit: int = 15,
     known: Known | None = None,
     before: Evaluation | None = None,
+    predicted: bool = True,
 ) -> Equilibrium:
     """As :func:`fem_backend.solver.newton.solve`, for systems that this `applies` to.
 
-    `before` is a state nearby from which the start u (n, 3) was predicted.  Raises NotConverged.
+    `before` is a state nearby.  The start u (n, 3) was `predicted` by its tangent, which carries its stresses there; or
+    else moved as another state was, and its stresses are as good as any.  Raises NotConverged.
     """
     body = _meridian(system)
     history: list[float] = []
@@ -80,8 +85,10 @@ def solve(
     carried = Carried(None, _begun(load, at, frame is not None))
     if before is not None:
         origin = response.linearised(body, system.material, before.H, load.history, load.dt, system.scale)
-        carried = Carried(response.stresses_after_step(body, origin, u - before.u), _expected(before, at))
+        moved = u - before.u if predicted else np.zeros_like(u)
+        carried = Carried(response.stresses_after_step(body, origin, moved), _expected(before, at))
     fresh, age = False, 0
+    ratio = MAX_SEEKING_CHORD_RESIDUAL_RATIO if system.seeking else MAX_MIXED_CHORD_RESIDUAL_RATIO
     attracted = any(tractions.attracts(p) for p in system.pairs)  # equilibria may be unstable: the last tangent tells
     sizes: list[float] = []
     if time.process_time() > counters.deadline:
@@ -92,10 +99,9 @@ def solve(
             raise NotConverged("contact", "the residual grows", tuple(history))
         found = history[-1] <= tolerance or _flat(history)
         found = found or (fresh and newton.at_round_off(history, partial(newton.round_off, system, at)))
-        lazy = (
-            frame is not None and age < MAX_FACTOR_AGE and (not sizes or history[-1] < MAX_MIXED_CHORD_START_RESIDUAL)
-        )
-        lazy = lazy and (len(sizes) < 2 or sizes[-1] < MAX_MIXED_CHORD_RESIDUAL_RATIO * sizes[-2])
+        near = MAX_MIXED_CHORD_START_RESIDUAL if sizes else MAX_FIRST_CHORD_RESIDUAL
+        lazy = frame is not None and age < MAX_FACTOR_AGE and history[-1] < near
+        lazy = lazy and (len(sizes) < 2 or sizes[-1] < ratio * sizes[-2])
         if found and frame is not None and (fresh or not attracted):
             linear = frame.exactly(carried.contact)
             moving = newton.contact_tangent(system, at, load)[1]
@@ -109,12 +115,10 @@ def solve(
         if found:
             continue
         counters.iterations += 1
-        normals = [_normals(system, k, at, load) for k in range(len(system.pairs))]
-        R = newton.reduced(body, at.residual + _held(system, at, load, carried))
-        step = newton.full(body, frame.solve(-R, carried.contact))
+        step, pressures = _linear_step(system, frame, at, load, carried.contact)
         sizes.append(float(np.linalg.norm(step)))
         at, carried = _stepped(
-            system, at, load, carried, step, normals, linearised if fresh else None, counters, history
+            system, at, load, carried, step, pressures, linearised if fresh else None, counters, history
         )
     raise NotConverged("contact", "no equilibrium in time", tuple(history))
 
@@ -211,12 +215,41 @@ def _normals(system: System, k: int, at: Evaluation, load: Load) -> np.ndarray:
     return pair.rigid.gap(points, touch.centre, touch.direction)[1]
 
 
-def _held(system: System, at: Evaluation, load: Load, carried: Carried) -> np.ndarray:
+def _held(system: System, at: Evaluation, load: Load, contact: Pressures) -> np.ndarray:
     """What the residual lacks of pressures λ − ε g, of any sign, at just the points that count as touching."""
     out, x = np.zeros_like(at.u), system.body.nodes + at.u
-    for pair, touch, state, p in zip(system.pairs, load.touches, at.contacts, carried.contact, strict=True):
+    for pair, touch, state, p in zip(system.pairs, load.touches, at.contacts, contact, strict=True):
         out += tractions.evaluate_contact(pair, x, touch, p).residual - state.residual
     return out
+
+
+def _linear_step(
+    system: System, frame: Frame, at: Evaluation, load: Load, contact: Pressures
+) -> tuple[np.ndarray, Pressures]:
+    """Step (n, 3) of the tangent where just the points of positive pressure touch, and the pressures after it.
+
+    Those are ⟨λ − ε (g + n·δx)⟩.  A system that is `seeking` finds which points touch after the step: what overlaps
+    before it may be pressed down by what is beside it.
+    """
+    normals = [_normals(system, k, at, load) for k in range(len(system.pairs))]
+    for _ in range(MAX_CONTACT_SEARCHES if system.seeking else 1):
+        R = newton.reduced(system.body, at.residual + _held(system, at, load, contact))
+        step = newton.full(system.body, frame.solve(-R, contact))
+        before, contact = contact, _pressures_after(system, at, load, normals, step)
+        if all(np.array_equal(b > 0.0, p > 0.0) for b, p in zip(before, contact, strict=True)):
+            break
+    return step, contact
+
+
+def _pressures_after(
+    system: System, at: Evaluation, load: Load, normals: list[np.ndarray], step: np.ndarray
+) -> Pressures:
+    out = []
+    for pair, touch, state, n in zip(system.pairs, load.touches, at.contacts, normals, strict=True):
+        moved = np.einsum("qa,fai->fqi", pair.surface.N, step[pair.surface.facets])
+        gap = state.gap + (n * moved).sum(-1)
+        out.append(np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0))
+    return tuple(out)
 
 
 def _stepped(
@@ -225,7 +258,7 @@ def _stepped(
     load: Load,
     carried: Carried,
     step: np.ndarray,
-    normals: list[np.ndarray],
+    pressures: Pressures,
     linearised: response.Linearised | None,
     counters: Counters,
     history: list[float],
@@ -241,16 +274,10 @@ def _stepped(
             counters.halvings += 1
             if alpha < MIN_NEWTON_STEP_SHARE:
                 raise NotConverged("inversion", str(error), tuple(history)) from None
-    pressures = []
-    for pair, touch, state, n, old in zip(
-        system.pairs, load.touches, at.contacts, normals, carried.contact, strict=True
-    ):
-        moved = np.einsum("qa,fai->fqi", pair.surface.N, step[pair.surface.facets])
-        gap = state.gap + (n * moved).sum(-1)
-        p = np.maximum(touch.multiplier - pair.epsilon * touch.raised * gap, 0.0)
-        pressures.append(p if alpha == 1.0 else alpha * p + (1.0 - alpha) * old)
+    if alpha < 1.0:
+        pressures = tuple(alpha * p + (1.0 - alpha) * old for p, old in zip(pressures, carried.contact, strict=True))
     turning = None if linearised is None else response.stresses_after_step(_meridian(system), linearised, alpha * step)
-    return new, Carried(turning, tuple(pressures))
+    return new, Carried(turning, pressures)
 
 
 def _factorise(

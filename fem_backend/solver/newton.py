@@ -53,7 +53,8 @@ class System:
     `indenter` and the pairs of the `seat`, which the support offers, are the surfaces that may touch rigid bodies;
     `scale` (m, q) multiplies all moduli; `dead` (n, 3) N is a dead load, `springs` (n,) N/mm ground every component of
     a node of a body that its support does not hold, `least_force` (N) is the force below which the residual is no
-    longer measured relative to the load.
+    longer measured relative to the load.  `seeking` saves iterations on a meridian, where the lengths of the steps
+    may be others.
     """
 
     body: Body
@@ -66,6 +67,7 @@ class System:
     springs: np.ndarray | None = None
     least_force: float = 0.0
     condense: Condense | None = None
+    seeking: bool = False
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
@@ -279,20 +281,14 @@ def sprung(system: System, load: Load, bulk: np.ndarray) -> np.ndarray:
 
 def reduced(body: Body, v: np.ndarray) -> np.ndarray:
     """Free components (f,) of a nodal field (n, 3) in the order of the matrix."""
-    free = body.free.reshape(v.shape)
-    mask = free >= 0
-    out = np.empty(body.pattern.size)
-    out[free[mask]] = v[mask]
-    return out
+    return v.ravel()[body.places]
 
 
 def full(body: Body, v: np.ndarray) -> np.ndarray:
     """Nodal field (n, 3) from its free components (f,), zero where held."""
-    free = body.free.reshape(-1, 3)
-    mask = free >= 0
-    out = np.zeros(free.shape)
-    out[mask] = v[free[mask]]
-    return out
+    out = np.zeros(body.free.shape)
+    out[body.places] = v
+    return out.reshape(-1, 3)
 
 
 def solve(

@@ -18,7 +18,7 @@ from fem_backend.laws.neo_hooke import NeoHooke
 from fem_backend.materials import response
 from fem_backend.meshing.meridian import triangulated
 from fem_backend.solver import direct, mixed_newton, newton
-from fem_backend.solver.load_steps import Control, follow_travel
+from fem_backend.solver.load_steps import Control, equilibrate, follow_travel
 from fem_backend.solver.newton import Counters, Load, System
 
 MU = 0.01
@@ -227,6 +227,43 @@ def test_the_way_there_does_not_show(ratio: float) -> None:
     plain = newton.solve(system, u, last.load, 1e-8, Counters())
     assert plain.evaluation.contact.force[2] == pytest.approx(alone.force[2], rel=1e-6)
     assert abs(alone.stages[0].equilibrium.evaluation.contact.force[2] / alone.force[2] - 1.0) > 1e-5  # a soft contact
+
+
+def test_multipliers_begin_from_where_those_before_led() -> None:
+    """The first residual with multipliers halves at least, beside that of a depth alone, in no more iterations."""
+    system, start = pressed()
+    depths = [0.1, 0.2, 0.3, 0.4, 0.45, 0.5]
+    alone, after = (
+        follow_travel(system, start, d, Control().scaled(1.0), Counters())[-1] for d in (depths[-1:], depths)
+    )
+    first, then = alone.stages[1].equilibrium.history, after.stages[1].equilibrium.history
+    assert then[0] < 0.5 * first[0]
+    assert len(then) <= len(first)
+    assert after.force[2] == pytest.approx(alone.force[2], rel=1e-7)
+
+
+def test_seeking_what_touches_saves_factors_and_does_not_show() -> None:
+    """Forces (1e-7: residuals of 1e-8) with fewer iterations and factors than where steps say when a mesh is made."""
+    system, start = pressed()
+    plain, seeking = Counters(), Counters()
+    control, depths = Control().scaled(1.0), [0.15, 0.3, 0.45, 0.6]
+    watched = follow_travel(system, start, depths, control, plain, worn=lambda u, travel: False)
+    free = follow_travel(system, start, depths, control, seeking)
+    for a, b in zip(watched, free, strict=True):
+        assert b.force[2] == pytest.approx(a.force[2], rel=1e-7)
+    assert seeking.iterations < plain.iterations and seeking.factorisations <= plain.factorisations
+
+
+@pytest.mark.parametrize("size", [0.05, 1.0])
+def test_a_start_that_is_far_off_does_not_show(size: float) -> None:
+    """The same force (1e-7: residuals of 1e-8) from a start with multipliers that is bent or turned inside out."""
+    system, start = pressed()
+    control, load = Control().scaled(1.0), start(0.3)
+    u = follow_travel(system, start, [0.3], control, Counters())[-1].stages[0].equilibrium.evaluation.u
+    off = u + bumpy(system.body, size)
+    plain = equilibrate(system, [u], load, 0.3, control, Counters(), known=(None, None))
+    found = equilibrate(system, [u, off], load, 0.3, control, Counters(), known=(None, None))
+    assert found.force[2] == pytest.approx(plain.force[2], rel=1e-7)
 
 
 def test_old_factors_follow_what_comes_to_touch() -> None:

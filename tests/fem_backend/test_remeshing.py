@@ -196,6 +196,19 @@ def test_a_deep_run_goes_on_with_a_new_mesh(renewed):
         np.testing.assert_allclose(new.gradients[knob]["Fz"], old.gradients[knob]["Fz"], rtol=0.02, atol=least)
 
 
+@pytest.mark.parametrize("remesh", ["when_needed", "never"])
+def test_no_mesh_is_looked_at_on_a_way_that_ends_before_it_may_be_outworn(remesh, monkeypatch):
+    """Below 1.5 radii every state is good enough, whatever its edges; beyond, none is with edges that may not grow."""
+    monkeypatch.setattr(rezoning, "MAX_FIRST_EDGE_RATIO", 0.0)
+    settings, values, placement, model = ready(remesh, SOFT)
+    leg = rezoning.MeshLeg(initial_state(settings, values, placement, model, Counters()), None)
+    u = np.zeros_like(model.body.nodes)
+    assert rezoning._watching([leg], 0.0, 4.5) is None and not rezoning.wear(leg)(u, 4.5)
+    legs = [leg]
+    looks = rezoning._watching(legs, 0.0, 4.6)
+    assert looks(u, 4.6) == (remesh == "when_needed") and np.isfinite(legs[0].outworn) == (remesh == "never")
+
+
 def test_the_reaction_of_the_support_balances_the_force_on_every_mesh(renewed):
     new, _ = renewed
     np.testing.assert_allclose(new.reaction[:, 2], new.Fz, rtol=1e-4)
