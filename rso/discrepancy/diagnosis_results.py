@@ -173,7 +173,7 @@ def _jumps(d: Diagnosis) -> dict[str, Any]:
         "experiment": j.experiment,
         "size": j.size,
         "depths": list(j.depths),
-        "crack": None if c is None else {"z": c.z, "experiment": c.experiment, "size": c.size, "depth": c.depth},
+        "crack": None if c is None else asdict(c),
     }
 
 

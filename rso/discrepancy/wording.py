@@ -121,9 +121,10 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
         return []
     if c := j.get("crack"):
         stays = (
-            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {quantity_text(c['depth'], 'mm')}, "
-            f"and stays so "
-            f"({c['z']:.1f} standard deviations): a crack, a slip, a part that touches. No smooth model has that."
+            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {quantity_text(c['depth'], 'mm')}"
+            f"{' of unloading' if c.get('branch') == 'unloading' else ''}, and stays so ({c['z']:.1f} standard "
+            "deviations). A crack, a slip, a part that touches or a jump of the cell's zero does that; no smooth model "
+            "has it. Where the force in air is off by as much after the test, it is the zero."
         )
         if not j.get("skewed", True):
             return [stays]

@@ -44,12 +44,13 @@ class OddBlock(ResultBlock):
 
 
 class CrackBlock(ResultBlock):
-    """A sudden loss of stiffness."""
+    """A step of a force that stays."""
 
     z: Number = holds("its size over its standard deviation")
     experiment: str = holds("where")
     size: Number = holds("its size")
     depth: Number = holds("at which depth", "mm")
+    branch: str = holds("`loading` or `unloading`")
 
 
 class JumpsBlock(ResultBlock):
@@ -62,7 +63,7 @@ class JumpsBlock(ResultBlock):
     experiment: str = holds("where it is largest")
     size: Number = holds("its size")
     depths: Numbers = holds("where jumps are", "mm")
-    crack: CrackBlock | None = holds("a sudden loss of stiffness")
+    crack: CrackBlock | None = holds("a step of a force that stays")
 
 
 class PeriodicBlock(ResultBlock):

@@ -201,6 +201,52 @@ def ball(u):
     return 0.05 * u**1.5 * (1.0 + 0.1 * u)
 
 
+def loops_of(force, seed: int, noise: float = 0.005, n: int = 60):
+    """Five records that are pressed and come back; `force` of the travel (2 n − 1,) and number of a record."""
+    rng, records = np.random.default_rng(seed), []
+    d = np.linspace(0.0, 4.0, n + 1)[1:]
+    u, branch = np.r_[d, d[-2::-1]], np.r_[np.full(n, "loading"), np.full(n - 1, "unloading")]
+    for k in range(5):
+        F = force(u, n, k)
+        F = F + noise * F.max() * rng.standard_normal(len(u))
+        records.append(toy.experiment(f"e{k}", (Repeat("1", u, None, {"Fz": F}, {}, branch),)))
+    return make_test_plan(records)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_step_of_an_unloading_is_found_with_its_sign(sense):
+    """The zero of a cell that jumps while the indenter comes back, sixteen times what readings scatter by."""
+
+    def jumped(u, n, k):
+        return ball(u) + sense * 0.08 * ball(4.0) * (k == 2) * (np.arange(len(u)) >= n + n // 2)
+
+    found = [jumps(loops_of(jumped, seed)).crack for seed in range(6)]
+    there = [c for c in found if c is not None]
+    assert len(there) >= 4 and {(c.experiment, c.branch) for c in there} == {("e2", "unloading")}
+    assert all(np.sign(c.size) == sense and abs(c.depth - 2.0) < 0.2 for c in there)
+
+
+def came_back_late(u, n, k):
+    """Play of a drive, of a tenth of the travel: the force waits at the turn."""
+    return ball(np.r_[u[:n], np.minimum(u[n - 1], u[n:] + 0.4)])
+
+
+def rubbed(u, n, k):
+    """A loop of friction that turns round within a fiftieth of the travel."""
+    return ball(u) * (1.0 + 0.1 * np.r_[np.ones(n), 2.0 * np.exp(-(u[n - 1] - u[n:]) / 0.08) - 1.0])
+
+
+def stuck(u, n, k):
+    """A body that draws at the ball the more the smaller the contact."""
+    return ball(u) - 0.1 * ball(4.0) * np.exp(-u / 0.3) * (np.arange(len(u)) >= n)
+
+
+@pytest.mark.parametrize("force", [came_back_late, rubbed, stuck, lambda u, n, k: ball(u)])
+@pytest.mark.parametrize("noise", [1e-5, 0.005])
+def test_what_bends_an_unloading_is_no_step(force, noise):
+    assert not any(jumps(loops_of(force, seed, noise)).crack for seed in range(5))
+
+
 @pytest.mark.parametrize("n", [41, 201])
 def test_rows_that_were_lost_are_no_jumps(n):
     """The force goes on where they were: a step twice as long, always upwards."""

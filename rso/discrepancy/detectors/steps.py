@@ -1,6 +1,6 @@
-"""One step of a force that stays: a crack, a slip, a tear; what no smooth model has and no scatter makes.
+"""One step of a force that stays, as of a crack, a slip, a zero that jumps: neither smooth models nor scatter make it.
 
-Between every two readings v of a loading branch the step δ of
+Between every two readings v of a branch, loading or unloading, the step δ of
 
     v(u) = a + b u + c u² + δ [u > u_k]
 
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from rso.data import step_of
+from rso.data import Repeat, step_of
 from rso.discrepancy.library.test_plan import TestPlan
 
 STEP_WINDOW_READINGS = 6  # readings on either side
@@ -30,44 +30,57 @@ STEP_FALSE_ALARM_CHANCE = 0.005  # of normal scatter, of that many steps in all:
 GROWING_SCATTER_RATIO = 1.5  # times that of the first part is the scatter of the last: less is scatter of it
 N_SCATTER_PARTS = 4  # of a record, that tell whether its scatter grows
 MIN_STEP_DEPTH_SHARE = 0.05  # of the deepest travel: nearer to contact the indenter may snap in
+# of the deepest travel below the turn: there play, friction and what relaxes bend the force of an unloading
+SKIPPED_TURN_SHARE = 0.12
 # of the range of the force: less is no crack, but what a parabola misses where noise is small
 MIN_STEP_FORCE_SHARE = 0.005
 
 
 @dataclass(frozen=True)
 class ForceStep:
-    """A step of a force (N) at a depth (mm) in an experiment, z standard deviations high."""
+    """A step of a force (N), later less earlier, at a depth (mm) on a branch of an experiment, z standard deviations
+    high."""
 
     z: float
     experiment: str
     size: float
     depth: float
+    branch: str = "loading"
 
 
 def force_step(plan: TestPlan) -> ForceStep | None:
-    """The clearest step that stays, of Fz or of the first channel without one, in loading; None where none is clear."""
+    """The clearest step that stays, of Fz or of the first channel without one; None where none is clear."""
     found, scales = [], []
     for e in plan.experiments:
         if e.measurement.kind != "force" or e.role == "validate":
             continue
-        for r in e.measurement.repeats:
-            at = (r.segment == "loading") & (r.depth > MIN_STEP_DEPTH_SHARE * r.depth.max())
+        stretches = [(r, *part) for r in e.measurement.repeats for part in _smooth_stretches(r)]
+        for r, branch, at in stretches:
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
-            z, least, size, depth = step_statistics(r.depth[at], v)
+            later = -1.0 if branch == "unloading" else 1.0  # from there backwards: noise grows with the travel
+            z, least, size, depth = step_statistics(r.depth[at][:: int(later)], v[:: int(later)])
             if len(z) > MIN_END_READINGS:
                 scales.append(max(1.48 * float(np.median(np.abs(z))), step_of(v)))
                 large = np.abs(size) > MIN_STEP_FORCE_SHARE * np.ptp(v)
-                found.append((e.name, least * large, size, depth, np.maximum(scales[-1], _grown(z))))
+                found.append((e.name, branch, least * large, later * size, depth, np.maximum(scales[-1], _grown(z))))
     usual = float(np.median(scales)) if scales else 0.0
     best = None
-    for name, least, size, depth, own in found:
+    for name, branch, least, size, depth, own in found:
         scale = np.maximum(own, usual)
         z = np.divide(least, scale, out=np.zeros_like(least), where=scale > 0.0)
         k = int(np.argmax(z))
         if best is None or z[k] > best.z:
-            best = ForceStep(float(z[k]), name, float(size[k]), float(depth[k]))
-    limit = max(MIN_STEP_Z, -float(ndtri(STEP_FALSE_ALARM_CHANCE / max(sum(len(f[1]) for f in found), 1))))
+            best = ForceStep(float(z[k]), name, float(size[k]), float(depth[k]), branch)
+    limit = max(MIN_STEP_Z, -float(ndtri(STEP_FALSE_ALARM_CHANCE / max(sum(len(f[2]) for f in found), 1))))
     return best if best is not None and best.z > limit else None
+
+
+def _smooth_stretches(r: Repeat) -> list[tuple[str, np.ndarray]]:
+    """Branches of a record with masks (n,) of the readings in which a body that nothing happens to is smooth."""
+    deepest = r.depth.max()
+    inside = r.depth > MIN_STEP_DEPTH_SHARE * deepest
+    turned = inside & (r.depth < (1.0 - SKIPPED_TURN_SHARE) * deepest)
+    return [(k, m & (r.segment == k)) for k, m in (("loading", inside), ("unloading", turned))]
 
 
 def _grown(z: np.ndarray) -> np.ndarray:
