@@ -226,7 +226,7 @@ def _from_start(fit: _Fit) -> tuple[float, float]:
     shapes += [fit.t**LEADING_EXPONENT * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
     left, rest = min((_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes), key=lambda found: found[0])
     least, n = (LEAST_SCATTER_SHARE * float(np.ptp(fit.F))) ** 2, len(rest)
-    return left, max(left / max(n - 4, 1) / _own_share(rest, n), least)  # a level, a size, a power and the place
+    return left, max(left / max(n - 4, 1) / own_share(rest, n), least)  # a level, a size, a power and the place
 
 
 def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
@@ -293,7 +293,7 @@ def drift_of_approach(depth: np.ndarray, force: np.ndarray, contact: float = 0.0
     (level, slope), *_ = np.linalg.lstsq(A, force, rcond=None)
     rest = force - A @ (level, slope)
     spread = float(np.sum((t - t.mean()) ** 2))
-    error = math.sqrt(float(rest @ rest) / (n - 2) / spread / _own_share(rest, n))
+    error = math.sqrt(float(rest @ rest) / (n - 2) / spread / own_share(rest, n))
     drifts = bool(abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error)
     return (float(level), float(slope)) if drifts else None
 
@@ -402,7 +402,7 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     least = (LEAST_SCATTER_SHARE * float(np.ptp(F))) ** 2
     variances = [max(float(left.min()) / max(n - 1 - k, 1), least) for _, k, left, _ in every]
     at = min(range(len(every)), key=lambda j: n * math.log(variances[j]) + every[j][1] * math.log(n))
-    many = n * _own_share(every[at][3], n)
+    many = n * own_share(every[at][3], n)
     variance = max(variances[at] * n / many, least)
     loss = np.stack([left / variance + k * math.log(max(many, 2.0)) - 2.0 * math.log(p) for p, k, left, _ in every])
     weight = np.exp(-0.5 * (loss - loss.min()))
@@ -414,8 +414,8 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_rounded
 
 
-def _own_share(rest: np.ndarray, n: int) -> float:
-    """(1 − ρ)/(1 + ρ) of residuals (n,) that remember their neighbours by ρ: as many of them count as readings.
+def own_share(rest: np.ndarray, n: int) -> float:
+    """(1 − ρ)/(1 + ρ) of residuals (n,) that are autocorrelated by ρ: as many of them count as readings.
 
     ρ of n of them is too small by (1 + 3ρ)/n (M. G. Kendall, Biometrika 41 (1954) 403).
     """

@@ -144,7 +144,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             continue
         files = [folder / f for f in e.data]
         try:
-            measurement = read_measurement(files, columns.columns(), e.preload)
+            measurement = read_measurement(files, columns.columns(), e.preload, e.drift)
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
