@@ -22,8 +22,7 @@ from rso.data.contact_point import MIN_DRIFT_STANDARD_ERRORS, MIN_READINGS_FOR_C
 from rso.data.usual_errors import USUAL_CONTACT_ERROR_SHARE
 
 DriftAlong = Literal["time", "travel"]
-NO_DRIFT = "none"  # what a study says where a slope of the approach is no drift
-MIN_BEND_STANDARD_ERRORS = 2.0  # by which the slopes of the halves of an approach may differ by scatter
+MIN_BEND_STANDARD_ERRORS = 3.0  # by which the slopes of the halves of an approach clearly differ
 DRIFT_CHANGE_SHARE = 0.2  # of a slope: what it is off by beyond the approach, as temperatures follow no straight line
 MIN_COUNTED_STANDARD_ERRORS = 2.0  # of a slope that nobody has stated, from which on it counts as an error
 MIN_DRIFT_SHARE = 0.01  # of all that the force changes by: a line that goes on by less does not matter
@@ -37,8 +36,7 @@ class Baseline:
 
     `level` N at `middle`, `slope` N/s or N/mm, each with its standard error; `slope_scatter` is what readings make of
     that of the slope, beside which a drift is no straight line.  `bends`: the halves of the approach have slopes that
-    clearly differ.  `subtracted` or not; where not, the error of the slope is the slope itself, from contact at
-    `middle` on.
+    clearly differ.  `subtracted` or not; where not, the line itself counts as an error, from contact at `middle` on.
     """
 
     along: DriftAlong
@@ -65,6 +63,11 @@ class Baseline:
         return replace(self, middle=rest.middle, level=rest.level, slope=self.slope + rest.slope, slope_error=off)
 
     @property
+    def share_off(self) -> float:
+        """Standard error of the slope over the slope."""
+        return self.slope_error / max(abs(self.slope), 1e-300)
+
+    @property
     def is_clear(self) -> bool:
         """Whether the slope is no scatter beyond doubt."""
         return abs(self.slope) > MIN_DRIFT_STANDARD_ERRORS * self.slope_scatter
@@ -89,7 +92,7 @@ def approach_readings(depth: np.ndarray, loading: np.ndarray, off: float) -> np.
 def fitted_baseline(along: DriftAlong, x: np.ndarray, force: np.ndarray) -> Baseline:
     """The line of least squares through the readings (n,) of an approach; ValueError where they are too few.
 
-        σ_s² = s²/(n' var x) + max((s₂ − s₁)² − (2 σ₂₁)², 0) + (0.2 s)²
+        σ_s² = s²/(n' var x) + max((s₂ − s₁)² − σ₂₁², 0) + (0.2 s)²
 
     n' is how many of the n readings count, as they are autocorrelated (:func:`~rso.data.contact_point.own_share`); s₁
     and s₂ are the slopes of the two halves of the approach, σ₂₁ what scatter makes of their difference.
@@ -99,24 +102,26 @@ def fitted_baseline(along: DriftAlong, x: np.ndarray, force: np.ndarray) -> Base
         many = f"{n} {'reading' if n == 1 else 'readings'}"
         raise ValueError(
             f"drift: the approach is too short for a line, {many} before contact and {MIN_READINGS_FOR_CONTACT} are "
-            f'needed; drift = "{NO_DRIFT}" subtracts none'
+            'needed; drift = "none" subtracts none'
         )
-    level, slope, rest = _line(x, force)
+    level, slope, _ = _line(x, force)
+    halves = np.array_split(np.argsort(x, kind="stable"), 2)
+    each = [_line(x[half], force[half]) for half in halves]
+    rest = np.concatenate([r for *_, r in each])
     count = n * own_share(rest, n)
-    scatter = math.sqrt(float(rest @ rest) / (n - 2)) * float(student(max(count - 2.0, 1.0)))
+    scatter = math.sqrt(float(rest @ rest) / (n - 4)) * float(student(max(count - 4.0, 1.0)))
     error = scatter / (math.sqrt(count) * float(np.std(x)))
-    halves = [half for half in np.array_split(np.argsort(x, kind="stable"), 2) if np.ptp(x[half]) > 0.0]
-    apart = float(np.ptp([_line(x[half], force[half])[1] for half in halves])) if halves else 0.0
-    own = scatter * math.sqrt(sum(2.0 / (count * float(np.var(x[half]))) for half in halves))
-    bend = math.sqrt(max(apart**2 - (MIN_BEND_STANDARD_ERRORS * own) ** 2, 0.0))
+    apart = abs(each[1][1] - each[0][1])
+    own = scatter * math.sqrt(sum(2.0 / (count * max(float(np.var(x[half])), 1e-300)) for half in halves))
+    bends, bend = apart > MIN_BEND_STANDARD_ERRORS * own, math.sqrt(max(apart**2 - own**2, 0.0))
     whole = math.hypot(error, bend, DRIFT_CHANGE_SHARE * slope)
-    return Baseline(along, float(x.mean()), level, slope, scatter / math.sqrt(count), whole, error, bend > error)
+    return Baseline(along, float(x.mean()), level, slope, scatter / math.sqrt(count), whole, error, bends)
 
 
 def _line(x: np.ndarray, force: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Mean (N), slope and residuals (n,) of the line of least squares."""
     t = x - x.mean()
-    slope = float(t @ force) / float(t @ t)
+    slope = float(t @ force) / max(float(t @ t), 1e-300)
     level = float(force.mean())
     return level, slope, force - level - slope * t
 
@@ -127,7 +132,7 @@ def unstated_drift(
     """A drift that nobody has stated, as an error from contact on: None where the readings `before` (n,) contact are
     few, or show no straight line that is hardly scatter and goes on to more than MIN_DRIFT_SHARE of the force.
 
-    It may be a drift, which a force goes on with, or what the body does before contact, which it does not: the slope is
+    It may be a drift, which a force goes on with, or what the body does before contact, which it does not: the line is
     then its own standard deviation.
     """
     if before.sum() < MIN_READINGS_FOR_CONTACT or np.ptp(x[before]) == 0.0:
@@ -140,14 +145,8 @@ def unstated_drift(
     contact = float(x[pressed][np.argmin(depth[pressed])])
     if abs(found.slope) * float(np.ptp(x[pressed])) < MIN_DRIFT_SHARE * float(np.ptp(force)):
         return None
-    return replace(
-        found,
-        middle=contact,
-        level=0.0,
-        level_error=0.0,
-        slope_error=math.hypot(found.slope, found.slope_error),
-        subtracted=False,
-    )
+    level = float(found.line(np.array(contact)))
+    return replace(found, middle=contact, level=level, subtracted=False)
 
 
 def without_baselines(
@@ -170,6 +169,6 @@ def drift_words(channel: str, line: Baseline, x: np.ndarray, depth: np.ndarray, 
     )
     if line.bends:
         return f"{said}. {channel} does not change along a straight line there, which is in that error"
-    if line.slope_scatter * abs(way) > MAX_KNOWN_DRIFT_ERROR_SHARE * span:
+    if math.sqrt(max(off**2 - (DRIFT_CHANGE_SHARE * on) ** 2, 0.0)) > MAX_KNOWN_DRIFT_ERROR_SHARE * span:
         return f"{said}. The approach is too short to know it better"
     return said

@@ -127,11 +127,11 @@ def _of_drift(
         if channel not in r.drift:
             continue
         line, of = r.drift[channel], f" of repeat {k + 1}" * (many > 1)
-        level, slope = line.errors(_along(line, r, segment, means, hold)).T / many
-        if line.subtracted:
-            stated |= {f"drift{of}": slope, f"level{of}": level}
-        else:
-            unstated = unstated + math.copysign(1.0, line.slope) * slope
+        x = _along(line, r, segment, means, hold)
+        if not line.subtracted:
+            unstated = unstated + line.line(x) / many
+            continue
+        stated |= dict(zip((f"level{of}", f"drift{of}"), line.errors(x).T / many, strict=True))
     return stated, {"drift": unstated[:, None]} if unstated.any() else {}
 
 

@@ -45,6 +45,7 @@ GUESS_MARK = "# <-"  # behind what nobody has stated
 BOTH_SIGNS_TURNED_NOTE = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
 COLUMNS_HERE_ADVICE = "[columns] is said here by --column depth HEADER UNIT [flip] [zero VALUE], and so for Fz"
 TOP_POINT_MM = (0.0, 0.0)  # x and y of the top of a specimen
+MAX_DRIFT_OFF_SHARE = 0.7  # of a drift that it is off by, at most, where a new study subtracts it
 TEST_NAME = "press"  # the experiment of a study of many specimens
 SPECIMEN_SETTING = "specimen"  # the setting with its sizes
 
@@ -262,7 +263,7 @@ def _straightened(
 ) -> tuple[Measurement, DriftAlong | None]:
     """The measurement less a drift of Fz that its approaches show beyond doubt, and along what; itself without one."""
     lines = [r.drift.get("Fz") for r in m.repeats]
-    if any(line is None or not line.is_clear for line in lines) or not lines:
+    if not lines or any(line is None or not line.is_clear or line.share_off > MAX_DRIFT_OFF_SHARE for line in lines):
         return m, None
     along: DriftAlong = "travel" if any(r.time is None for r in m.repeats) else "time"
     try:

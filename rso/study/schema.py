@@ -200,8 +200,8 @@ class ExperimentTable(StudyFileTable):
     """Where its travel was set to 0 at a small force, that force, as "10 mN". Contact is found before it, by the shape
     of Fz, or in its approach; Fz may have been set to 0 there, too."""
     drift: Literal["time", "travel", "none"] | None = None
-    """Along what a line through the forces of its approach is subtracted of the whole record, or that it has none.
-    Unless stated, a drift that the approach shows beyond doubt counts as an error."""
+    """Along what a line through the forces of its approach is subtracted from the whole record, or that they have none.
+    Unless stated, a drift that the approach shows counts as an error."""
     uncertainty: dict[str, Bound] = Field(default_factory=dict)
     """Standard uncertainties of its own specimen or indenter, in place of those in [uncertainty]."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(visible_line)] = "A"

@@ -218,7 +218,7 @@ def read_measurement(
             r, onset, told = counted(raw)
             if kinds[0] == "force" and drifts is None:
                 r = _with_drift_seen(r, onset)
-            elif kinds[0] == "force" and drifts != drift.NO_DRIFT:
+            elif kinds[0] == "force" and drifts is not None and drifts != "none":
                 r, onset, told = _without_drift(table, raw, counted, drifts)
             repeats.append(r)
             doubts += told
@@ -435,8 +435,8 @@ def _without_drift(
     A slope moves the contact that is found: it is found again without.
     """
     try:
-        there, onset, _ = counted(raw)
-        first, x = _lines(there, onset, along), drift.drift_coordinate(along, raw.depth, raw.time)
+        there, before, _ = counted(raw)
+        first, x = _lines(there, before, along), drift.drift_coordinate(along, raw.depth, raw.time)
         off = float(x[0] - drift.drift_coordinate(along, there.depth, there.time)[0])
         sloped = {c: replace(v, level=0.0, middle=v.middle + off) for c, v in first.items()}
         r, onset, told = counted(replace(raw, channels=drift.without_baselines(sloped, raw.channels, x)))
@@ -446,6 +446,9 @@ def _without_drift(
     x = drift.drift_coordinate(along, r.depth, r.time)
     lines = {c: first[c].moved_by(v) for c, v in again.items()}
     kept = replace(r, channels=drift.without_baselines(again, r.channels, x), drift=lines)
+    if onset is not None and before is not None and "Fz" in lines:  # it moves as far as the slope is off
+        moves = (onset.depth - before.depth) * min(lines["Fz"].share_off, 1.0)
+        onset = replace(onset, bias=math.hypot(onset.bias, moves))
     said = [drift.drift_words(c, v, x, r.depth, kept.channels[c]) for c, v in lines.items()]
     return kept, onset, [*told, *(f"repeat {r.label}: {words}" for words in said)]
 
