@@ -16,6 +16,7 @@ from rso.data import curve_shape
 from rso.data.contact_point import (
     LATE_CONTACT_SHARE,
     MAX_FORCE_POWER,
+    SNAP_IN_FORCE_SHARE,
     begins_in_air,
     drawn_by,
     drift_of_approach,
@@ -48,6 +49,7 @@ SUBTRACT_DRIFT_ADVICE = (
     'drift = "travel" or "time" of the experiment subtracts it, "none" says that it is none. Until then it counts as '
     "an error"
 )
+OPEN_ADHESION_ADVICE = "Where [parameters] has no `adhesion`, as much counts as an error of all forces"
 COARSE_FORCE_STEP_SHARE = 0.01  # of its range: steps of a force that are remarked upon
 # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
 MAX_RISING_MARK_SHARE = 0.1
@@ -65,12 +67,13 @@ def check_repeat(
     sorted_here: bool,
     found: bool = False,
     open_drift: bool = True,
+    pull: float = 0.0,
 ) -> list[str]:
     """Remarks on one repeat; ValueError naming file, repeat and column where it cannot be a test.
 
     `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given,
     `found` where depth counts from a contact that was found in this record, `open_drift` where nobody has said whether
-    the force drifts.
+    the force drifts; `pull` (N) is by how much Fz falls at that contact, by its shape.
     """
     who = f"{path}: repeat {label!r}"
     few = len(depth) < curve_shape.MIN_MACHINE_READINGS
@@ -129,7 +132,7 @@ def check_repeat(
         )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
         try:
-            notes += _of_force(who, label, depth, force, time, loading, found, open_drift)
+            notes += _of_force(who, label, depth, force, time, loading, found, open_drift, pull)
         except ValueError as error:  # a cell that was tared on the way makes a force that no zero mends
             raise ValueError("; ".join([str(error), *(n for n in notes if "Fz jumps" in n)])) from error
     return notes
@@ -200,6 +203,7 @@ def _of_force(
     loading: np.ndarray,
     found: bool,
     open_drift: bool,
+    pull_of_shape: float,
 ) -> list[str]:
     """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
     d, F = depth[loading], force[loading]
@@ -226,7 +230,12 @@ def _of_force(
     if pull := drawn_by(d, F):
         notes.append(
             f"repeat {label}: Fz falls by {quantity_text(pull, 'N', 2)} where the indenter touches, and then rises: "
-            "the body draws it in. Where no `adhesion` is open in [parameters], the modulus is wrong by what that does"
+            f"the body draws it in. {OPEN_ADHESION_ADVICE}"
+        )
+    elif pull_of_shape > SNAP_IN_FORCE_SHARE * span:
+        notes.append(
+            f"repeat {label}: by the shape of Fz the body draws the indenter in, by about "
+            f"{quantity_text(pull_of_shape, 'N', 1)} at contact. {OPEN_ADHESION_ADVICE}"
         )
     if open_drift and (found or _drifts(d, F)) and (drift := _drift(d, F, span)):
         change, on = drift

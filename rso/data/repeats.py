@@ -40,6 +40,7 @@ def combine(
         C = (κ w² + c² e^{−|Δu|/ℓ} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ)/r      scatter of the r repeats, usual errors of a test
           + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/m         stated of readings: column, force, depth
           + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                        stated of the test: gain, calibration, contact
+          + P² 1 1ᵀ                                           a pull into contact that a model may lack
           + σ_b² 1 1ᵀ + σ_s² (x − x̄)(x − x̄)ᵀ                  what a line through the approach is off by
 
     What is stated of a single reading, white (ℓ = 0), goes with the square root of how many were averaged, m: repeats,
@@ -91,7 +92,7 @@ def combine(
     for name, column in drifts.items():
         shared[name] = column
         covariance = covariance + np.outer(column, column)
-    left = {**left, **unstated}
+    left = {**left, **unstated, **_of_pull(clean, channel, means)}
     for name, U in left.items():
         covariance = covariance + U @ U.T
         if U.shape[1] == 1:
@@ -133,6 +134,12 @@ def _of_drift(
             continue
         stated |= dict(zip((f"level{of}", f"drift{of}"), line.errors(x).T / many, strict=True))
     return stated, {"drift": unstated[:, None]} if unstated.any() else {}
+
+
+def _of_pull(measurement: Measurement, channel: str, means: _Means) -> dict[str, np.ndarray]:
+    """U (n, 1) of the attraction that bodies show at contact and a model may lack: as much less force all the way."""
+    pull = float(np.mean([r.pull for r in measurement.repeats])) if channel == "Fz" else 0.0
+    return {"pull": np.full((len(means.depth), 1), pull)} if pull > 0.0 else {}
 
 
 def _along(line: Baseline, r: Repeat, segment: str, means: _Means, hold: Hold | None) -> np.ndarray:

@@ -98,7 +98,7 @@ def test_time_and_travel_part_where_the_indenter_returns(tmp_path):
 def test_the_contact_is_found_again_without_the_drift(tmp_path):
     """0.6 mm of approach: with the drift the contact is found 0.05 mm early, beyond what readings leave open."""
     rng, away = np.random.default_rng(6), {None: [], "travel": []}
-    for _ in range(6):
+    for _ in range(4):
         u, F = record(rng, 0.1, air=0.6)
         file = written(tmp_path / "a.csv", u + 7.0, F, "Displacement (mm),Force (N)")
         for drifts, found in away.items():

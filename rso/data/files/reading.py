@@ -91,7 +91,8 @@ class Repeat:
     uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.  `creep`
     are the readings of a hold at constant force, which end the others, or why they cannot be compared; "" without one.
     `tared` says that Fz counts from the contact that was found in the record.  `drift` holds by channel the line that
-    was subtracted of a force, or the drift that its approach shows where nobody has stated any.
+    was subtracted of a force, or the drift that its approach shows where nobody has stated any.  `pull` (N) is by how
+    much Fz falls at contact, as the body draws the indenter in.
     """
 
     label: str
@@ -103,6 +104,7 @@ class Repeat:
     creep: HeldForce | str = ""
     tared: bool = False
     drift: Mapping[str, Baseline] = field(default_factory=dict)
+    pull: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +222,7 @@ def read_measurement(
                 r = _with_drift_seen(r, onset)
             elif kinds[0] == "force" and drifts is not None and drifts != "none":
                 r, onset, told = _without_drift(table, raw, counted, drifts)
+            r = replace(r, pull=_pull(r, onset)) if kinds[0] == "force" else r
             repeats.append(r)
             doubts += told
             onsets += [onset] if onset is not None else []
@@ -316,7 +319,17 @@ def _plausible(table: _Table, r: Repeat, found: bool, open_drift: bool) -> list[
     lines, force = table.line[table.rows[r.label]], r.channels.get("Fz")
     try:
         return plausibility.check_repeat(
-            table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None, found, open_drift
+            table.path,
+            r.label,
+            r.depth,
+            r.segment,
+            force,
+            r.time,
+            lines,
+            table.segments is None,
+            found,
+            open_drift,
+            r.pull,
         )
     except ValueError as error:
         if not table.turned:
@@ -451,6 +464,14 @@ def _without_drift(
         onset = replace(onset, bias=math.hypot(onset.bias, moves))
     said = [drift.drift_words(c, v, x, r.depth, kept.channels[c]) for c, v in lines.items()]
     return kept, onset, [*told, *(f"repeat {r.label}: {words}" for words in said)]
+
+
+def _pull(r: Repeat, onset: Onset | None) -> float:
+    """By how much (N) Fz falls at contact, as the record of a contact that was found or stated shows it."""
+    if onset is not None:
+        return onset.pull
+    at = r.segment == "loading"
+    return contact_point.drawn_by(r.depth[at], r.channels["Fz"][at]) if "Fz" in r.channels and at.any() else 0.0
 
 
 def _lines(r: Repeat, onset: Onset | None, along: DriftAlong) -> dict[str, Baseline]:
