@@ -183,7 +183,7 @@ LAYERS = {
     ),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
-        "curve_shape measured_curve preload",
+        "curve_shape drift measured_curve preload",
         "force_holds plausibility",
         "branches",
         "files",

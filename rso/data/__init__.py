@@ -4,6 +4,7 @@ from rso.data import usual_errors
 from rso.data.branches import SEGMENTS
 from rso.data.clouds import N_CLOUD_POINTS, SurfaceCloud, UnstatedNoise, cloud_curve, said_of_cloud, surface_cloud
 from rso.data.creep import CreepHold, creep_curve, creep_of
+from rso.data.drift import DriftAlong
 from rso.data.files.cantilever import Unsaid
 from rso.data.files.columns import ZERO_AT_CONTACT, Column, HeaderError
 from rso.data.files.reading import Measurement, Repeat, fingerprint, read_measurement
@@ -25,6 +26,7 @@ __all__ = [
     "Chain",
     "Column",
     "CreepHold",
+    "DriftAlong",
     "HeaderError",
     "Hold",
     "MeasuredCurve",

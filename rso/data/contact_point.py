@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rso.core.digits import quantity_text
 from rso.core.power_law import LEADING_EXPONENT, POWER_LAW_FAMILIES, ROUNDED_EXPONENTS, STIFFENING_EXPONENT
 
+PULLED_PRIOR = 0.1  # of a rounded tip that the body draws in: the force falls at contact before it rises
 # Priors of what a force does before contact: it stays, drifts, or relaxes over so much of the way from its start.
 CONSTANT_FORCE_PRIOR, DRIFTING_FORCE_PRIOR, RELAXING_FORCE_PRIOR, RELAXING_WAY_SHARES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
 MAX_FORCE_BEFORE_CONTACT_SHARE = 0.2  # of the range of the force that it does so by, at most
@@ -42,11 +43,15 @@ MAX_NEIGHBOUR_CORRELATION = 0.98  # correlation of a reading with the next, at m
 
 @dataclass(frozen=True)
 class Onset:
-    """Where the force rises: depth (mm), what it scatters by from record to record, and what it is off by in all."""
+    """Where the force rises: depth (mm), what it scatters by from record to record, and what it is off by in all.
+
+    `pull` (N) is by how much the force falls there, as far as the record shows it: the body draws the indenter in.
+    """
 
     depth: float
     scatter: float
     bias: float
+    pull: float = 0.0
 
     @property
     def deviation(self) -> float:
@@ -105,11 +110,11 @@ def _widened(contact: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
     found = [average for share in CONTACT_FORCE_SHARES if (average := _averaged(u, F, share)) is not None]
     if not found:
         return contact
-    (c, within, between, weight), less = found[0], found[1:]
-    moves = max(((c - other) ** 2 - within - between - v - w for other, v, w, _ in less), default=0.0)
+    (c, within, between, weight, pull), less = found[0], found[1:]
+    moves = max(((c - other) ** 2 - within - between - v - w for other, v, w, *_ in less), default=0.0)
     depth = weight * contact.depth + (1.0 - weight) * (float(u[0]) + c)
     off = between + (float(u[0]) + c - depth) ** 2 + max(moves, 0.0)
-    return Onset(depth, max(contact.scatter, math.sqrt(within)), max(contact.bias, math.sqrt(off)))
+    return Onset(depth, max(contact.scatter, math.sqrt(within)), max(contact.bias, math.sqrt(off)), pull)
 
 
 def jump_in(depth: np.ndarray, force: np.ndarray) -> Onset | None:
@@ -122,7 +127,7 @@ def jump_in(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     & Roberts, Proc. R. Soc. A 324 (1971) 301); that reach is unknown and taken for 1 % of the way pressed.
     """
     found = _jump(depth, force)
-    return None if found is None else found[0]
+    return None if found is None else replace(found[0], pull=found[1])
 
 
 def drawn_by(depth: np.ndarray, force: np.ndarray) -> float:
@@ -226,7 +231,7 @@ def _from_start(fit: _Fit) -> tuple[float, float]:
     shapes += [fit.t**LEADING_EXPONENT * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * MAX_FORCE_POWER, 80)]
     left, rest = min((_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes), key=lambda found: found[0])
     least, n = (LEAST_SCATTER_SHARE * float(np.ptp(fit.F))) ** 2, len(rest)
-    return left, max(left / max(n - 4, 1) / _own_share(rest, n), least)  # a level, a size, a power and the place
+    return left, max(left / max(n - 4, 1) / own_share(rest, n), least)  # a level, a size, a power and the place
 
 
 def open_contact(depth: np.ndarray, force: np.ndarray) -> Onset | None:
@@ -293,7 +298,7 @@ def drift_of_approach(depth: np.ndarray, force: np.ndarray, contact: float = 0.0
     (level, slope), *_ = np.linalg.lstsq(A, force, rcond=None)
     rest = force - A @ (level, slope)
     spread = float(np.sum((t - t.mean()) ** 2))
-    error = math.sqrt(float(rest @ rest) / (n - 2) / spread / _own_share(rest, n))
+    error = math.sqrt(float(rest @ rest) / (n - 2) / spread / own_share(rest, n))
     drifts = bool(abs(slope) > MIN_DRIFT_STANDARD_ERRORS * error)
     return (float(level), float(slope)) if drifts else None
 
@@ -372,12 +377,15 @@ def _profile(
     return left, float(left[k]), max(variance * (1.0 + r) / (1.0 - r), least)
 
 
-def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float, float] | None:
-    """Contact (mm from the first reading), its variance within and between alternatives, and the weight of rounded
-    tips, by the readings up to a share of the largest force; None where too few show it.
+def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float, float, float] | None:
+    """Contact (mm from the first reading), its variance within and between alternatives, the weight of rounded tips,
+    and the pull (N) at contact, by the readings up to a share of the largest force; None where too few show it.
 
     Mean and variance of c over all alternatives m, of POWER_LAW_FAMILIES beyond contact and of what the force does
-    before it, with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
+    before it, with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).  Of a rounded tip the force may also fall at contact,
+    F = b − f H(t − c) + Σ_p a_p (t − c)^p, f ≥ 0: what is attracted is pressed by nearly so much less all the way, f in
+    the DMT limit, 1 to 0.8 f in the JKR limit (Maugis, Contact, adhesion and rupture of elastic solids, 2000, §4.2.9).
+    The pull is the root mean square of f.
     """
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
@@ -387,22 +395,25 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     t, F = (u[:n] - u[0]) / way, F[:n]
     every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
     rounded: list[bool] = []
+    falls: list[np.ndarray] = []
     x = np.maximum(t - c[:, None], 0.0)
     pressed = {p: _column(x**p) for p in {p for _, family in POWER_LAW_FAMILIES for powers in family for p in powers}}
-    for prior, columns in _before(t):
+    for prior, columns, falling in [*((p * (1.0 - PULLED_PRIOR), v, False) for p, v in _before(t)), _fallen(x)]:
         before = [_column(np.broadcast_to(b, x.shape)) for b in columns]
-        for share_of, family in POWER_LAW_FAMILIES:
+        for share_of, family in POWER_LAW_FAMILIES[: 1 if falling else None]:
             for powers in family:
                 k = len(powers) + len(before)
-                if n > k + 2 and (fit := _squares(F, [pressed[p] for p in powers], before)) is not None:
-                    every.append((prior * share_of / len(family), k, *fit))
-                    rounded.append(ROUNDED_EXPONENTS in family)
+                fit = _squares(F, [pressed[p] for p in powers], before, falling) if n > k + 2 else None
+                if fit is not None:
+                    every.append((prior * share_of / len(family), k, *fit[:2]))
+                    rounded.append(ROUNDED_EXPONENTS in family and not falling)
+                    falls.append(fit[2] if falling else np.zeros(len(c)))
     if not every:
         return None
     least = (LEAST_SCATTER_SHARE * float(np.ptp(F))) ** 2
     variances = [max(float(left.min()) / max(n - 1 - k, 1), least) for _, k, left, _ in every]
     at = min(range(len(every)), key=lambda j: n * math.log(variances[j]) + every[j][1] * math.log(n))
-    many = n * _own_share(every[at][3], n)
+    many = n * own_share(every[at][3], n)
     variance = max(variances[at] * n / many, least)
     loss = np.stack([left / variance + k * math.log(max(many, 2.0)) - 2.0 * math.log(p) for p, k, left, _ in every])
     weight = np.exp(-0.5 * (loss - loss.min()))
@@ -411,11 +422,12 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     mean, between = float(own.sum()), float(np.sum(own**2 / np.maximum(each, 1e-300)) - own.sum() ** 2)
     within = float(weight.sum(axis=0) @ c**2) - mean**2 - between + (c[1] - c[0]) ** 2 / 12.0
     of_rounded = float(sum(e for e, p in zip(each, rounded, strict=True) if p))
-    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_rounded
+    pull = math.sqrt(float(np.sum(weight * np.stack(falls) ** 2)))
+    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_rounded, pull
 
 
-def _own_share(rest: np.ndarray, n: int) -> float:
-    """(1 − ρ)/(1 + ρ) of residuals (n,) that remember their neighbours by ρ: as many of them count as readings.
+def own_share(rest: np.ndarray, n: int) -> float:
+    """(1 − ρ)/(1 + ρ) of residuals (n,) that are autocorrelated by ρ: as many of them count as readings.
 
     ρ of n of them is too small by (1 + 3ρ)/n (M. G. Kendall, Biometrika 41 (1954) 403).
     """
@@ -434,18 +446,27 @@ def _before(t: np.ndarray) -> list[tuple[float, list[np.ndarray]]]:
     return [(CONSTANT_FORCE_PRIOR, [one]), (DRIFTING_FORCE_PRIOR, [one, t]), *relaxes]
 
 
+def _fallen(x: np.ndarray) -> tuple[float, list[np.ndarray], bool]:
+    """The alternative of a force that falls at contact, x (m, n) how far beyond it: its prior, its columns and that."""
+    return PULLED_PRIOR / POWER_LAW_FAMILIES[0][0], [np.ones_like(x), np.where(x > 0.0, 1.0, 0.0)], True
+
+
 def _squares(
-    F: np.ndarray, pressed: Sequence[_Column], before: Sequence[_Column]
-) -> tuple[np.ndarray, np.ndarray] | None:
+    F: np.ndarray, pressed: Sequence[_Column], before: Sequence[_Column], falling: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Squares left (m,) of F = Σ_p a_p (t − c)^p + what is before, for contacts c (m,), infinite where no body is
-    pressed so, and what is left (n,) at the best; None where that is nowhere."""
+    pressed so, what is left (n,) at the best, and the last coefficient (m,), which is no rise where it is `falling`;
+    None where that is nowhere."""
     a, rest = _shapes(F, pressed, before)
     good = _pressing(a, len(pressed))
+    if falling:
+        in_air = np.sum(before[-1][0] == 0.0, axis=1)
+        good &= (a[:, -1] <= 0.0) & (in_air >= MIN_AIR_READINGS)
     if len(before) > 1:
         good &= np.abs(a[:, -1]) <= MAX_FORCE_BEFORE_CONTACT_SHARE * np.ptp(F)
     left = np.where(good, np.einsum("mn,mn->m", rest, rest), np.inf)
     k = int(np.argmin(left))
-    return (left, rest[k]) if np.isfinite(left[k]) else None
+    return (left, rest[k], np.where(good, a[:, -1], 0.0)) if np.isfinite(left[k]) else None
 
 
 _Column = tuple[np.ndarray, np.ndarray]  # a column for each contact, (m, n), of size 1, and its size (m, 1)

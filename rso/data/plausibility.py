@@ -16,10 +16,12 @@ from rso.data import curve_shape
 from rso.data.contact_point import (
     LATE_CONTACT_SHARE,
     MAX_FORCE_POWER,
+    SNAP_IN_FORCE_SHARE,
     begins_in_air,
     drawn_by,
     drift_of_approach,
 )
+from rso.data.drift import approach_readings, unstated_drift
 from rso.data.scatter import step_of_scale
 
 MAX_FALL_TO_DEEPEST_SHARE = 0.5  # of its range by which a force must not fall while the indenter goes deeper
@@ -43,6 +45,11 @@ REMARKED_STEP_STROKE_SHARE = 0.02
 MAX_FIRST_DEPTH_SHARE = 0.5
 TURN_SIGN_ADVICE = "turn its sign (flip = true in [columns] of the study, or without it)"
 SUBTRACT_ZERO_ADVICE = "subtract the reading at contact (zero = … in [columns] of the study)"
+SUBTRACT_DRIFT_ADVICE = (
+    'drift = "travel" or "time" of the experiment subtracts it, "none" says that it is none. Until then it counts as '
+    "an error"
+)
+OPEN_ADHESION_ADVICE = "Where [parameters] has no `adhesion`, as much counts as an error of all forces"
 COARSE_FORCE_STEP_SHARE = 0.01  # of its range: steps of a force that are remarked upon
 # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
 MAX_RISING_MARK_SHARE = 0.1
@@ -59,11 +66,14 @@ def check_repeat(
     lines: np.ndarray,
     sorted_here: bool,
     found: bool = False,
+    open_drift: bool = True,
+    pull: float = 0.0,
 ) -> list[str]:
     """Remarks on one repeat; ValueError naming file, repeat and column where it cannot be a test.
 
     `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given,
-    `found` where depth counts from a contact that was found in this record.
+    `found` where depth counts from a contact that was found in this record, `open_drift` where nobody has said whether
+    the force drifts; `pull` (N) is by how much Fz falls at that contact, by its shape.
     """
     who = f"{path}: repeat {label!r}"
     few = len(depth) < curve_shape.MIN_MACHINE_READINGS
@@ -122,7 +132,7 @@ def check_repeat(
         )
     if force is not None and np.sum(loading) >= curve_shape.MIN_HAND_READINGS:
         try:
-            notes += _of_force(who, label, depth, force, time, loading, found)
+            notes += _of_force(who, label, depth, force, time, loading, found, open_drift, pull)
         except ValueError as error:  # a cell that was tared on the way makes a force that no zero mends
             raise ValueError("; ".join([str(error), *(n for n in notes if "Fz jumps" in n)])) from error
     return notes
@@ -192,6 +202,8 @@ def _of_force(
     time: np.ndarray | None,
     loading: np.ndarray,
     found: bool,
+    open_drift: bool,
+    pull_of_shape: float,
 ) -> list[str]:
     """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
     d, F = depth[loading], force[loading]
@@ -218,17 +230,23 @@ def _of_force(
     if pull := drawn_by(d, F):
         notes.append(
             f"repeat {label}: Fz falls by {quantity_text(pull, 'N', 2)} where the indenter touches, and then rises: "
-            "the body draws it in. Where no `adhesion` is open in [parameters], the modulus is wrong by what that does"
+            f"the body draws it in. {OPEN_ADHESION_ADVICE}"
         )
-    if found and (drift := _drift(d, F, span)):
+    elif pull_of_shape > SNAP_IN_FORCE_SHARE * span:
+        notes.append(
+            f"repeat {label}: by the shape of Fz the body draws the indenter in, by about "
+            f"{quantity_text(pull_of_shape, 'N', 1)} at contact. {OPEN_ADHESION_ADVICE}"
+        )
+    if open_drift and (found or _drifts(d, F)) and (drift := _drift(d, F, span)):
         change, on = drift
+        where = "the contact that was found" if found else "contact"
         notes.append(
             f"repeat {label}: Fz {'grows' if change > 0.0 else 'falls'} by {quantity_text(abs(change), 'N')} in the "
-            f"approach, before the contact that was found. If the sensor drifts, it goes on by about "
+            f"approach, before {where}. If the sensor drifts, it goes on by about "
             f"{quantity_text(abs(on), 'N', 2)} ({two_digits(100.0 * abs(on) / span)} % of all) up to the deepest "
-            "reading. Subtract that before, or state noise.correlation"
+            f"reading. {SUBTRACT_DRIFT_ADVICE}"
         )
-    elif grown := curve_shape.before_contact(d, F):
+    elif (open_drift or not found) and (grown := curve_shape.before_contact(d, F)):
         notes.append(
             f"repeat {label}: Fz grows by {quantity_text(grown, 'N')} from {quantity_text(d.min(), 'mm')} to 0, "
             f"where contact should be; depth "
@@ -281,6 +299,13 @@ def _of_force(
             "such readings out"
         )
     return notes
+
+
+def _drifts(d: np.ndarray, F: np.ndarray) -> bool:
+    """Whether a force changes along a line before a contact that was stated: a late one leaves a bend."""
+    before = approach_readings(d, np.ones(len(d), bool), 0.0)
+    line = unstated_drift("travel", d, before, d, F)
+    return line is not None and line.is_clear
 
 
 def _drift(d: np.ndarray, F: np.ndarray, span: float) -> tuple[float, float] | None:

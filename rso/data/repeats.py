@@ -14,8 +14,9 @@ from rso.core.distributions import student
 from rso.core.power_law import LEADING_EXPONENT
 from rso.core.units import COLUMN_UNITS
 from rso.data import usual_errors
+from rso.data.drift import Baseline
 from rso.data.files.reading import Measurement, Repeat
-from rso.data.holds import Hold, held, relaxing_curve
+from rso.data.holds import Hold, held, relaxing_curve, stop_time
 from rso.data.measured_curve import MeasuredCurve, Noise
 from rso.data.outliers import without_spikes
 from rso.data.scatter import White, beyond_said, of_record, of_scale, ratio_of, repeat_scatter, step_of_scale
@@ -39,6 +40,8 @@ def combine(
         C = (κ w² + c² e^{−|Δu|/ℓ} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ)/r      scatter of the r repeats, usual errors of a test
           + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/m         stated of readings: column, force, depth
           + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                        stated of the test: gain, calibration, contact
+          + P² 1 1ᵀ                                           a pull into contact that a model may lack
+          + σ_b² 1 1ᵀ + σ_s² (x − x̄)(x − x̄)ᵀ                  what a line through the approach is off by
 
     What is stated of a single reading, white (ℓ = 0), goes with the square root of how many were averaged, m: repeats,
     and readings of a block; what has a length of correlation is of the curve and does not.
@@ -63,7 +66,8 @@ def combine(
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
     if measurement.kind == "profile":
         return _combine_profile(measurement, noise, channel)
-    means = _averaged(without_spikes(measurement)[0], channel, segment, hold)
+    clean = without_spikes(measurement)[0]
+    means = _averaged(clean, channel, segment, hold)
     u, y, smooth, slope, n = means.along, means.each, means.smooth, means.slope, means.loading
     said, deep = _stated(means, noise, channel)
     if len(y) > 1:
@@ -84,6 +88,11 @@ def combine(
         if size:
             shared[name] = size * (slope if name == "contact" else smooth)
             covariance = covariance + np.outer(shared[name], shared[name])
+    drifts, unstated = _of_drift(clean, channel, segment, means, hold)
+    for name, column in drifts.items():
+        shared[name] = column
+        covariance = covariance + np.outer(column, column)
+    left = {**left, **unstated, **_of_pull(clean, channel, means)}
     for name, U in left.items():
         covariance = covariance + U @ U.T
         if U.shape[1] == 1:
@@ -104,6 +113,45 @@ def combine(
         since=means.since,
         back=segment == "unloading",
     )
+
+
+def _of_drift(
+    measurement: Measurement, channel: str, segment: str, means: _Means, hold: Hold | None
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """What lines that were subtracted are off by (n,), by name, and U (n, 1) of a drift that nobody has stated.
+
+    Lines of repeats are off one by one; a drift of one rig is taken for the same in all of them.
+    """
+    stated: dict[str, np.ndarray] = {}
+    unstated, many = np.zeros(len(means.depth)), len(means.each)
+    for k, r in enumerate(measurement.repeats):
+        if channel not in r.drift:
+            continue
+        line, of = r.drift[channel], f" of repeat {k + 1}" * (many > 1)
+        x = _along(line, r, segment, means, hold)
+        if not line.subtracted:
+            unstated = unstated + line.line(x) / many
+            continue
+        stated |= dict(zip((f"level{of}", f"drift{of}"), line.errors(x).T / many, strict=True))
+    return stated, {"drift": unstated[:, None]} if unstated.any() else {}
+
+
+def _of_pull(measurement: Measurement, channel: str, means: _Means) -> dict[str, np.ndarray]:
+    """U (n, 1) of the attraction that bodies show at contact and a model may lack: as much less force all the way."""
+    pull = float(np.mean([r.pull for r in measurement.repeats])) if channel == "Fz" else 0.0
+    return {"pull": np.full((len(means.depth), 1), pull)} if pull > 0.0 else {}
+
+
+def _along(line: Baseline, r: Repeat, segment: str, means: _Means, hold: Hold | None) -> np.ndarray:
+    """Times or travels (n,) of a repeat at the points of the grid."""
+    if line.along == "travel" or r.time is None:
+        return means.depth
+    n, rows = means.loading, np.nonzero(r.segment == segment)[0]
+    rows = rows[np.argsort(r.depth[rows], kind="stable")]
+    there = np.interp(means.depth[:n], r.depth[rows], r.time[rows])
+    if hold is None or means.since is None:
+        return there
+    return np.append(there, stop_time(r, r.time, hold.speed) + means.since[n:])
 
 
 @dataclass(frozen=True)

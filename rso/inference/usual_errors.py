@@ -14,6 +14,7 @@ from rso.inference.identifiability import AsStated, Determination, determine
 from rso.inference.intervals import Interval
 from rso.inference.verdict import physical
 
+USUAL_DRIFT, USUAL_PULL = "drift", "pull"  # how a drift and a pull into contact that no model has are called
 MENTIONED_WIDENING_RATIO = 1.1  # times as wide: less is not worth a word
 MIN_OUTSIDE_SHARE = 0.25  # of its width that the interval as stated lies outside: the two say different things
 
@@ -95,9 +96,17 @@ def _said(d: Determination, k: int, found: AsStated) -> str:
             f"{known.name} depends on usual errors: it is {each[0]} with the stated errors alone, {each[1]} with "
             "usual ones"
         )
+    size = _size(d, name, key)
+    if key == USUAL_DRIFT:
+        return (
+            f"{both} of a test. The drift that the approach{of} shows, {size}, counts most: the key drift of the "
+            "experiment subtracts it."
+        )
+    if key == USUAL_PULL:
+        return f"{both} of a test. The pull into contact{of}, {size}, counts most: open adhesion in [parameters]."
     return (
-        f"{both} of a test. The usual {what} error{of}, {_size(d, name, key)}, counts most: noise.{key} states it, "
-        "and 0 says that there is none."
+        f"{both} of a test. The usual {what} error{of}, {size}, counts most: noise.{key} states it, and 0 says that "
+        "there is none."
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +25,8 @@ from rso.study.settings_files import with_absolute_paths
 from rso.study.toml_text import study_source, tables_of
 
 T = TypeVar("T", bound=StudyFileTable)
+
+ATTRACTION_PARAMETER = "adhesion"  # where a study states it, a pull into contact is its model's, or said to be none
 
 
 def load_study(path: str | Path) -> Study:
@@ -144,13 +147,16 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             continue
         files = [folder / f for f in e.data]
         try:
-            measurement = read_measurement(files, columns.columns(), e.preload)
+            measurement = read_measurement(files, columns.columns(), e.preload, e.drift)
         except ValueError as error:
             yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
         if measurement.kind != ("profile" if e.kind == "surface" else e.kind):
             yield Problem((*place, "kind"), f"the columns of {e.files} are those of a {measurement.kind}", e.kind)
             continue
+        parameters = raw.get("parameters")
+        if isinstance(parameters, dict) and ATTRACTION_PARAMETER in parameters:  # the model follows the pull
+            measurement = replace(measurement, repeats=tuple(replace(r, pull=0.0) for r in measurement.repeats))
         measurements.setdefault(e.name, measurement)
         for channel in e.compared:
             if channel not in measurement.channels:

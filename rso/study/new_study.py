@@ -23,6 +23,7 @@ from rso.core.inline_toml import inline
 from rso.core.units import COLUMN_NAMES, in_base, people
 from rso.data import (
     ZERO_AT_CONTACT,
+    DriftAlong,
     HeaderError,
     Measurement,
     Noise,
@@ -44,6 +45,7 @@ GUESS_MARK = "# <-"  # behind what nobody has stated
 BOTH_SIGNS_TURNED_NOTE = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
 COLUMNS_HERE_ADVICE = "[columns] is said here by --column depth HEADER UNIT [flip] [zero VALUE], and so for Fz"
 TOP_POINT_MM = (0.0, 0.0)  # x and y of the top of a specimen
+MAX_DRIFT_OFF_SHARE = 0.7  # of a drift that it is off by, at most, where a new study subtracts it
 TEST_NAME = "press"  # the experiment of a study of many specimens
 SPECIMEN_SETTING = "specimen"  # the setting with its sizes
 
@@ -72,6 +74,7 @@ class _Experiment:
     measurement: Measurement
     point: tuple[float, float] | None
     by_name: bool
+    drift: DriftAlong | None = None
 
 
 def study_text(
@@ -195,10 +198,11 @@ def _experiments(test: NewTest, fitted: Sequence[str], validated: Sequence[str])
     found = []
     for role, files in groups:
         m = _read(files, test.columns)
+        m, drift = _straightened(m, files, test.columns)
         if role == "fit" and m.kind == "profile":
             raise ValueError(f"{files[0]}: displacements are not fitted; give a profile behind --validate")
         point, by_name = _point(test, role, files)
-        found.append(_Experiment(names[files[0]], role, files, m, point, by_name))
+        found.append(_Experiment(names[files[0]], role, files, m, point, by_name, drift))
     return found
 
 
@@ -254,7 +258,23 @@ def _header(file: str) -> str:
     return f"its header seems to be line {k + 1}: {', '.join(map(repr, names))};\n" if 0 <= k < first else ""
 
 
-def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Measurement:
+def _straightened(
+    m: Measurement, files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]
+) -> tuple[Measurement, DriftAlong | None]:
+    """The measurement less a drift of Fz that its approaches show beyond doubt, and along what; itself without one."""
+    lines = [r.drift.get("Fz") for r in m.repeats]
+    if not lines or any(line is None or not line.is_clear or line.share_off > MAX_DRIFT_OFF_SHARE for line in lines):
+        return m, None
+    along: DriftAlong = "travel" if any(r.time is None for r in m.repeats) else "time"
+    try:
+        return _read(files, columns, along), along
+    except ValueError:  # it is said to drift, and stays as it is
+        return m, None
+
+
+def _read(
+    files: Sequence[str], columns: Mapping[str, Mapping[str, Any]], drift: DriftAlong | None = None
+) -> Measurement:
     if unknown := next((name for name in columns if name not in COLUMN_NAMES), None):
         raise ValueError(f"--column {unknown}: there is no column {unknown!r}; {choices_text(unknown, COLUMN_NAMES)}")
     try:
@@ -263,7 +283,7 @@ def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Mea
         each = [(".".join(map(str, e["loc"])), e["msg"].removeprefix("Value error, ")) for e in error.errors()]
         raise ValueError("; ".join(f"--column {place}: {message}" for place, message in each)) from error
     try:
-        return read_measurement(files if len(files) > 1 else files[0], known)
+        return read_measurement(files if len(files) > 1 else files[0], known, drifts=drift)
     except Unsaid as error:
         words = "\n".join(f"  --column {shlex.join(_words(name, c))}" for name, c in error.columns.items())
         raise ValueError(f"{error.message}:\n{words}") from error
@@ -356,6 +376,8 @@ def _keys(e: _Experiment) -> dict[str, Any]:
     if m.kind == "profile":
         return {"kind": "profile", "settings.point": list(e.point or TOP_POINT_MM)}
     keys: dict[str, Any] = {"branch": "unloading"} if pulls_off(m) else {}
+    if e.drift is not None:
+        keys["drift"] = e.drift
     if {"Fx", "Fy"} <= set(m.channels):
         keys["channels"] = ["Fz", "Fx", "Fy"]
     keys["settings.point"] = list(e.point or TOP_POINT_MM)
@@ -371,7 +393,11 @@ def _lines(e: _Experiment, name: str, keys: Mapping[str, Any], data: str | list[
     turned = f"  {GUESS_MARK} {BOTH_SIGNS_TURNED_NOTE}" * m.guessed
     lines += [f"data = {inline(data)}{turned}"] if data is not None else [turned.strip()] * m.guessed
     stuck = f"  {GUESS_MARK} Fz pulls during unloading, which shows how it sticks"
-    lines += [f"{k} = {inline(v)}{stuck * (k == 'branch')}" for k, v in keys.items() if "." not in k]
+    why = {
+        "branch": stuck,
+        "drift": f"  {GUESS_MARK} Fz drifts in the approach: that line is subtracted, none keeps it",
+    }
+    lines += [f"{k} = {inline(v)}{why.get(k, '')}" for k, v in keys.items() if "." not in k]
     settings = {k.removeprefix("settings."): v for k, v in keys.items() if k.startswith("settings.")}
     whose = (
         f"  {GUESS_MARK} by the name of the file" if e.by_name else f"  {GUESS_MARK} the top" if e.point is None else ""

@@ -199,6 +199,9 @@ class ExperimentTable(StudyFileTable):
     preload: Force | None = None
     """Where its travel was set to 0 at a small force, that force, as "10 mN". Contact is found before it, by the shape
     of Fz, or in its approach; Fz may have been set to 0 there, too."""
+    drift: Literal["time", "travel", "none"] | None = None
+    """Along what a line through the forces of its approach is subtracted from the whole record, or that they have none.
+    Unless stated, a drift that the approach shows counts as an error."""
     uncertainty: dict[str, Bound] = Field(default_factory=dict)
     """Standard uncertainties of its own specimen or indenter, in place of those in [uncertainty]."""
     mounting: Annotated[str, Field(min_length=1), AfterValidator(visible_line)] = "A"
@@ -208,7 +211,7 @@ class ExperimentTable(StudyFileTable):
 
     def differing(self, other: ExperimentTable) -> list[str]:
         """Keys in which two experiments differ, beside name, branch, channels and settings."""
-        keys = ("role", "columns", "kind", "backend", "noise", "preload", "uncertainty", "mounting", "after")
+        keys = ("role", "columns", "kind", "backend", "noise", "preload", "drift", "uncertainty", "mounting", "after")
         files = [[os.path.normpath(f) for f in e.data] for e in (self, other)]
         return [
             *(["data"] if files[0] != files[1] else []),
@@ -227,6 +230,8 @@ class ExperimentTable(StudyFileTable):
             raise ValueError(
                 'a point cloud (kind = "surface") is fitted or validates: choose role = "fit" or "validate"'
             )
+        if self.drift is not None and self.kind != "force":
+            raise ValueError('drift is that of forces: it belongs to kind = "force"')
         if self.points is not None and self.kind != "surface":
             raise ValueError('points belongs to a point cloud, kind = "surface"')
         return self

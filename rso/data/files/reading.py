@@ -15,7 +15,7 @@ import math
 import os
 import re
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,9 +28,10 @@ from rso.contract.responses import FORCE_CHANNELS
 from rso.core.digits import quantity_text, two_digits
 from rso.core.inline_toml import inline
 from rso.core.units import conversion_factor, is_counted, is_of, kind_of
-from rso.data import contact_point, curve_shape, force_holds, plausibility, preload
+from rso.data import contact_point, curve_shape, drift, force_holds, plausibility, preload
 from rso.data.branches import SEGMENTS, SKIP_SEGMENT, cycle_rows, segments
 from rso.data.contact_point import Onset
+from rso.data.drift import Baseline, DriftAlong
 from rso.data.files import header_aliases, tables
 from rso.data.files.cantilever import Unsaid, bending, is_corrected
 from rso.data.files.cells import (
@@ -89,7 +90,9 @@ class Repeat:
     `channels` holds forces (kind force) or x, y and displacements (kind profile); `sigma` the stated standard
     uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.  `creep`
     are the readings of a hold at constant force, which end the others, or why they cannot be compared; "" without one.
-    `tared` says that Fz counts from the contact that was found in the record.
+    `tared` says that Fz counts from the contact that was found in the record.  `drift` holds by channel the line that
+    was subtracted of a force, or the drift that its approach shows where nobody has stated any.  `pull` (N) is by how
+    much Fz falls at contact, as the body draws the indenter in.
     """
 
     label: str
@@ -100,6 +103,8 @@ class Repeat:
     segment: np.ndarray
     creep: HeldForce | str = ""
     tared: bool = False
+    drift: Mapping[str, Baseline] = field(default_factory=dict)
+    pull: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,12 +176,14 @@ def read_measurement(
     path: str | Path | Sequence[str | Path],
     columns: Mapping[str, Column] | None = None,
     begins_at: float | None = None,
+    drifts: DriftAlong | Literal["none"] | None = None,
 ) -> Measurement:
     """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
 
-    `begins_at` (N) is the preload at which depth is 0, None where that is contact.  `columns` says by known name which
-    columns of a machine's file are read; without them its header must say it.  Of several files each holds one repeat,
-    or several by its column `repeat`, and all hold the same columns.
+    `begins_at` (N) is the preload at which depth is 0, None where that is contact.  `drifts` says along what a line
+    through the forces of the approach is subtracted (:mod:`rso.data.drift`), None where nobody says.  `columns` says by
+    known name which columns of a machine's file are read; without them its header must say it.  Of several files each
+    holds one repeat, or several by its column `repeat`, and all hold the same columns.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:
@@ -202,15 +209,25 @@ def read_measurement(
     onsets: list[Onset] = []
     for table, raw in each:
         with _reckoned(table):
-            if begins_at is None:
-                r, onset, told = _from_contact(table, raw, in_air)
-            else:
-                r, onset, told = _from_preload(table, raw, begins_at)
+
+            def counted(
+                raw: Repeat, table: _Table = table
+            ) -> tuple[Repeat, Onset | None, list[str]]:  # bound now: a loop goes on
+                if begins_at is None:
+                    return _from_contact(table, raw, in_air)
+                return _from_preload(table, raw, begins_at)
+
+            r, onset, told = counted(raw)
+            if kinds[0] == "force" and drifts is None:
+                r = _with_drift_seen(r, onset)
+            elif kinds[0] == "force" and drifts is not None and drifts != "none":
+                r, onset, told = _without_drift(table, raw, counted, drifts)
+            r = replace(r, pull=_pull(r, onset)) if kinds[0] == "force" else r
             repeats.append(r)
             doubts += told
             onsets += [onset] if onset is not None else []
             if kinds[0] == "force":
-                doubts += [*_plausible(table, r, onset is not None), *_left(table, r)]
+                doubts += [*_plausible(table, r, onset is not None, drifts is None), *_left(table, r)]
                 repeats[-1], said = _without_creep(r)
                 doubts += said
             elif "uz" in r.channels:
@@ -296,13 +313,23 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
     return kept, [told]
 
 
-def _plausible(table: _Table, r: Repeat, found: bool) -> list[str]:
-    """Remarks on a force curve, whose contact was `found` or stated; what refuses it says, too, which signs were
-    turned."""
+def _plausible(table: _Table, r: Repeat, found: bool, open_drift: bool) -> list[str]:
+    """Remarks on a force curve, whose contact was `found` or stated, and whose drift is open; what refuses it says,
+    too, which signs were turned."""
     lines, force = table.line[table.rows[r.label]], r.channels.get("Fz")
     try:
         return plausibility.check_repeat(
-            table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None, found
+            table.path,
+            r.label,
+            r.depth,
+            r.segment,
+            force,
+            r.time,
+            lines,
+            table.segments is None,
+            found,
+            open_drift,
+            r.pull,
         )
     except ValueError as error:
         if not table.turned:
@@ -408,6 +435,59 @@ def _from_preload(table: _Table, r: Repeat, force: float) -> tuple[Repeat, Onset
     said += "; depth counts from there"
     said += f", and {quantity_text(force, 'N')} are added to Fz, which was tared at the preload" if taken else ""
     return replace(r, depth=r.depth - found.depth, channels=own), found, [said]
+
+
+def _without_drift(
+    table: _Table,
+    raw: Repeat,
+    counted: Callable[[Repeat], tuple[Repeat, Onset | None, list[str]]],
+    along: DriftAlong,
+) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat counted from contact, its forces less the lines of their approach; and what to say.
+
+    A slope moves the contact that is found: it is found again without.
+    """
+    try:
+        there, before, _ = counted(raw)
+        first, x = _lines(there, before, along), drift.drift_coordinate(along, raw.depth, raw.time)
+        off = float(x[0] - drift.drift_coordinate(along, there.depth, there.time)[0])
+        sloped = {c: replace(v, level=0.0, middle=v.middle + off) for c, v in first.items()}
+        r, onset, told = counted(replace(raw, channels=drift.without_baselines(sloped, raw.channels, x)))
+        again = _lines(r, onset, along)
+    except ValueError as error:
+        raise ValueError(f"{table.path}: repeat {raw.label!r}: {error}") from error
+    x = drift.drift_coordinate(along, r.depth, r.time)
+    lines = {c: first[c].moved_by(v) for c, v in again.items()}
+    kept = replace(r, channels=drift.without_baselines(again, r.channels, x), drift=lines)
+    if onset is not None and before is not None and "Fz" in lines:  # it moves as far as the slope is off
+        moves = (onset.depth - before.depth) * min(lines["Fz"].share_off, 1.0)
+        onset = replace(onset, bias=math.hypot(onset.bias, moves))
+    said = [drift.drift_words(c, v, x, r.depth, kept.channels[c]) for c, v in lines.items()]
+    return kept, onset, [*told, *(f"repeat {r.label}: {words}" for words in said)]
+
+
+def _pull(r: Repeat, onset: Onset | None) -> float:
+    """By how much (N) Fz falls at contact, as the record of a contact that was found or stated shows it."""
+    if onset is not None:
+        return onset.pull
+    at = r.segment == "loading"
+    return contact_point.drawn_by(r.depth[at], r.channels["Fz"][at]) if "Fz" in r.channels and at.any() else 0.0
+
+
+def _lines(r: Repeat, onset: Onset | None, along: DriftAlong) -> dict[str, Baseline]:
+    """The line of each force before contact."""
+    x = drift.drift_coordinate(along, r.depth, r.time)
+    before = drift.approach_readings(r.depth, r.segment == "loading", 0.0 if onset is None else onset.deviation)
+    return {c: drift.fitted_baseline(along, x[before], v[before]) for c, v in r.channels.items() if c in FORCE_CHANNELS}
+
+
+def _with_drift_seen(r: Repeat, onset: Onset | None) -> Repeat:
+    """A repeat with the drift that its approach shows of its forces, which nobody has stated."""
+    along: DriftAlong = "travel" if r.time is None else "time"
+    x = drift.drift_coordinate(along, r.depth, r.time)
+    before = drift.approach_readings(r.depth, r.segment == "loading", 0.0 if onset is None else onset.deviation)
+    each = {c: drift.unstated_drift(along, x, before, r.depth, v) for c, v in r.channels.items() if c in FORCE_CHANNELS}
+    return replace(r, drift={c: line for c, line in each.items() if line is not None})
 
 
 def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
