@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rso.core.digits import quantity_text, range_text, two_digits
+from rso.core.power_law import LEADING_EXPONENT
 from rso.data import curve_shape
 from rso.data.contact_point import (
     LATE_CONTACT_SHARE,
@@ -302,10 +303,15 @@ def _of_force(
 
 
 def _drifts(d: np.ndarray, F: np.ndarray) -> bool:
-    """Whether a force changes along a line before a contact that was stated: a late one leaves a bend."""
+    """Whether a force changes along a line before a contact that was stated, rather than as that of a late contact."""
     before = approach_readings(d, np.ones(len(d), bool), 0.0)
     line = unstated_drift("travel", d, before, d, F)
-    return line is not None and line.is_clear
+    if line is None or not line.is_clear:
+        return False
+    x = d[before] - d.min()
+    straight, pressed = (np.stack([np.ones_like(x), x**p], axis=1) for p in (1.0, LEADING_EXPONENT))
+    left = [F[before] - A @ np.linalg.lstsq(A, F[before])[0] for A in (straight, pressed)]
+    return bool(np.linalg.norm(left[0]) < np.linalg.norm(left[1]))
 
 
 def _drift(d: np.ndarray, F: np.ndarray, span: float) -> tuple[float, float] | None:
